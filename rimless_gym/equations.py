@@ -1,0 +1,227 @@
+"""The physics, written once.
+
+`equations(sin, cos, compiled)` returns plain functions of scalars. numba compiles these very
+lines for stepping (`rimless_gym.hybrid`), CasADi traces the very same lines for optimisation
+(`rimless_gym.symbolic`). There is no other copy of an equation of motion, guard or impact map.
+
+Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y off it):
+
+    hub          = foot + L1 (-cos phi, sin phi)        phi: stance leg from the ground
+    pendulum CoM = hub  + L2 (sin theta, -cos theta)    theta: pendulum from the ground's normal
+    psi          = theta + d1 (phi - pi/2)              what the motor turns (3.47, 3.48)
+
+``p`` is a `rimless_gym.params.Constants`. Rates are written ``dphi``, ``dtheta``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+PLASTIC, RELABEL, THESIS = 0, 1, 2  # indices in params.IMPACT_LAWS
+
+
+def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
+
+
+def equations(
+    sin: Callable[[Any], Any],
+    cos: Callable[[Any], Any],
+    compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = _interpreted,
+) -> SimpleNamespace:
+    """Every equation of the model as a function of scalars.
+
+    Args:
+        sin: sine of one scalar, of the caller's number type.
+        cos: cosine likewise.
+        compiled: decorator applied to each function, e.g. ``numba.njit``.
+
+    Returns:
+        A namespace of the functions defined below.
+    """
+
+    # -- geometry ---------------------------------------------------------------------------
+
+    @compiled
+    def hub_position(phi, p):
+        """Hub from the stance foot, (x, y) in m."""
+        return -p.L1 * cos(phi), p.L1 * sin(phi)
+
+    @compiled
+    def pendulum_clearance(phi, theta, p):
+        """Height of the rod's far end, 2 L2 from the hub, above the ground (m)."""
+        return p.L1 * sin(phi) - 2 * p.L2 * cos(theta)
+
+    @compiled
+    def relative_rate(dphi, dtheta, p):
+        """psi' of the motor (3.48); the frame mount sees theta' alone (thesis 4.4)."""
+        return dtheta + p.d1 * dphi
+
+    # -- energies ---------------------------------------------------------------------------
+
+    @compiled
+    def mass_matrix(phi_new, phi_old, theta, p):
+        """M(+, -) between two stance poses, as (M11, M12, M21, M22); (3.41) when they are equal.
+
+        M(+,+) v+ = M(+,-) v- is the plastic touchdown: angular momentum about the new foot, and
+        of the pendulum about the hub.
+        """
+        m11 = p.I1 + (p.m1 + p.m2) * p.L1**2 * cos(phi_new - phi_old) + p.Jr * p.d1
+        m12 = p.Je3 * sin(phi_new + theta) + p.Jr * p.d1
+        m21 = p.Je3 * sin(phi_old + theta) + p.Jr * p.d1
+        m22 = p.Je2 + p.Jr
+        return m11, m12, m21, m22
+
+    @compiled
+    def kinetic_energy(phi, theta, dphi, dtheta, p):
+        """(3.27), rotor included (J)."""
+        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        return 0.5 * m11 * dphi**2 + m12 * dphi * dtheta + 0.5 * m22 * dtheta**2
+
+    @compiled
+    def potential_energy(phi, theta, p):
+        """(3.26) on a slope, measured from the stance foot (J)."""
+        return p.g * (
+            p.L1 * (p.m1 + p.m2) * sin(phi + p.gamma) - p.L2 * p.m2 * cos(theta - p.gamma)
+        )
+
+    @compiled
+    def mechanical_energy(phi, theta, dphi, dtheta, p):
+        """Kinetic and potential energy, measured from the stance foot (J)."""
+        return kinetic_energy(phi, theta, dphi, dtheta, p) + potential_energy(phi, theta, p)
+
+    # -- motor (3.49-3.53) --------------------------------------------------------------------
+
+    @compiled
+    def motor_current(dpsi, u, p):
+        """Armature current (A) at voltage u; no inductance."""
+        return (u - p.K * dpsi) / p.Rm
+
+    @compiled
+    def motor_torque(dpsi, u, p):
+        """Torque at the hub, after the gear (N m)."""
+        return p.K * motor_current(dpsi, u, p)
+
+    @compiled
+    def electrical_power(dpsi, u, p):
+        """Power drawn at the terminals, u i (W); negative when the motor brakes into them."""
+        return u * motor_current(dpsi, u, p)
+
+    @compiled
+    def losses(dphi, dpsi, u, p):
+        """Powers lost (W): copper, hub friction, air drag."""
+        copper = p.Rm * motor_current(dpsi, u, p) ** 2
+        return copper, p.damping * dpsi**2, p.drag * p.L1**3 * abs(dphi) * dphi**2
+
+    # -- equations of motion (3.40-3.46) --------------------------------------------------------
+
+    @compiled
+    def forces(phi, theta, dphi, dtheta, u, p):
+        """Right-hand side of M v' = Q: motor, friction, drag, centrifugal forces and gravity."""
+        dpsi = relative_rate(dphi, dtheta, p)
+        hub = motor_torque(dpsi, u, p) - p.damping * dpsi
+        c = p.Je3 * cos(phi + theta)
+        q1 = (
+            p.d1 * hub
+            - c * dtheta**2
+            - (p.m1 + p.m2) * p.g * p.L1 * cos(phi + p.gamma)
+            - p.drag * p.L1**3 * abs(dphi) * dphi
+        )
+        q2 = hub - c * dphi**2 - p.m2 * p.g * p.L2 * sin(theta - p.gamma)
+        return q1, q2
+
+    @compiled
+    def solve(m11, m12, m22, r1, r2):
+        """The symmetric 2 x 2 system with right-hand side (r1, r2)."""
+        det = m11 * m22 - m12 * m12
+        return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
+
+    @compiled
+    def single_stance(phi, theta, dphi, dtheta, u, p):
+        """Accelerations (phi'', theta'') on one foot."""
+        q1, q2 = forces(phi, theta, dphi, dtheta, u, p)
+        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        return solve(m11, m12, m22, q1, q2)
+
+    @compiled
+    def double_stance(theta, dtheta, u, p):
+        """Acceleration theta'' with the wheel at rest on two feet."""
+        _, q2 = forces(p.a, theta, 0.0, dtheta, u, p)
+        return q2 / (p.Je2 + p.Jr)
+
+    @compiled
+    def lift_off_guards(theta, dtheta, u, p):
+        """phi'' that each foot of a wheel at rest would give alone, (leading, trailing).
+
+        Both feet press while leading < 0 < trailing. Leading > 0: the trailing foot lifts off and
+        the wheel goes forward; trailing < 0: the leading foot lifts off, backward.
+        """
+        leading, _ = single_stance(p.a, theta, 0.0, dtheta, u, p)
+        trailing, _ = single_stance(p.b, theta, 0.0, dtheta, u, p)
+        return leading, trailing
+
+    # -- touchdown ----------------------------------------------------------------------------
+
+    @compiled
+    def impact(phi_new, phi_old, theta, dphi, dtheta, p):
+        """Rates after the stance leg changes from phi_old to phi_new, by the law in `p`."""
+        m11, m12, _, m22 = mass_matrix(phi_new, phi_new, theta, p)
+        n11, n12, n21, n22 = mass_matrix(phi_new, phi_old, theta, p)
+        if p.law == RELABEL:
+            return dphi, dtheta
+        if p.law == THESIS:  # (3.75-3.82) as printed
+            h1, h2 = p.Je3 * sin(phi_new + theta), p.Je2
+            h3, h4 = h1 - p.Je1 - p.I1, p.Je2 + p.m2 * p.L2**2 * (sin(phi_new + theta) - 2)
+            h1_old = p.Je3 * sin(phi_old + theta)
+            h5, h6 = h1_old - p.I1, p.Je3 * cos(phi_old + theta) + p.Je2
+            r1, r2 = h1_old * dphi + p.Je2 * dtheta, h5 * dphi + h6 * dtheta
+            det = h1 * h4 - h2 * h3
+            return (h4 * r1 - h2 * r2) / det, (h1 * r2 - h3 * r1) / det
+        return solve(m11, m12, m22, n11 * dphi + n12 * dtheta, n21 * dphi + n22 * dtheta)
+
+    @compiled
+    def touchdown(phi, theta, dphi, dtheta, p):
+        """Forward touchdown: the state on the new stance leg (3.71, 3.72 and the impact law)."""
+        dphi_new, dtheta_new = impact(phi - p.alpha, phi, theta, dphi, dtheta, p)
+        return phi - p.alpha, theta, dphi_new, dtheta_new
+
+    @compiled
+    def stop_on_two_feet(phi_old, theta, dphi, dtheta, p):
+        """theta' after an impact that leaves the wheel at rest: the pendulum's momentum alone."""
+        _, _, m21, m22 = mass_matrix(phi_old, phi_old, theta, p)
+        return dtheta + m21 * dphi / m22
+
+    # -- ground ---------------------------------------------------------------------------------
+
+    @compiled
+    def ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p):
+        """Force (Fx, Fy) of the ground on the stance foot (N), in the ground's frame.
+
+        In double stance (dphi = ddphi = 0) it is the sum over both feet.
+        """
+        speed = p.L1 * dphi
+        hub_x = p.L1 * (ddphi * sin(phi) + dphi**2 * cos(phi))
+        hub_y = p.L1 * (ddphi * cos(phi) - dphi**2 * sin(phi))
+        rod_x = p.L2 * (ddtheta * cos(theta) - dtheta**2 * sin(theta))
+        rod_y = p.L2 * (ddtheta * sin(theta) + dtheta**2 * cos(theta))
+        drag_x = p.drag * abs(speed) * speed * sin(phi)
+        drag_y = p.drag * abs(speed) * speed * cos(phi)
+        mass = p.m1 + p.m2
+        fx = mass * hub_x + p.m2 * rod_x - mass * p.g * sin(p.gamma) + drag_x
+        fy = mass * hub_y + p.m2 * rod_y + mass * p.g * cos(p.gamma) + drag_y
+        return fx, fy
+
+    @compiled
+    def linear_momentum(phi, theta, dphi, dtheta, p):
+        """Momentum (x, y) of the whole machine (N s); its jump is the touchdown's impulse."""
+        mass = p.m1 + p.m2
+        px = mass * p.L1 * dphi * sin(phi) + p.m2 * p.L2 * dtheta * cos(theta)
+        py = mass * p.L1 * dphi * cos(phi) + p.m2 * p.L2 * dtheta * sin(theta)
+        return px, py
+
+    return SimpleNamespace(**{k: v for k, v in locals().items() if k not in _ARGUMENTS})
+
+
+_ARGUMENTS = ("sin", "cos", "compiled")

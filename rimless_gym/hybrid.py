@@ -1,0 +1,107 @@
+"""The hybrid automaton: which mode the wheel is in, and what a touchdown or lift-off does.
+
+The equations are those of `rimless_gym.equations`, compiled by numba. Both simulators, the
+stepping kernel and the SciPy reference, call the functions of this file, so that they share every
+guard, reset and threshold and differ only in how they integrate and locate events.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from rimless_gym.equations import THESIS, equations
+
+SINGLE, DOUBLE = 0, 1  # stance modes
+MODE_NAMES = ("single_stance", "double_stance")
+
+# What can end an advance of the hybrid state, besides reaching its time.
+OK, CONTACT_LOST, RATE_EXCEEDED, TOO_MANY_EVENTS, THESIS_BACKWARD, DIVERGED = range(6)
+FAILURES = {
+    CONTACT_LOST: "contact_lost",
+    RATE_EXCEEDED: "rate_exceeded",
+    TOO_MANY_EVENTS: "too_many_events",
+    THESIS_BACKWARD: "backward_touchdown_under_the_thesis_law",
+    DIVERGED: "diverged",
+}
+
+#: Kinetic energy of the wheel, in units of (m1+m2) g L1, below which a touchdown that would leave
+#: both feet pressing ends the Zeno sequence of ever smaller ones in double stance.
+REST_ENERGY = 1e-8
+
+#: Touchdowns and lift-offs allowed within one control interval before it is called an error.
+MAX_EVENTS = 200
+
+#: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
+MAX_RATE = 60.0
+
+eq = equations(
+    math.sin, math.cos, njit(error_model="numpy", fastmath={"contract"}, inline="never")
+)
+hub_position = eq.hub_position
+relative_rate = eq.relative_rate
+mass_matrix = eq.mass_matrix
+kinetic_energy = eq.kinetic_energy
+mechanical_energy = eq.mechanical_energy
+electrical_power = eq.electrical_power
+motor_current = eq.motor_current
+motor_torque = eq.motor_torque
+losses = eq.losses
+single_stance = eq.single_stance
+double_stance = eq.double_stance
+lift_off_guards = eq.lift_off_guards
+impact = eq.impact
+stop_on_two_feet = eq.stop_on_two_feet
+ground_reaction = eq.ground_reaction
+linear_momentum = eq.linear_momentum
+pendulum_clearance = eq.pendulum_clearance
+
+
+@njit(error_model="numpy")
+def accelerations(mode, phi, theta, dphi, dtheta, u, p):
+    """(phi'', theta'') in either stance mode."""
+    if mode == DOUBLE:
+        return 0.0, double_stance(theta, dtheta, u, p)
+    return single_stance(phi, theta, dphi, dtheta, u, p)
+
+
+@njit(error_model="numpy")
+def both_feet_press(theta, dtheta, u, p):
+    """Whether a wheel at rest on two feet stays there."""
+    leading, trailing = lift_off_guards(theta, dtheta, u, p)
+    return leading <= 0.0 <= trailing
+
+
+@njit(error_model="numpy")
+def after_touchdown(direction, theta, dphi, dtheta, u, p):
+    """What a touchdown leads to: (mode, phi, theta', phi', foot shift, ok).
+
+    `direction` is +1 at phi = b rising, -1 at phi = a falling; the foot shift counts legs. The
+    wheel goes on over the new foot if the impact leaves it travelling, else (or when its motion
+    is below `REST_ENERGY` and both feet press) it stands on both, phi then being the leading leg's.
+    """
+    if direction > 0:
+        phi_old, phi_new = p.b, p.a
+    else:
+        phi_old, phi_new = p.a, p.b
+        if p.law == THESIS:
+            return SINGLE, phi_old, dtheta, dphi, 0, False
+    dphi_new, dtheta_new = impact(phi_new, phi_old, theta, dphi, dtheta, p)
+    dtheta_rest = stop_on_two_feet(phi_old, theta, dphi, dtheta, p)
+    m11 = mass_matrix(phi_new, phi_new, theta, p)[0]
+    slow = 0.5 * m11 * dphi_new**2 < REST_ENERGY * (p.m1 + p.m2) * p.g * p.L1
+    if direction * dphi_new > 0 and not (slow and both_feet_press(theta, dtheta_rest, u, p)):
+        return SINGLE, phi_new, dtheta_new, dphi_new, direction, True
+    return DOUBLE, p.a, dtheta_rest, 0.0, max(direction, 0), True
+
+
+@njit(error_model="numpy")
+def after_lift_off(leading, p):
+    """Where a wheel at rest goes when a foot lifts off: (phi, foot shift).
+
+    `leading` is the first of `lift_off_guards`: positive goes forward over the leading foot.
+    """
+    if leading > 0:
+        return p.a, 0
+    return p.b, -1

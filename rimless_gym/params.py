@@ -1,0 +1,271 @@
+"""The machine's parameters: one frozen dataclass, three presets, and the equations' shorthand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOTOR_MOUNTS = ("wheel", "frame")
+IMPACT_LAWS = ("plastic", "relabel", "thesis")
+
+
+class Constants(NamedTuple):
+    """What the equations need of the parameters, in the thesis's notation (3.22-3.25).
+
+    A tuple of plain scalars, so that numba compiles functions of it and CasADi may put symbols
+    in it. ``d1`` is the motor mount (1: stator on the wheel, 0: stator on a frame that does not
+    turn), ``law`` the index of the impact law in `IMPACT_LAWS`.
+    """
+
+    m1: Any
+    m2: Any
+    I1: Any
+    L1: Any
+    L2: Any
+    Je1: Any
+    Je2: Any
+    Je3: Any
+    Jr: Any
+    d1: Any
+    K: Any
+    Rm: Any
+    damping: Any
+    drag: Any
+    g: Any
+    gamma: Any
+    alpha: Any
+    a: Any
+    b: Any
+    law: Any
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WheelParams:
+    """Physical parameters of the actuated rimless wheel, in SI units and radians.
+
+    The defaults are those of the machine of Mihevc (2015), Table 4.6 and Table 4.2.
+
+    Args:
+        wheel_mass: ``m1`` (kg), >= 0.
+        wheel_inertia: ``I1`` about the hub (kg m^2), >= 0.
+        leg_length: ``L1`` (m), > 0.
+        n_legs: ``n``, an integer >= 3.
+        pendulum_mass: ``m2`` (kg), >= 0.
+        pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0.
+        pendulum_length: ``L2``, pivot to centre of mass (m), >= 0; the rod reaches ``2 L2``.
+        motor_constant: ``Km`` (N m/A), >= 0; 0 is a wheel without a motor.
+        gear_ratio: ``N``, > 0.
+        armature_resistance: ``Rm`` (ohm), > 0.
+        rotor_inertia: ``Jm`` at the motor shaft (kg m^2), >= 0; the hub feels ``Jm N^2``.
+        hub_damping: viscous friction torque per unit of psi' (N m s), >= 0.
+        drag: air drag force per squared hub speed (N s^2/m^2), >= 0.
+        idle_power: drawn from the battery whatever happens (W), >= 0.
+        gravity: (m/s^2), > 0.
+        slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
+        friction: coefficient of the ground, >= 0; reported against, never enforced by the model.
+        voltage_limit: largest |V| (V), > 0.
+        motor_mount: ``"wheel"`` (the machine) or ``"frame"`` (the thesis's simulations).
+        impact_law: ``"plastic"``, ``"relabel"`` (the thesis's "perfectly elastic"), or
+            ``"thesis"`` (equation 3.82 as printed: not physical, it creates energy).
+
+    Raises:
+        ValueError: a value is out of its range or the mass matrix would be singular.
+        TypeError: a value is not a number.
+    """
+
+    wheel_mass: float = 1.4
+    wheel_inertia: float = 0.092
+    leg_length: float = 0.375
+    n_legs: int = 5
+    pendulum_mass: float = 2.22
+    pendulum_inertia: float = 2.22 * 0.34**2 / 3
+    pendulum_length: float = 0.34
+    motor_constant: float = 0.0048
+    gear_ratio: float = 505.9
+    armature_resistance: float = 5.0
+    rotor_inertia: float = 0.0
+    hub_damping: float = 0.0
+    drag: float = 0.0
+    idle_power: float = 0.0
+    gravity: float = 9.81
+    slope: float = 0.0
+    friction: float = 1.0
+    voltage_limit: float = 20.0
+    motor_mount: str = "wheel"
+    impact_law: str = "plastic"
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if field.name not in ("motor_mount", "impact_law"):
+                self._require_number(field.name)
+        for name in ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be greater than 0")
+        for name in (
+            *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia"),
+            *("pendulum_length", "motor_constant", "rotor_inertia", "hub_damping"),
+            *("drag", "idle_power", "friction"),
+        ):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be at least 0")
+        if self.n_legs != int(self.n_legs) or self.n_legs < 3:
+            raise ValueError(f"n_legs = {self.n_legs}: must be an integer of at least 3")
+        if abs(self.slope) >= math.pi / 2:
+            raise ValueError(f"slope = {self.slope}: must lie strictly between -pi/2 and pi/2 rad")
+        if self.motor_mount not in MOTOR_MOUNTS:
+            raise ValueError(f"motor_mount = {self.motor_mount!r}: choose from {MOTOR_MOUNTS}")
+        if self.impact_law not in IMPACT_LAWS:
+            raise ValueError(f"impact_law = {self.impact_law!r}: choose from {IMPACT_LAWS}")
+        self._require_regular_mass_matrix()
+
+    def _require_number(self, name: str) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise TypeError(f"{name} = {value!r}: must be a real number")
+        if not math.isfinite(value):
+            raise ValueError(f"{name} = {value}: must be finite")
+        object.__setattr__(self, name, int(value) if name == "n_legs" else float(value))
+
+    def _require_regular_mass_matrix(self) -> None:
+        if self.total_mass <= 0:
+            raise ValueError("wheel_mass + pendulum_mass = 0: one of them must be greater than 0")
+        c = self.constants
+        for s in (-1.0, 1.0):  # the determinant is concave in s = sin(phi + theta)
+            m11, m12, m22 = c.Je1 + c.Jr * c.d1, c.Je3 * s + c.Jr * c.d1, c.Je2 + c.Jr
+            if m11 * m22 - m12**2 <= 1e-12 * m11 * m22:
+                raise ValueError(
+                    "the mass matrix is singular for these masses and inertias: give the pendulum "
+                    "an inertia (pendulum_inertia > 0, or pendulum_mass and pendulum_length > 0) "
+                    "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0)"
+                )
+
+    @property
+    def total_mass(self) -> float:
+        """``m1 + m2`` (kg)."""
+        return self.wheel_mass + self.pendulum_mass
+
+    @property
+    def weight(self) -> float:
+        """``(m1 + m2) g`` (N)."""
+        return self.total_mass * self.gravity
+
+    @property
+    def leg_angle(self) -> float:
+        """``alpha = 2 pi / n`` between neighbouring legs (rad)."""
+        return 2 * math.pi / self.n_legs
+
+    @property
+    def step_length(self) -> float:
+        """Distance between neighbouring feet (m)."""
+        return 2 * self.leg_length * math.sin(self.leg_angle / 2)
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The equations' shorthand as plain floats."""
+        return shorthand(self)
+
+    @cached_property
+    def constants_array(self) -> NDArray[np.float64]:
+        """`constants` as a read-only float64 array of shape (20,), which numba unpacks fastest."""
+        array = np.array(self.constants, dtype=np.float64)
+        array.setflags(write=False)
+        return array
+
+    @cached_property
+    def motor_pole(self) -> float:
+        """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
+        c = self.constants
+        s = np.linspace(-1.0, 1.0, 201)
+        m11, m12, m22 = c.Je1 + c.Jr * c.d1, c.Je3 * s + c.Jr * c.d1, c.Je2 + c.Jr
+        inverse_inertia = (m22 * c.d1 - 2 * m12 * c.d1 + m11) / (m11 * m22 - m12**2)
+        return float((c.K**2 / c.Rm + c.damping) * inverse_inertia.max())
+
+    def replace(self, **changes: Any) -> WheelParams:
+        """A copy with some fields changed, validated like a new one.
+
+        Raises:
+            ValueError: a name is not a field, or a value is out of its range.
+        """
+        known = [field.name for field in dataclasses.fields(self)]
+        for name in changes:
+            if name not in known:
+                raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
+        return dataclasses.replace(self, **changes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
+        return dataclasses.asdict(self)
+
+
+def shorthand(params: Any) -> Constants:
+    """Derived constants of `params` (thesis 3.22-3.25), whose fields may be CasADi symbols."""
+    m1, m2, L1, L2 = (
+        params.wheel_mass,
+        params.pendulum_mass,
+        params.leg_length,
+        params.pendulum_length,
+    )
+    alpha = 2 * math.pi / params.n_legs
+    return Constants(
+        m1=m1,
+        m2=m2,
+        I1=params.wheel_inertia,
+        L1=L1,
+        L2=L2,
+        Je1=(m1 + m2) * L1**2 + params.wheel_inertia,
+        Je2=m2 * L2**2 + params.pendulum_inertia,
+        Je3=m2 * L1 * L2,
+        Jr=params.rotor_inertia * params.gear_ratio**2,
+        d1=1.0 if params.motor_mount == "wheel" else 0.0,
+        K=params.motor_constant * params.gear_ratio,
+        Rm=params.armature_resistance,
+        damping=params.hub_damping,
+        drag=params.drag,
+        g=params.gravity,
+        gamma=params.slope,
+        alpha=alpha,
+        a=(math.pi - alpha) / 2,
+        b=(math.pi + alpha) / 2,
+        law=float(IMPACT_LAWS.index(params.impact_law)),
+    )
+
+
+#: Thesis, Table 4.1 with the motor of Table 4.2.
+THESIS_NOMINAL = WheelParams(
+    wheel_mass=1.0,
+    wheel_inertia=1.0,
+    leg_length=1.0,
+    pendulum_mass=1.0,
+    pendulum_inertia=1.0,
+    pendulum_length=0.5,
+)
+
+#: Thesis, Table 4.6: the environment's default.
+THESIS_PHYSICAL = WheelParams()
+
+#: The machine as built: pendulum mass and length a quarter of Table 4.6's.
+PROTOTYPE = WheelParams(
+    pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
+)
+
+PRESETS = {
+    "THESIS_NOMINAL": THESIS_NOMINAL,
+    "THESIS_PHYSICAL": THESIS_PHYSICAL,
+    "PROTOTYPE": PROTOTYPE,
+}
+
+
+def preset(name: str) -> WheelParams:
+    """The preset called `name`.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"unknown preset {name!r}: choose from {', '.join(PRESETS)}")
+    return PRESETS[name]

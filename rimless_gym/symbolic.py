@@ -1,0 +1,98 @@
+"""The hybrid model as CasADi functions, traced from `rimless_gym.equations`."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from rimless_gym.equations import equations
+from rimless_gym.params import WheelParams
+
+_eq = equations(ca.sin, ca.cos)
+MODES = ("single_stance", "double_stance")
+
+
+class HybridModel:
+    """CasADi functions of the model at `params`.
+
+    The state is x = (phi, theta, phi', theta') in rad and rad/s, the input u the motor voltage
+    (V). Every method takes numbers, `DM`, `SX` or `MX` and returns the like; `functions` holds
+    the underlying `casadi.Function` objects by name, for `map`, `jacobian` and code generation.
+    Double stance holds the wheel at phi = a of its leading leg.
+
+    Args:
+        params: the machine.
+
+    Example:
+        >>> from rimless_gym import THESIS_PHYSICAL
+        >>> HybridModel(THESIS_PHYSICAL).flow([1.57, 0.0, 1.0, 0.0], 0.0).shape
+        (4, 1)
+    """
+
+    def __init__(self, params: WheelParams) -> None:
+        self.params = params
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """All functions by name; inputs ``x`` (4) and, where it matters, ``u`` (1)."""
+        x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u"), self.params.constants
+        phi, theta, dphi, dtheta = ca.vertsplit(x)
+        rate = _eq.relative_rate(dphi, dtheta, p)
+        ddphi, ddtheta = _eq.single_stance(phi, theta, dphi, dtheta, u, p)
+        standing = _eq.double_stance(theta, dtheta, u, p)
+        outputs: dict[str, tuple[list[Any], Any]] = {
+            "flow": ([x, u], (dphi, dtheta, ddphi, ddtheta)),
+            "flow_double_stance": ([x, u], (0, dtheta, 0, standing)),
+            "touchdown": ([x], _eq.touchdown(phi, theta, dphi, dtheta, p)),
+            "ground_reaction": (
+                [x, u],
+                _eq.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p),
+            ),
+            "ground_reaction_double_stance": (
+                [x, u],
+                _eq.ground_reaction(p.a, theta, 0, dtheta, 0, standing, p),
+            ),
+            "lift_off_guards": ([x, u], _eq.lift_off_guards(theta, dtheta, u, p)),
+            "stop_on_two_feet": ([x], (_eq.stop_on_two_feet(phi, theta, dphi, dtheta, p),)),
+            "electrical_power": ([x, u], (_eq.electrical_power(rate, u, p),)),
+            "losses": ([x, u], _eq.losses(dphi, rate, u, p)),
+            "motor_torque": ([x, u], (_eq.motor_torque(rate, u, p),)),
+            "relative_rate": ([x], (rate,)),
+            "mechanical_energy": ([x], (_eq.mechanical_energy(phi, theta, dphi, dtheta, p),)),
+            "linear_momentum": ([x], _eq.linear_momentum(phi, theta, dphi, dtheta, p)),
+            "hub_position": ([x], _eq.hub_position(phi, p)),
+            "pendulum_clearance": ([x], (_eq.pendulum_clearance(phi, theta, p),)),
+        }
+        names = {1: ["x"], 2: ["x", "u"]}
+        return {
+            name: ca.Function(name, inputs, [ca.vertcat(*out)], names[len(inputs)], ["out"])
+            for name, (inputs, out) in outputs.items()
+        }
+
+    def flow(self, x: Any, u: Any, mode: str = "single_stance") -> Any:
+        """x' (4) in the given stance mode."""
+        return self.functions[_with_mode("flow", mode)](x, u)
+
+    def touchdown(self, x: Any) -> Any:
+        """The smooth forward touchdown map: the state (4) on the next stance leg."""
+        return self.functions["touchdown"](x)
+
+    def ground_reaction(self, x: Any, u: Any, mode: str = "single_stance") -> Any:
+        """(Fx, Fy) on the stance foot in N; in double stance, summed over both feet."""
+        return self.functions[_with_mode("ground_reaction", mode)](x, u)
+
+    def electrical_power(self, x: Any, u: Any) -> Any:
+        """V i at the terminals (W), idle power apart."""
+        return self.functions["electrical_power"](x, u)
+
+    def mechanical_energy(self, x: Any) -> Any:
+        """Kinetic and potential energy (J), measured from the stance foot."""
+        return self.functions["mechanical_energy"](x)
+
+
+def _with_mode(name: str, mode: str) -> str:
+    if mode not in MODES:
+        raise ValueError(f"mode = {mode!r}: choose from {MODES}")
+    return name if mode == "single_stance" else f"{name}_double_stance"
