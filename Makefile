@@ -1,0 +1,69 @@
+# make install | compare | test | test-slow | test-peers | bench | lint | format | clean
+# Every target makes the virtual environment first where it is missing or out of date.
+
+PYTHON ?= python3
+WORKERS ?= auto
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+INSTALLED := $(VENV)/.installed
+PEERS := $(VENV)/.installed-peers
+# Only folders that hold Python files yet.
+CHECKED := $(patsubst %/,%,$(sort $(dir $(wildcard $(addsuffix /*.py,rimless_gym trajopt agents scripts)))))
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+
+.DEFAULT_GOAL := help
+.PHONY: help install compare test test-slow test-peers bench lint format clean
+
+help:
+	@echo "make install     the virtual environment $(VENV), tested versions of everything"
+	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
+	@echo "make test        lint, types and the fast tests (some minutes)"
+	@echo "make test-slow   the long tests"
+	@echo "make test-peers  comparisons with MuJoCo and Drake, which it installs"
+	@echo "make bench       speed, ours and peers'"
+	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
+	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@echo "[1/3] virtual environment $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV)
+	@echo "[2/3] dependencies at the tested versions (about 2 GB, a few minutes the first time)"
+	@$(PIP) install -c constraints.txt -e ".[test]"
+	@echo "[3/3] ready: . $(BIN)/activate"
+	@touch $@
+
+$(PEERS): $(INSTALLED)
+	@echo "peers (MuJoCo, Drake) into $(VENV)"
+	@$(PIP) install -c constraints.txt -e ".[test,peers]"
+	@touch $@
+
+compare: $(INSTALLED)
+	$(BIN)/python scripts/compare.py --out runs/compare
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy $(CHECKED)
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+test: lint
+	$(PYTEST) -m "not slow and not peers"
+
+test-slow: $(INSTALLED)
+	$(PYTEST) -m "slow and not peers"
+
+test-peers: $(PEERS)
+	$(PYTEST) -m peers
+
+bench: $(INSTALLED)
+	$(BIN)/python scripts/benchmark.py
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
