@@ -1,5 +1,25 @@
 """rimless-gym: energy-efficient walking with the simplest walker there is."""
 
-from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
+import gymnasium
 
-__all__ = ["PROTOTYPE", "THESIS_NOMINAL", "THESIS_PHYSICAL", "WheelParams"]
+from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, preset
+from rimless_gym.simulate import simulate
+from rimless_gym.task import EPISODE_STEPS, Task
+from rimless_gym.trajectory import Trajectory
+
+__all__ = [
+    "PROTOTYPE",
+    "THESIS_NOMINAL",
+    "THESIS_PHYSICAL",
+    "Task",
+    "Trajectory",
+    "WheelParams",
+    "preset",
+    "simulate",
+]
+
+gymnasium.register(
+    id="RimlessWheel-v0",
+    entry_point="rimless_gym.env:RimlessWheelEnv",
+    max_episode_steps=EPISODE_STEPS,
+)

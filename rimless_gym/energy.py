@@ -36,9 +36,11 @@ from rimless_gym.params import WheelParams
     FRICTION_DEMAND,
     IMPULSE_FRICTION_DEMAND,
     CLEARANCE,
+    FORCE_X,
+    FORCE_Y,
     FAILURE,
     N_ROWS,
-) = range(18)
+) = range(20)
 
 
 @dataclasses.dataclass(frozen=True)

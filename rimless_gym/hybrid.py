@@ -30,15 +30,16 @@ FAILURES = {
 #: both feet pressing ends the Zeno sequence of ever smaller ones in double stance.
 REST_ENERGY = 1e-8
 
+#: Zero-order hold of the environment and of sampled controls (s).
+CONTROL_PERIOD = 0.01
+
 #: Touchdowns and lift-offs allowed within one control interval before it is called an error.
 MAX_EVENTS = 200
 
 #: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
 MAX_RATE = 60.0
 
-eq = equations(
-    math.sin, math.cos, njit(error_model="numpy", fastmath={"contract"}, inline="never")
-)
+eq = equations(math.sin, math.cos, njit(error_model="numpy", fastmath={"contract"}, inline="never"))
 hub_position = eq.hub_position
 relative_rate = eq.relative_rate
 mass_matrix = eq.mass_matrix

@@ -44,6 +44,9 @@ class Constants(NamedTuple):
     law: Any
 
 
+N_CONSTANTS = len(Constants._fields)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelParams:
     """Physical parameters of the actuated rimless wheel, in SI units and radians.

@@ -1,0 +1,97 @@
+"""Locating events inside an integration step, on the quintic through the step's ends."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from rimless_gym.hybrid import accelerations, ground_reaction, lift_off_guards
+from rimless_gym.integration import rk8
+from rimless_gym.interpolation import derivative, negative, quintic, slope, upward_root, value
+
+GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
+LIFT_OFF, RELEASE = 0, 1  # the force guards of `force_guard`
+
+
+@njit(error_model="numpy")
+def touchdown_crossing(y0, acc0, y1, acc1, h, p):
+    """First touchdown within a single-stance step: (direction, s), direction 0 if there is none."""
+    found, s_found = 0, 2.0
+    for direction in (1, -1):
+        bound = p.b if direction > 0 else p.a
+        c = quintic(
+            direction * (y0[0] - bound),
+            direction * y0[2],
+            direction * acc0[0],
+            direction * (y1[0] - bound),
+            direction * y1[2],
+            direction * acc1[0],
+            h,
+        )
+        s_end = 1.0
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:  # it turns back inside the step: look at the top
+            s_end = upward_root(negative(derivative(c)), 1.0)
+        if value(c, s_end) > 0.1 * GUARD_TOLERANCE:
+            s = upward_root(c, s_end)
+            if s < s_found:
+                found, s_found = direction, s
+    return found, s_found
+
+
+@njit(error_model="numpy")
+def step_to_touchdown(direction, s, mode, y, acc, u, h, p, k):
+    """Step to the touchdown near s h, corrected along phi' until phi is on its guard.
+
+    Returns (time, state on the guard, the two integrals of `rk8`).
+    """
+    bound = p.b if direction > 0 else p.a
+    tau = s * h
+    after, q, d = rk8(mode, y, acc, u, tau, p, k)
+    for _ in range(4):
+        miss = after[0] - bound
+        if abs(miss) <= GUARD_TOLERANCE or abs(miss) > 1e-3 * abs(after[2]) * h:
+            break  # there, or grazing so flatly that the quintic's own root is the better one
+        tau = min(max(tau - miss / after[2], 0.0), h)
+        after, q, d = rk8(mode, y, acc, u, tau, p, k)
+    return tau, (bound, after[1], after[2], after[3]), q, d
+
+
+@njit(error_model="numpy")
+def reversal(y0, acc0, y1, acc1, h):
+    """Fraction of a step at which phi' changes sign, given that it does."""
+    rate = derivative(quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h))
+    return upward_root(rate if y1[2] > 0.0 else negative(rate), 1.0)
+
+
+@njit(error_model="numpy")
+def between(y0, acc0, y1, acc1, h, s):
+    """State at fraction s of a step, from the quintics through its ends."""
+    c = quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h)
+    e = quintic(y0[1], y0[3], acc0[1], y1[1], y1[3], acc1[1], h)
+    return value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h
+
+
+@njit(error_model="numpy")
+def force_guard(kind, mode, y, u, pull, p):
+    """Positive once a foot would have to be pulled down.
+
+    `LIFT_OFF`: one of two standing feet, in units of phi''. `RELEASE`: the feet together, in N
+    beyond the largest `pull` that the ground can exert.
+    """
+    if kind == LIFT_OFF:
+        leading, trailing = lift_off_guards(y[1], y[3], u, p)
+        return max(leading, -trailing)
+    a0, a1 = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
+    return -pull - ground_reaction(y[0], y[1], y[2], y[3], a0, a1, p)[1]
+
+
+@njit(error_model="numpy")
+def force_crossing(kind, mode, y0, acc0, y1, acc1, h, u, pull, p):
+    """Fraction of a step at which a force guard turns positive (it is so at 1), by bisection."""
+    low, high = 0.0, 1.0
+    while high - low > 1e-15:
+        middle = 0.5 * (low + high)
+        if force_guard(kind, mode, between(y0, acc0, y1, acc1, h, middle), u, pull, p) > 0.0:
+            high = middle
+        else:
+            low = middle
+    return high

@@ -1,0 +1,319 @@
+"""The reference simulator: SciPy's adaptive DOP853, events bracketed on its dense output.
+
+It shares the equations, guards and resets with the stepping kernel (`rimless_gym.hybrid`) and
+nothing else: steps, event location and energy integrals are done in another way, so that each
+checks the other. Slow and exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from rimless_gym import hybrid
+from rimless_gym.energy import Ledger
+from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, FAILURES, MODE_NAMES, SINGLE
+from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
+
+MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
+SAMPLES = 8  # per step, on which guards are watched
+
+FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `_guards`
+
+Control = Callable[[float, NDArray[np.float64]], float]
+Guards = Callable[[float, NDArray[np.float64]], tuple[float, ...]]
+
+
+@njit(error_model="numpy")
+def _rates(mode, phi, theta, dphi, dtheta, u, constants):
+    """Derivatives of the state and of the six energy integrals."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    dpsi = hybrid.relative_rate(dphi, dtheta, p)
+    power = hybrid.electrical_power(dpsi, u, p)
+    copper, friction, drag = hybrid.losses(dphi, dpsi, u, p)
+    shaft = abs(hybrid.motor_torque(dpsi, u, p) * dpsi)
+    return dphi, dtheta, ddphi, ddtheta, power, max(power, 0.0), copper, friction, drag, shaft
+
+
+@njit(error_model="numpy")
+def _guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
+    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    fy = hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
+    if mode == DOUBLE:
+        leading, trailing = hybrid.lift_off_guards(theta, dtheta, u, p)
+        return -1.0, -1.0, max(leading, -trailing), -pull - fy
+    return phi - p.b, p.a - phi, -1.0, -pull - fy
+
+
+@dataclasses.dataclass
+class _Motion:
+    """The moving state of one simulation."""
+
+    y: NDArray[np.float64]  # state (4) and energy integrals (6)
+    mode: int
+    foot: int
+    arcs: list[Arc] = dataclasses.field(default_factory=list)
+    events: list[Event] = dataclasses.field(default_factory=list)
+    samples: list[tuple[Any, ...]] = dataclasses.field(default_factory=list)
+    collision: float = 0.0
+
+
+def simulate(
+    params: WheelParams,
+    x0: ArrayLike,
+    control: Control | ArrayLike,
+    duration: float,
+    *,
+    mode: str = "single_stance",
+    breakpoints: Sequence[float] = (),
+    pull: float = math.inf,
+    rtol: float = 1e-12,
+    atol: float = 1e-13,
+) -> Trajectory:
+    """Simulate the wheel from x0 under a control.
+
+    Args:
+        params: the machine.
+        x0: (phi, theta, phi', theta') in rad and rad/s, phi in [a, b]; in double stance phi = a.
+        control: ``control(t, x)`` -> volts, smooth between breakpoints and events; or an array of
+            voltages, each held for 10 ms.
+        duration: s, > 0.
+        mode: stance mode at the start, "single_stance" or "double_stance".
+        breakpoints: times at which the control jumps or kinks.
+        pull: largest force (N) with which the ground holds the foot down before contact is lost:
+            infinity is the pin joint of the thesis (the smallest normal force is reported), 0 ends
+            the simulation at loss of contact.
+        rtol: relative tolerance of the integrator.
+        atol: absolute tolerance of the integrator.
+
+    Raises:
+        ValueError: an argument is out of its range or not finite.
+        RuntimeError: more than `hybrid.MAX_EVENTS` events within 10 ms, or a diverging motion.
+    """
+    start, mode_index = validated_start(params, x0, mode)
+    law, knots = _control_law(control, duration, breakpoints)
+    motion = _Motion(np.concatenate([start, np.zeros(6)]), mode_index, 0)
+    failure = None
+    for t0, t1 in itertools.pairwise(knots):
+        failure = _advance(params, motion, law, t0, t1, pull, rtol, atol)
+        if failure is not None:
+            break
+    return _trajectory(params, motion, failure)
+
+
+def _control_law(
+    control: Control | ArrayLike, duration: float, breakpoints: Sequence[float]
+) -> tuple[Control, NDArray[np.float64]]:
+    """The control as a function of (t, x), and the times between which it is smooth."""
+    if not (math.isfinite(duration) and duration > 0):
+        raise ValueError(f"duration = {duration}: must be positive and finite (s)")
+    inner = [float(t) for t in breakpoints if 0 < t < duration]
+    if callable(control):
+        return control, np.unique([0.0, *inner, duration])
+    held = np.asarray(control, dtype=np.float64).reshape(-1)
+    if not np.all(np.isfinite(held)):
+        raise ValueError("control: every sampled voltage must be finite")
+    if len(held) * CONTROL_PERIOD < duration - 1e-9:
+        raise ValueError(
+            f"control: {len(held)} samples hold for {len(held) * CONTROL_PERIOD} s, "
+            f"less than the duration of {duration} s; give more samples or a shorter duration"
+        )
+    ticks = CONTROL_PERIOD * np.arange(1, len(held))
+    knots = [0.0, *ticks[ticks < duration - 1e-12], *inner, duration]
+
+    def law(t: float, x: NDArray[np.float64]) -> float:
+        return float(held[np.searchsorted(ticks, t, side="right")])
+
+    return law, np.unique(knots)
+
+
+def _advance(
+    params: WheelParams,
+    motion: _Motion,
+    control: Control,
+    t0: float,
+    t1: float,
+    pull: float,
+    rtol: float,
+    atol: float,
+) -> str | None:
+    """Advance over an interval of smooth control; the name of a failure, or None."""
+    constants, t, first_event = params.constants_array, t0, len(motion.events)
+    last = np.nextafter(t1, t0)  # the control is that of this interval up to its very end
+
+    def voltage(time: float, y: NDArray[np.float64]) -> float:
+        return float(control(min(max(time, t0), last), y[:4]))
+
+    def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
+        return _rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
+
+    def guards(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
+        u = voltage(time, y)
+        return _guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
+
+    while t < t1:
+        if guards(t, motion.y)[CONTACT] > 0:
+            return _lose_contact(motion, t, voltage)
+        if motion.mode == DOUBLE and guards(t, motion.y)[LIFT_OFF] > 0:
+            _lift_off(params, motion, t, voltage(t, motion.y))
+        if len(motion.events) - first_event > hybrid.MAX_EVENTS * math.ceil(
+            (t1 - t0) / CONTROL_PERIOD
+        ):
+            raise RuntimeError(
+                f"more than {hybrid.MAX_EVENTS} events per {CONTROL_PERIOD} s near t = {t} s, "
+                f"state {motion.y[:4]}: the control chatters; smooth it"
+            )
+        solver = DOP853(rates, t, motion.y, t1, rtol=rtol, atol=atol, max_step=MAX_STEP)
+        _sample(motion, t, motion.y, voltage(t, motion.y))
+        event = None
+        while solver.status == "running" and event is None:
+            message = solver.step()
+            if solver.status == "failed" or np.abs(solver.y[2:4]).max() > hybrid.MAX_RATE:
+                raise RuntimeError(f"the motion diverges at t = {solver.t} s: {message}")
+            dense = solver.dense_output()
+            event = _first_crossing(guards, dense, solver.t_old, solver.t)
+            end = solver.t if event is None else event[1]
+            motion.arcs.append(Arc(solver.t_old, end, motion.mode, motion.foot, dense))
+            motion.y = np.array(solver.y if event is None else dense(end))
+            _sample(motion, end, motion.y, voltage(end, motion.y))
+        t = t1 if event is None else event[1]
+        if event is not None:
+            u = voltage(t, motion.y)
+            if event[0] == CONTACT:
+                return _lose_contact(motion, t, voltage)
+            if event[0] == LIFT_OFF:
+                _lift_off(params, motion, t, u)
+            elif not _touch_down(params, motion, t, 1 if event[0] == FORWARD else -1, u):
+                return FAILURES[hybrid.THESIS_BACKWARD]
+    return None
+
+
+def _first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[int, float] | None:
+    """The first guard to turn positive within a step, and when; None if none does."""
+    times = np.linspace(t0, t1, SAMPLES + 1)
+    values = np.array([guards(time, dense(time)) for time in times])
+    found: tuple[int, float] | None = None
+    for kind in range(values.shape[1]):
+        passed = np.flatnonzero(values[1:, kind] > 1e-13)
+        if len(passed) == 0:
+            continue
+        low, high = times[passed[0]], times[passed[0] + 1]
+
+        def guard(time: float, kind: int = kind) -> float:
+            return guards(time, dense(time))[kind]
+
+        # Just after an impact the state is on the guard it left: look for a time when it was off.
+        while guard(low) >= 0 and high - low > 1e-15:
+            low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
+        root = low if guard(low) >= 0 else float(brentq(guard, low, high, xtol=1e-15))
+        if found is None or root < found[1]:
+            found = (kind, root)
+    return found
+
+
+def _sample(motion: _Motion, t: float, y: NDArray[np.float64], u: float) -> None:
+    motion.samples.append((t, y[:4].copy(), motion.mode, motion.foot, u))
+
+
+def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
+    x = motion.y[:4].copy()
+    motion.events.append(Event("contact_lost", t, 0, x, x, MODE_NAMES[motion.mode]))
+    _sample(motion, t, motion.y, voltage(t, motion.y))
+    return FAILURES[hybrid.CONTACT_LOST]
+
+
+def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
+    p, before = params.constants, motion.y[:4].copy()
+    leading, _ = hybrid.lift_off_guards(before[1], before[3], u, p)
+    phi, shift = hybrid.after_lift_off(leading, p)
+    motion.y[0], motion.y[2] = phi, 0.0
+    motion.mode, motion.foot = SINGLE, motion.foot + shift
+    direction = 1 if leading > 0 else -1
+    motion.events.append(
+        Event("lift_off", t, direction, before, motion.y[:4].copy(), "single_stance")
+    )
+
+
+def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, u: float) -> bool:
+    p = params.constants
+    motion.y[0] = p.b if direction > 0 else p.a
+    before = motion.y[:4].copy()
+    _sample(motion, t, motion.y, u)
+    mode, phi, dtheta, dphi, shift, legal = hybrid.after_touchdown(direction, *before[1:], u, p)
+    if not legal:
+        return False
+    after = np.array([phi, before[1], dphi, dtheta])
+    motion.y[:4], motion.mode, motion.foot = after, mode, motion.foot + shift
+    descent = params.weight * params.step_length * math.sin(params.slope) * shift
+    loss = hybrid.mechanical_energy(*before, p) - hybrid.mechanical_energy(*after, p) + descent
+    motion.collision += loss
+    impulse = np.subtract(hybrid.linear_momentum(*after, p), hybrid.linear_momentum(*before, p))
+    motion.events.append(
+        Event(
+            *("touchdown", t, direction, before, after, MODE_NAMES[mode], float(loss)),
+            impulse=(float(impulse[0]), float(impulse[1])),
+        )
+    )
+    return True
+
+
+def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Trajectory:
+    _sample(motion, motion.arcs[-1].end if motion.arcs else 0.0, motion.y, motion.samples[-1][4])
+    t, x, mode, foot, u = (np.array(column) for column in zip(*motion.samples, strict=True))
+    p = params.constants
+    accelerations = [hybrid.accelerations(m, *s, v, p) for s, m, v in zip(x, mode, u, strict=True)]
+    forces = np.array(
+        [hybrid.ground_reaction(*s, *a, p) for s, a in zip(x, accelerations, strict=True)]
+    )
+    energies = [
+        hybrid.mechanical_energy(*x[i], p)
+        - foot[i] * params.weight * params.step_length * math.sin(params.slope)
+        for i in (0, -1)
+    ]
+    hubs = [hybrid.hub_position(x[i, 0], p)[0] + foot[i] * params.step_length for i in (0, -1)]
+    integrals = motion.y[4:]
+    ledger = Ledger(
+        time=float(t[-1]),
+        distance=float(hubs[1] - hubs[0]),
+        electrical=float(integrals[0]),
+        electrical_positive=float(integrals[1]),
+        copper=float(integrals[2]),
+        friction=float(integrals[3]),
+        drag=float(integrals[4]),
+        collision=float(motion.collision),
+        shaft=float(integrals[5]),
+        mechanical_change=float(energies[1] - energies[0]),
+        idle=params.idle_power * float(t[-1]),
+    )
+    demand = np.where(
+        forces[:, 1] > 0, np.abs(forces[:, 0]) / np.maximum(forces[:, 1], 1e-300), np.inf
+    )
+    return Trajectory(
+        params=params,
+        t=t,
+        x=x,
+        mode=mode,
+        foot=foot,
+        u=u,
+        events=tuple(motion.events),
+        arcs=tuple(motion.arcs),
+        ledger=ledger,
+        min_normal_force=float(forces[:, 1].min()),
+        friction_demand=float(demand.max()),
+        clearance=float(min(hybrid.pendulum_clearance(s[0], s[1], p) for s in x)),
+        failure=failure,
+    )
