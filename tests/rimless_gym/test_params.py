@@ -1,0 +1,169 @@
+"""What a machine may be, and what it says when it may not."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rimless_gym import params as parameters
+from rimless_gym.params import (
+    PRESETS,
+    PROTOTYPE,
+    THESIS_NOMINAL,
+    THESIS_PHYSICAL,
+    WheelParams,
+    preset,
+    shorthand,
+)
+
+POSITIVE = ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit")
+NOT_NEGATIVE = (
+    *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "pendulum_length"),
+    *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
+)
+NUMBERS = [f.name for f in dataclasses.fields(WheelParams) if f.name[:5] not in ("motor", "impac")]
+
+
+def test_presets_are_those_of_the_thesis():
+    assert (THESIS_NOMINAL.leg_length, THESIS_NOMINAL.pendulum_length) == (1.0, 0.5)
+    assert (THESIS_PHYSICAL.wheel_mass, THESIS_PHYSICAL.wheel_inertia) == (1.4, 0.092)
+    assert THESIS_PHYSICAL.pendulum_inertia == pytest.approx(2.22 * 0.34**2 / 3, rel=1e-15)
+    assert PROTOTYPE.pendulum_mass == pytest.approx(THESIS_PHYSICAL.pendulum_mass / 4)
+    assert PROTOTYPE.pendulum_length == pytest.approx(THESIS_PHYSICAL.pendulum_length / 4)
+    assert WheelParams() == THESIS_PHYSICAL
+    for machine in PRESETS.values():
+        assert (machine.n_legs, machine.voltage_limit, machine.friction) == (5, 20.0, 1.0)
+        assert (machine.motor_mount, machine.impact_law) == ("wheel", "plastic")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_found_by_its_name(name):
+    assert preset(name) is PRESETS[name] is getattr(parameters, name)
+
+
+def test_an_unknown_preset_names_those_there_are():
+    with pytest.raises(ValueError, match=r"'CONCRETE'.*THESIS_NOMINAL.*PROTOTYPE"):
+        preset("CONCRETE")
+
+
+@pytest.mark.parametrize("name", POSITIVE)
+@pytest.mark.parametrize("value", [0, -0.5])
+def test_what_must_be_positive_says_so(name, value):
+    with pytest.raises(ValueError, match=rf"{name} = {float(value)}: must be greater than 0"):
+        THESIS_PHYSICAL.replace(**{name: value})
+
+
+@pytest.mark.parametrize("name", NOT_NEGATIVE)
+def test_what_must_not_be_negative_says_so(name):
+    with pytest.raises(ValueError, match=rf"{name} = -0.5: must be at least 0"):
+        THESIS_PHYSICAL.replace(**{name: -0.5})
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_must_be_finite(name, value):
+    with pytest.raises(ValueError, match=rf"{name} = {value}: must be finite"):
+        THESIS_PHYSICAL.replace(**{name: value})
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", ["1", None, True, 1j, np.ones(2)])
+def test_other_things_than_numbers_are_refused(name, value):
+    with pytest.raises(TypeError, match=rf"{name} = .*: must be a real number"):
+        THESIS_PHYSICAL.replace(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n_legs": 2}, r"n_legs = 2: must be an integer of at least 3"),
+        pytest.param(
+            {"n_legs": 5.5},
+            r"n_legs = 5.5: must be an integer of at least 3",
+            marks=pytest.mark.xfail(reason="truncated to 5 before it is looked at"),
+        ),
+        ({"slope": math.pi / 2}, r"slope = 1\.57.*: must lie strictly between -pi/2 and pi/2"),
+        ({"motor_mount": "leg"}, r"motor_mount = 'leg': choose from .*wheel.*frame"),
+        ({"impact_law": "rubber"}, r"impact_law = 'rubber': choose from .*plastic.*relabel"),
+        ({"wheel_mass": 0, "pendulum_mass": 0}, r"wheel_mass \+ pendulum_mass = 0: one of them"),
+        ({"pendulum_inertia": 0, "pendulum_length": 0}, r"singular.*pendulum_inertia > 0"),
+        ({"pendulum_mass": 0, "pendulum_inertia": 0}, r"singular.*pendulum_inertia > 0"),
+        (
+            {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_inertia": 0},
+            r"singular.*wheel_mass or wheel_inertia > 0",
+        ),
+        ({"leg_lenght": 1}, r"'leg_lenght' is not a field of WheelParams: choose from.*leg_length"),
+    ],
+)
+def test_errors_name_the_value_the_limit_and_the_remedy(change, message):
+    with pytest.raises(ValueError, match=message):
+        THESIS_PHYSICAL.replace(**change)
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        {"pendulum_length": 0},
+        {"wheel_inertia": 0},
+        {"motor_constant": 0},
+        {"pendulum_inertia": 0},
+        {"wheel_mass": 0},
+        {"n_legs": 3},
+        {"friction": 0},
+    ],
+)
+def test_limits_that_the_textbook_needs_are_admitted(limit):
+    assert THESIS_PHYSICAL.replace(**limit) != THESIS_PHYSICAL
+
+
+def test_replace_leaves_the_original_alone():
+    steep = THESIS_PHYSICAL.replace(slope=0.1)
+    assert (steep.slope, THESIS_PHYSICAL.slope) == (0.1, 0.0)
+    assert steep.replace(slope=0.0) == THESIS_PHYSICAL
+
+
+def test_machines_are_frozen_values_that_hash_by_what_they_are():
+    copy = WheelParams(**THESIS_PHYSICAL.to_dict())
+    assert (copy, hash(copy)) == (THESIS_PHYSICAL, hash(THESIS_PHYSICAL))
+    assert len({copy, THESIS_PHYSICAL, PROTOTYPE}) == 2
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        copy.slope = 0.3
+
+
+def test_machines_survive_a_round_trip_through_json():
+    for machine in PRESETS.values():
+        assert WheelParams(**json.loads(json.dumps(machine.to_dict()))) == machine
+
+
+def test_numpy_numbers_become_plain_ones():
+    machine = WheelParams(wheel_mass=np.float32(2), n_legs=np.int64(6), slope=0)
+    assert [type(v) for v in (machine.wheel_mass, machine.n_legs, machine.slope)] == [
+        *(float, int, float)
+    ]
+
+
+def test_constants_array_holds_the_constants_and_cannot_be_written():
+    array = THESIS_PHYSICAL.constants_array
+    assert array.tolist() == list(THESIS_PHYSICAL.constants)
+    with pytest.raises(ValueError, match="read-only"):
+        array[0] = 1.0
+
+
+@given(st.integers(3, 40), st.floats(0.05, 3.0))
+def test_geometry_of_a_step(n_legs, leg_length):
+    machine = THESIS_PHYSICAL.replace(n_legs=n_legs, leg_length=leg_length)
+    p = shorthand(machine)
+    assert p.b - p.a == pytest.approx(machine.leg_angle, rel=1e-12)
+    assert p.a + p.b == pytest.approx(math.pi, rel=1e-15)
+    between_feet = leg_length * (math.cos(p.a) - math.cos(p.b))
+    assert machine.step_length == pytest.approx(between_feet, rel=1e-12)
+    assert machine.weight == pytest.approx(3.62 * 9.81, rel=1e-12)
+
+
+def test_motor_pole_of_the_machine_as_built_is_stiff():
+    assert 280 < PROTOTYPE.motor_pole < 300
+    assert THESIS_PHYSICAL.replace(motor_constant=0).motor_pole == 0

@@ -1,0 +1,234 @@
+"""The CasADi model: what must hold along the flow and across touchdowns, for any machine."""
+
+import cmath
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rimless_gym import hybrid
+from rimless_gym.equations import equations
+from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
+from rimless_gym.symbolic import HybridModel
+
+number = equations(math.sin, math.cos)
+
+
+def between(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False, allow_subnormal=False)
+
+
+machines = st.builds(
+    WheelParams,
+    wheel_mass=between(0.1, 3),
+    wheel_inertia=between(0.0, 2),
+    leg_length=between(0.2, 1.5),
+    n_legs=st.integers(3, 12),
+    pendulum_mass=between(0.1, 3),
+    pendulum_inertia=between(0.01, 2),
+    pendulum_length=between(0.0, 1),
+    gear_ratio=between(1, 600),
+    rotor_inertia=between(0.0, 1e-5),
+    hub_damping=between(0.0, 2),
+    drag=between(0.0, 2),
+    slope=between(-0.4, 0.4),
+    motor_mount=st.sampled_from(["wheel", "frame"]),
+)
+rates = between(-12, 12)
+angles = between(-7, 7)
+volts = between(-20, 20)
+
+
+def random_states(params: WheelParams, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    p = params.constants
+    x = rng.uniform([p.a, -7, -6, -12], [p.b, 7, 6, 12], (count, 4)).T
+    return x, rng.uniform(-20, 20, (1, count))
+
+
+MACHINES = [
+    THESIS_PHYSICAL,
+    THESIS_NOMINAL.replace(motor_mount="frame", slope=0.1),
+    PROTOTYPE.replace(drag=0.7, hub_damping=0.3, rotor_inertia=3e-7, slope=-0.2),
+    PROTOTYPE.replace(drag=0.7, hub_damping=0.3, rotor_inertia=3e-7, motor_mount="frame"),
+]
+
+
+@pytest.fixture(params=MACHINES, ids=["physical", "nominal-frame", "lossy", "lossy-frame"])
+def params(request):
+    return request.param
+
+
+@pytest.mark.parametrize("mode", ["single_stance", "double_stance"])
+def test_mechanical_energy_grows_by_what_the_motor_draws_less_what_is_lost(params, mode):
+    model = HybridModel(params)
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    grows = ca.jtimes(model.mechanical_energy(x), x, model.flow(x, u, mode))
+    lost = ca.sum1(model.functions["losses"](x, u))
+    drawn = model.electrical_power(x, u)
+    balance = ca.Function("f", [x, u], [grows - (drawn - lost), drawn])
+    states, voltages = random_states(params, 5000)
+    if mode == "double_stance":
+        states[0], states[2] = params.constants.a, 0.0
+    residual, power = (np.asarray(value) for value in balance(states, voltages))
+    assert np.max(np.abs(residual) / (1 + np.abs(power))) < 1e-10
+
+
+def test_ground_reaction_is_what_changes_the_momentum_besides_gravity_and_drag(params):
+    model, p = HybridModel(params), params.constants
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    change = ca.jtimes(model.functions["linear_momentum"](x), x, model.flow(x, u))
+    weight = params.weight * ca.vertcat(math.sin(p.gamma), -math.cos(p.gamma))
+    velocity = ca.jtimes(model.functions["hub_position"](x), x, model.flow(x, u))
+    drag = -p.drag * ca.norm_2(velocity) * velocity
+    residual = ca.Function("f", [x, u], [change - weight - drag - model.ground_reaction(x, u)])
+    assert np.max(np.abs(np.asarray(residual(*random_states(params, 5000))))) < 1e-8
+
+
+def test_hub_and_clearance_follow_from_the_legs_and_the_rod(params):
+    model = HybridModel(params)
+    x, _ = random_states(params, 100)
+    hub = np.asarray(model.functions["hub_position"](x))
+    assert np.hypot(*hub) == pytest.approx(np.full(100, params.leg_length))
+    clearance = np.asarray(model.functions["pendulum_clearance"](x))[0]
+    assert clearance == pytest.approx(hub[1] - 2 * params.pendulum_length * np.cos(x[1]))
+
+
+def test_mirror_image_of_a_motion_is_a_motion(params):
+    mirrored = params.replace(slope=-params.slope)
+    x, u = random_states(params, 2000)
+    image = np.array([[math.pi], [0], [0], [0]]) - x
+    ours, theirs = HybridModel(params), HybridModel(mirrored)
+    np.testing.assert_allclose(theirs.flow(image, -u), -ours.flow(x, u), rtol=1e-9, atol=1e-8)
+    force, image_force = np.asarray(ours.ground_reaction(x, u)), theirs.ground_reaction(image, -u)
+    np.testing.assert_allclose(image_force, [[-1], [1]] * force, rtol=1e-9, atol=1e-8)
+    p = params.constants
+    for theta, dphi, dtheta in x[1:, :50].T:
+        forward = number.impact(p.a, p.b, theta, dphi, dtheta, p)
+        backward = number.impact(p.b, p.a, -theta, -dphi, -dtheta, mirrored.constants)
+        assert backward == pytest.approx([-rate for rate in forward], rel=1e-12, abs=1e-12)
+
+
+@settings(max_examples=300)
+@given(machines, angles, rates, rates, st.sampled_from([1, -1]))
+def test_plastic_touchdown_never_creates_energy(params, theta, dphi, dtheta, direction):
+    p = params.constants
+    old, new = (p.b, p.a) if direction > 0 else (p.a, p.b)
+    before = number.kinetic_energy(old, theta, dphi, dtheta, p)
+    after = number.kinetic_energy(new, theta, *number.impact(new, old, theta, dphi, dtheta, p), p)
+    rest = number.stop_on_two_feet(old, theta, dphi, dtheta, p)
+    standing = number.kinetic_energy(new, theta, 0.0, rest, p)
+    rounding = 1e-12 * before + 1e-300
+    assert standing - rounding <= after <= before + rounding
+
+
+@settings(max_examples=300)
+@given(machines, angles, rates, rates)
+def test_relabelled_touchdown_changes_the_energy_by_its_formula(params, theta, dphi, dtheta):
+    p = params.replace(impact_law="relabel").constants
+    assert number.impact(p.a, p.b, theta, dphi, dtheta, p) == (dphi, dtheta)
+    before = number.kinetic_energy(p.b, theta, dphi, dtheta, p)
+    after = number.kinetic_energy(p.a, theta, dphi, dtheta, p)
+    step = p.Je3 * (math.sin(p.a + theta) - math.sin(p.b + theta)) * dphi * dtheta
+    assert after - before == pytest.approx(step, rel=1e-9, abs=1e-9 * (1 + before))
+
+
+def test_printed_touchdown_creates_energy_in_about_half_of_the_states():
+    p = THESIS_PHYSICAL.replace(impact_law="thesis").constants
+    states, _ = random_states(THESIS_PHYSICAL, 4000)
+    gains = [
+        number.kinetic_energy(p.a, theta, *number.impact(p.a, p.b, theta, dphi, dtheta, p), p)
+        > number.kinetic_energy(p.b, theta, dphi, dtheta, p)
+        for _, theta, dphi, dtheta in states.T
+        if dphi > 0
+    ]
+    assert 0.3 < np.mean(gains) < 0.7
+
+
+@settings(max_examples=300)
+@given(machines, angles, rates, volts)
+def test_feet_press_as_the_balance_of_moments_about_the_other_foot_says(params, theta, dtheta, u):
+    params = params.replace(rotor_inertia=0.0)
+    p = params.constants
+    gravity = p.g * cmath.exp(1j * (p.gamma - math.pi / 2))
+    hub = complex(*number.hub_position(p.a, p))  # from the leading foot
+    rod = -1j * p.L2 * cmath.exp(1j * theta)
+    spin = number.double_stance(theta, dtheta, u, p)
+    acceleration = (1j * spin - dtheta**2) * rod
+
+    def moment(arm: complex, force: complex) -> float:
+        return (arm.conjugate() * force).imag
+
+    weights = moment(hub, p.m1 * gravity) + moment(hub + rod, p.m2 * gravity)
+    changes = moment(hub + rod, p.m2 * acceleration) + params.pendulum_inertia * spin
+    outside = number.motor_torque(dtheta, u, p) - p.damping * dtheta  # the frame's, on the machine
+    outside *= params.motor_mount == "frame"
+    trailing_force = (weights + outside - changes) / params.step_length
+    total = number.ground_reaction(p.a, theta, 0.0, dtheta, 0.0, spin, p)[1]
+    leading, trailing = number.lift_off_guards(theta, dtheta, u, p)
+    if abs(trailing_force) > 1e-9 * params.weight:
+        assert (trailing_force > 0) == (leading < 0)
+    if abs(total - trailing_force) > 1e-9 * params.weight:
+        assert (total - trailing_force > 0) == (trailing > 0)
+
+
+def test_motor_pole_is_the_fastest_decay_of_the_relative_rate(params):
+    params = params.replace(drag=0.0)
+    model = HybridModel(params)
+    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+    damping = ca.jacobian(model.flow(x, u)[2:], x[2:])
+    function = ca.Function("f", [x, u], [-ca.trace(damping)])
+    poses = np.zeros((4, 721))
+    poses[0], poses[1] = math.pi / 2, np.linspace(-math.pi, math.pi, 721)
+    assert params.motor_pole == pytest.approx(np.asarray(function(poses, 0)).max(), rel=1e-3)
+
+
+def test_compiled_and_traced_functions_agree_to_rounding(params):
+    model, p = HybridModel(params), params.constants
+    x, u = random_states(params, 300)
+    traced = {
+        "flow": np.asarray(model.flow(x, u))[2:],
+        "standing": np.asarray(model.flow(x, u, "double_stance"))[3:],
+        "reaction": np.asarray(model.ground_reaction(x, u)),
+        "energy": np.asarray(model.mechanical_energy(x)),
+        "losses": np.asarray(model.functions["losses"](x, u)),
+        "touchdown": np.asarray(model.touchdown(x))[2:],
+    }
+    compiled: dict[str, list] = {name: [] for name in traced}
+    for state, volt in zip(x.T, u[0], strict=True):
+        phi, theta, dphi, dtheta = (float(value) for value in state)
+        accelerations = hybrid.single_stance(*state, volt, p)
+        rate = hybrid.relative_rate(dphi, dtheta, p)
+        compiled["flow"].append(accelerations)
+        compiled["standing"].append((hybrid.double_stance(theta, dtheta, volt, p),))
+        compiled["reaction"].append(hybrid.ground_reaction(*state, *accelerations, p))
+        compiled["energy"].append((hybrid.mechanical_energy(*state, p),))
+        compiled["losses"].append(hybrid.losses(dphi, rate, volt, p))
+        compiled["touchdown"].append(hybrid.impact(phi - p.alpha, phi, theta, dphi, dtheta, p))
+    for name, values in compiled.items():
+        scale = 1 + np.abs(traced[name]).max()
+        np.testing.assert_allclose(np.array(values).T / scale, traced[name] / scale, atol=1e-13)
+
+
+def test_touchdown_relabels_the_leg_and_keeps_the_pendulums_angle(params):
+    p = params.constants
+    after = np.asarray(HybridModel(params).touchdown([p.b, 0.4, 1.2, -0.3])).ravel()
+    assert after[:2] == pytest.approx((p.a, 0.4), rel=1e-15)
+
+
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
+def test_every_function_takes_numbers_and_symbols(preset):
+    model = HybridModel(preset)
+    for name, function in model.functions.items():
+        inputs = [[1.5, 0.2, 0.3, 0.4], 5.0][: function.n_in()]
+        assert np.all(np.isfinite(np.asarray(function(*inputs)))), name
+        assert isinstance(function(*(ca.MX(ca.DM(value)) for value in inputs)), ca.MX)
+        assert isinstance(function(*(ca.SX(ca.DM(value)) for value in inputs)), ca.SX)
+
+
+def test_unknown_mode_names_the_choices():
+    with pytest.raises(ValueError, match=r"'flying'.*single_stance.*double_stance"):
+        HybridModel(THESIS_PHYSICAL).flow([1.5, 0, 0, 0], 0.0, "flying")
