@@ -1,0 +1,206 @@
+"""Periodic gaits of least cost of transport."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rimless_gym.params import WheelParams
+from trajopt.guesses import nearest
+from trajopt.interpolant import PhaseTrajectory
+from trajopt.mesh import solve_refined
+from trajopt.problem import Problem
+from trajopt.provenance import provenance
+from trajopt.radau import Mesh, Result
+from trajopt.search import Candidate, distinct, multi_start
+from trajopt.solution import Optimum, Solution
+from trajopt.verify import polished, verify
+from trajopt.walking import gait_problem
+
+#: A first mesh for gaits that come without one of their own.
+ELEMENTS, DEGREE = 16, 7
+
+#: Random starts where no shipped gait is near, and how many of their optima are refined.
+DEFAULT_STARTS, REFINED = 24, 3
+
+#: Steps of continuation in speed (m/s).
+SPEED_STEP = 0.025
+
+
+class NoGaitError(ValueError):
+    """No gait was found; the message says what binds and what to try."""
+
+
+def periodic_gait(
+    params: WheelParams,
+    speed: float = 0.5,
+    steps: int = 2,
+    regeneration: bool = False,
+    *,
+    starts: int | None = None,
+    seed: int = 0,
+    guess: Solution | None = None,
+    workers: int = 1,
+    progress: bool = False,
+) -> Solution:
+    """The periodic gait of least cost of transport that could be found, verified.
+
+    Many local optima exist. The search starts from `guess` or the nearest gait shipped with the
+    package, led to the wanted speed in small steps, and from `starts` random guesses; the best
+    of them is solved on a refined mesh and re-simulated.
+
+    Args:
+        params: the machine.
+        speed: mean speed (m/s), > 0, imposed exactly.
+        steps: touchdowns per stride, >= 1.
+        regeneration: whether the battery takes energy back (objective E), or not (E+).
+        starts: random starts; by default none where a guess of the same machine exists, else
+            `DEFAULT_STARTS`.
+        seed: of the random starts.
+        guess: a gait of as many steps to start from, instead of the shipped ones.
+        workers: processes for the random starts.
+        progress: whether to show a progress bar.
+
+    Returns:
+        The gait; see its `verification`, which may have failed.
+
+    Raises:
+        NoGaitError: none was found at this speed, or the arguments admit none.
+    """
+    _validate(speed, steps, guess)
+    leads = [guess] if guess is not None else nearest(params, speed, steps, regeneration)[:1]
+    if starts is None:
+        known = any(lead.params == params for lead in leads)
+        starts = 0 if guess is not None or known else DEFAULT_STARTS
+    solved: list[tuple[Result, int]] = []
+    failures: list[str] = []
+    for lead in leads:
+        result, reached = continued(params, lead, speed, regeneration)
+        if result.success:
+            solved.append((result, lead.theta_turns))
+        else:
+            failures.append(_obstacle(result, reached))
+    found, failed = [], []
+    if starts > 0:
+        found, failed = multi_start(
+            params,
+            speed=speed,
+            steps=steps,
+            regeneration=regeneration,
+            starts=starts,
+            seed=seed,
+            workers=workers,
+            progress=progress,
+        )
+    best_led = min((result.cost for result, _ in solved), default=math.inf)
+    for candidate in found[:REFINED]:
+        if candidate.cost < 1.05 * best_led:
+            result = _refined(params, candidate, speed, regeneration)
+            if result.success:
+                solved.append((result, candidate.theta_turns))
+    if not solved:
+        failures += [_obstacle(result, None) for result in failed]
+        raise NoGaitError(_no_gait(params, speed, steps, failures))
+    settings = {"speed": speed, "starts": starts, "seed": seed}
+    weight = params.weight * steps * params.step_length
+    met = distinct([Candidate(r.phases, k, r.cost) for r, k in solved] + found)
+    optima = tuple(Optimum(c.cost / weight, c.theta_turns, c.found) for c in met)
+    solutions = []
+    for result, turns in sorted(solved, key=lambda pair: pair[0].cost):
+        solution = _solution(params, result.phases, turns, regeneration, optima, settings)
+        if solution.verification.passed:
+            return solution
+        solutions.append(solution)
+    return solutions[0]
+
+
+def continued(
+    params: WheelParams, lead: Solution, speed: float, regeneration: bool
+) -> tuple[Result, float]:
+    """`lead` carried over to another speed in small steps, and the speed that was reached."""
+    distance = abs(speed - lead.speed)
+    legs = max(1, math.ceil(distance / SPEED_STEP - 1e-9))
+    phases: Sequence[PhaseTrajectory] = lead.phases
+    reached = lead.speed
+    for i in range(1, legs + 1):
+        waypoint = speed if i == legs else lead.speed + (speed - lead.speed) * i / legs
+        problem = gait_problem(
+            params,
+            speed=waypoint,
+            steps=lead.steps,
+            theta_turns=lead.theta_turns,
+            regeneration=regeneration,
+        )
+        near = abs(waypoint - reached) < 1e-3 and lead.params == params
+        mesh = own_mesh(phases)
+        if i < legs:
+            result = solve_refined(problem, phases, mesh, passes=0, mu_init=1e-3)
+        else:
+            result = solve_refined(problem, phases, mesh, mu_init=1e-5 if near else 1e-3)
+        if not result.success:
+            break
+        phases, reached = result.phases, waypoint
+    return result, reached
+
+
+def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
+    """The mesh on which `phases` are given."""
+    fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in phases)
+    degrees = len(phases[0].nodes) - 1, len(phases[0].control_nodes) - 1
+    return Mesh(fractions, *degrees)
+
+
+def _refined(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Result:
+    problem = _problem(params, candidate, speed, regen)
+    mesh = Mesh.uniform(len(candidate.phases), ELEMENTS, DEGREE)
+    return solve_refined(problem, candidate.phases, mesh)
+
+
+def _problem(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Problem:
+    steps, turns = len(candidate.phases), candidate.theta_turns
+    return gait_problem(params, speed=speed, steps=steps, theta_turns=turns, regeneration=regen)
+
+
+def _solution(
+    params: WheelParams,
+    phases: Sequence[PhaseTrajectory],
+    turns: int,
+    regeneration: bool,
+    optima: tuple[Optimum, ...],
+    settings: dict[str, object],
+) -> Solution:
+    phases = polished(params, phases, turns)
+    return Solution(
+        params=params,
+        phases=phases,
+        theta_turns=turns,
+        regeneration=regeneration,
+        verification=verify(params, phases, turns),
+        optima=optima,
+        provenance=provenance(**settings),
+    )
+
+
+def _validate(speed: float, steps: int, guess: Solution | None) -> None:
+    if not (isinstance(speed, (int, float)) and math.isfinite(speed) and speed > 0):
+        raise NoGaitError(f"speed = {speed}: must be finite and greater than 0 m/s")
+    if isinstance(steps, bool) or steps != int(steps) or steps < 1:
+        raise NoGaitError(f"steps = {steps}: a stride has at least 1 step")
+    if guess is not None and guess.steps != steps:
+        raise NoGaitError(
+            f"steps = {steps}: the guess has {guess.steps} steps per stride; give one of as many"
+        )
+
+
+def _obstacle(result: Result, reached: float | None) -> str:
+    led = f"; {reached:.3f} m/s was reached" if reached is not None else ""
+    return f"{result.status}, '{result.worst}' violated by {result.violation:.1e}{led}"
+
+
+def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[str]) -> str:
+    tried = "\n  ".join(dict.fromkeys(failures)) or "no start was given"
+    return (
+        f"no gait of {steps} step(s) per stride was found at {speed} m/s with "
+        f"voltage_limit = {params.voltage_limit} V and friction = {params.friction}:\n  {tried}\n"
+        "try another speed or number of steps, more starts, or a higher voltage limit or friction"
+    )

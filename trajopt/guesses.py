@@ -1,0 +1,33 @@
+"""Gaits that were found once and now start every search near them."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+from pathlib import Path
+
+from rimless_gym.params import WheelParams
+from trajopt.solution import Solution
+
+FOLDER = Path(__file__).parent / "guesses"
+
+
+@lru_cache
+def shipped() -> tuple[Solution, ...]:
+    """The gaits in the package, in order of file name."""
+    return tuple(Solution.load(path) for path in sorted(FOLDER.glob("*.npz")))
+
+
+def nearest(
+    params: WheelParams, speed: float, steps: int, regeneration: bool = False
+) -> list[Solution]:
+    """Shipped gaits of as many steps and legs, nearest in machine, then in speed, first."""
+
+    def distance(solution: Solution) -> tuple[float, float, bool, float]:
+        mine, theirs = (dataclasses.asdict(p) for p in (params, solution.params))
+        differing = sum(mine[name] != theirs[name] for name in mine)
+        other_objective = solution.regeneration != regeneration
+        return differing, round(abs(solution.speed - speed), 6), other_objective, solution.cot
+
+    fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
+    return sorted(fitting, key=distance)

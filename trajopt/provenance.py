@@ -1,0 +1,34 @@
+"""What made a result: versions and git revision."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import subprocess
+from pathlib import Path
+from typing import Any
+
+
+def provenance(**settings: Any) -> dict[str, Any]:
+    """Versions of what computes, the git revision where there is one, and `settings`."""
+    return {"versions": _versions(), "git_revision": _git_revision(), **settings}
+
+
+def _versions() -> dict[str, str]:
+    versions = {}
+    for name in ("rimless-gym", "casadi", "numba", "numpy", "scipy"):
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+def _git_revision() -> str | None:
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        run = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return run.stdout.strip() or None

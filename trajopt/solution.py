@@ -1,0 +1,284 @@
+"""A solved gait: interpolation, figures of merit, report, saving and loading."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import zipfile
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rimless_gym.params import WheelParams
+from trajopt.interpolant import PhaseTrajectory
+from trajopt.problem import Array
+from trajopt.provenance import provenance
+from trajopt.stability import floquet_multipliers
+from trajopt.verify import Verification
+
+FORMAT = "rimless-gym gait 1"
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum:
+    """A local optimum met in a search: its CoT there, turns of theta, and how often it came up."""
+
+    cot: float
+    theta_turns: int
+    found: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A periodic gait with its verification.
+
+    All energies, and thus every CoT, are integrals over the re-simulated stride.
+
+    Attributes:
+        params: the machine.
+        phases: one single-stance phase per step.
+        theta_turns: whole turns k that theta gains in a stride.
+        regeneration: whether the objective was E (the battery takes energy back) and not E+.
+        verification: what independent re-simulation says.
+        optima: distinct local optima met in the search, best first.
+        provenance: versions, git revision and settings that made it.
+    """
+
+    params: WheelParams
+    phases: tuple[PhaseTrajectory, ...]
+    theta_turns: int
+    regeneration: bool
+    verification: Verification
+    optima: tuple[Optimum, ...] = ()
+    provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+
+    # -- trajectory ---------------------------------------------------------------------------
+
+    @property
+    def steps(self) -> int:
+        """Touchdowns per stride."""
+        return len(self.phases)
+
+    @cached_property
+    def phase_times(self) -> Array:
+        """Times of the stride's start and of its touchdowns (s), shape (steps + 1,)."""
+        return np.cumsum([0.0, *(phase.duration for phase in self.phases)])
+
+    @property
+    def duration(self) -> float:
+        """Time of a stride (s)."""
+        return float(self.phase_times[-1])
+
+    def state(self, t: ArrayLike, side: str = "right") -> Array:
+        """State (phi, theta, phi', theta') at time t, relabelled at touchdowns.
+
+        Periodic beyond the stride, theta then shifted by 2 pi `theta_turns` per stride.
+
+        Args:
+            t: times (s), a scalar or of shape (N,).
+            side: "right": after a touchdown at its time; "left": before it.
+
+        Returns:
+            Shape (4,) for a scalar, else (N, 4).
+
+        Raises:
+            ValueError: `side` is neither, or a time is not finite.
+        """
+        stride, phase, local = self._locate(t, side)
+        states = np.empty((len(local), 4))
+        for i, trajectory in enumerate(self.phases):
+            here = phase == i
+            states[here] = trajectory.state(local[here])
+        states[:, 1] += 2 * math.pi * self.theta_turns * stride
+        return states if np.ndim(t) else states[0]
+
+    def control(self, t: ArrayLike, side: str = "right") -> Any:
+        """Voltage (V) at time t (s): a float for a scalar, else shape (N,).
+
+        The transcription's own polynomials; it may jump between elements.
+        """
+        _, phase, local = self._locate(t, side)
+        volts = np.empty(len(local))
+        for i, trajectory in enumerate(self.phases):
+            here = phase == i
+            volts[here] = trajectory.control(local[here], side)[:, 0]
+        return volts if np.ndim(t) else float(volts[0])
+
+    @cached_property
+    def breakpoints(self) -> Array:
+        """Times within a stride at which the control may jump (s), its end included."""
+        starts = zip(self.phase_times, self.phases, strict=False)
+        return np.append(np.concatenate([t + p.edges[:-1] for t, p in starts])[1:], self.duration)
+
+    def _locate(self, t: ArrayLike, side: str) -> tuple[Array, Any, Array]:
+        if side not in ("left", "right"):
+            raise ValueError(f"side = {side!r}: choose 'left' or 'right'")
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        if not np.all(np.isfinite(times)):
+            raise ValueError("t: every time must be finite")
+        T, marks = self.duration, self.phase_times
+        stride = np.floor(times / T) if side == "right" else np.ceil(times / T) - 1
+        within = np.clip(times - stride * T, 0.0, T)
+        phase = np.searchsorted(marks, within, side=side) - 1  # type: ignore[call-overload]
+        # Rounding may put a multiple of the stride on either side of it.
+        phase = np.clip(phase, 0, self.steps - 1)
+        return stride, phase, within - marks[phase]
+
+    # -- figures ------------------------------------------------------------------------------
+
+    @property
+    def speed(self) -> float:
+        """Mean speed along the ground (m/s)."""
+        return self.verification.distance / self.duration
+
+    @property
+    def cost(self) -> float:
+        """The objective: energy of a stride (J), E with regeneration, else E+."""
+        v = self.verification
+        return v.electrical if self.regeneration else v.electrical_positive
+
+    @property
+    def cot(self) -> float:
+        """Cost of transport by E+: the battery cannot be recharged."""
+        return self.verification.electrical_positive / self._weight_times_distance
+
+    @property
+    def cot_with_regeneration(self) -> float:
+        """Cost of transport by E: the battery can be recharged."""
+        return self.verification.electrical / self._weight_times_distance
+
+    @property
+    def _weight_times_distance(self) -> float:
+        return self.params.weight * self.verification.distance
+
+    @cached_property
+    def floquet(self) -> Array:
+        """Multipliers of a stride in open loop, largest first, complex, shape (4,).
+
+        Open loop is the voltage played back in time; by the variational equation with saltation
+        at touchdowns (`trajopt.stability`).
+        """
+        return floquet_multipliers(self.params, self.phases)
+
+    # -- output -------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """Figures and provenance as plain JSON values (infinities and NaN as null)."""
+        figures = {
+            "params": self.params.to_dict(),
+            "speed": self.speed,
+            "steps": self.steps,
+            "theta_turns": self.theta_turns,
+            "regeneration": self.regeneration,
+            "cost": self.cost,
+            "cot": self.cot,
+            "cot_with_regeneration": self.cot_with_regeneration,
+            "phase_times": self.phase_times.tolist(),
+            "floquet": [abs(m) for m in self.floquet],
+            "passed": self.verification.passed,
+            "verification": self.verification.to_dict(),
+            "optima": [dataclasses.asdict(o) for o in self.optima],
+            "provenance": self.provenance,
+        }
+        return _jsonable(figures)
+
+    def report(self) -> str:
+        """Everything worth knowing about the gait, as text; failures in capitals."""
+        v = self.verification
+        verdict = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
+        hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
+        demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
+        lines = [
+            f"Periodic gait, {self.steps} step(s) per stride at {self.speed:.4f} m/s",
+            f"  verification            {verdict}",
+            f"  cost of transport       {self.cot:.6f} (with regeneration "
+            f"{self.cot_with_regeneration:.6f})",
+            f"  energy of a stride      {self.cost:.6f} J"
+            f" ({'E, with' if self.regeneration else 'E+, no'} regeneration)",
+            f"  times of touchdown      {', '.join(f'{t:.6f}' for t in self.phase_times[1:])} s",
+            f"  turns of theta          {self.theta_turns} per stride",
+            f"  peak voltage            {v.peak_voltage:.3f} of {self.params.voltage_limit:g} V",
+            f"  least normal force      {v.min_normal_force:.3f} N, "
+            f"{v.min_normal_force_over_weight:.4f} of the weight",
+            f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
+            f"(ground offers {self.params.friction:g})",
+            f"  pendulum's clearance    {v.clearance:.3f} m",
+            f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
+            f"{v.phase_state_error:.1e} (a phase)",
+            f"  energy audit            off by {v.energy_audit:.1e} J",
+            f"  CoT at 100 Hz hold      {hold}",
+            f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
+        ]
+        for o in self.optima:
+            lines.append(
+                f"  optimum met             CoT {o.cot:.4f}, k = {o.theta_turns}, {o.found} time(s)"
+            )
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz of plain arrays, everything else in it as JSON text."""
+        header = {
+            "format": FORMAT,
+            "params": self.params.to_dict(),
+            "theta_turns": self.theta_turns,
+            "regeneration": self.regeneration,
+            "verification": self.verification.to_dict(),
+            "optima": [dataclasses.asdict(o) for o in self.optima],
+            "provenance": self.provenance,
+        }
+        arrays = {
+            f"phase{i}_{field.name}": getattr(phase, field.name)
+            for i, phase in enumerate(self.phases)
+            for field in dataclasses.fields(phase)
+        }
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """Read what `save` wrote.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            ValueError: it is not a gait saved by this package.
+        """
+        if not Path(path).is_file():
+            raise FileNotFoundError(f"{path}: no such file; Solution.save writes one")
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                header = json.loads(str(data["header"]))
+                if header["format"] != FORMAT:
+                    raise KeyError(header["format"])
+                names = [field.name for field in dataclasses.fields(PhaseTrajectory)]
+                count = sum(key.endswith("_edges") for key in data.files)
+                phases = [
+                    PhaseTrajectory(*(data[f"phase{i}_{name}"] for name in names))
+                    for i in range(count)
+                ]
+        except (KeyError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{path}: not a gait saved by Solution.save ({error!r})") from error
+        failures = tuple(header["verification"].pop("failures"))
+        return cls(
+            params=WheelParams(**header["params"]),
+            phases=tuple(phases),
+            theta_turns=header["theta_turns"],
+            regeneration=header["regeneration"],
+            verification=Verification(**header["verification"], failures=failures),
+            optima=tuple(Optimum(**o) for o in header["optima"]),
+            provenance=header["provenance"],
+        )
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _jsonable(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

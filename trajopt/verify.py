@@ -1,0 +1,238 @@
+"""Independent verification: a solution counts for what the reference simulator makes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from rimless_gym.simulate import CONTROL_PERIOD, simulate
+from rimless_gym.trajectory import Trajectory
+from trajopt.interpolant import PhaseTrajectory
+from trajopt.stability import monodromy
+from trajopt.walking import MIN_NORMAL_FORCE
+
+STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
+AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
+LIMIT_TOLERANCE = 1e-3  # relative, of limits between the points where they are imposed
+SPARE_TIME = (1e-8, 1e-6)  # s past the stride's end, so that its last touchdown is inside
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification:
+    """What re-simulation says about a gait.
+
+    Attributes:
+        state_error: largest deviation from the interpolated state over the whole stride, from
+            x(0), without feedback (rad, rad/s); infinite if touchdowns do not match.
+        phase_state_error: likewise, each phase simulated from its own start.
+        energy_audit: |E - (copper + friction + drag + idle + collisions - work of the slope)| (J).
+        electrical_positive: E+ of the stride, idle included (J).
+        electrical: E of the stride, idle included (J).
+        distance: of the stride (m).
+        time: of the stride (s).
+        min_normal_force: smallest Fy (N).
+        min_normal_force_over_weight: the same over (m1 + m2) g.
+        max_friction_demand: largest |Fx|/Fy in stance.
+        max_impulse_friction_demand: largest |Px|/Py of a touchdown's impulse.
+        peak_voltage: largest |V| (V).
+        clearance: smallest height of the pendulum's end (m); negative is reported, not forbidden.
+        cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
+            NaN if it falls.
+        hold_failure: why, or "".
+        failures: which checks failed, in words; empty if it passed.
+    """
+
+    state_error: float
+    phase_state_error: float
+    energy_audit: float
+    electrical_positive: float
+    electrical: float
+    distance: float
+    time: float
+    min_normal_force: float
+    min_normal_force_over_weight: float
+    max_friction_demand: float
+    max_impulse_friction_demand: float
+    peak_voltage: float
+    clearance: float
+    cot_at_100hz_hold: float
+    hold_failure: str
+    failures: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check did."""
+        return not self.failures
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON values; ``Verification(**d)`` after tupling `failures` is the inverse."""
+        return dataclasses.asdict(self) | {"failures": list(self.failures)}
+
+
+def polished(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
+) -> tuple[PhaseTrajectory, ...]:
+    """The gait with its initial rates and pendulum angle corrected by rounding-sized amounts.
+
+    A stride magnifies deviations by up to 1e6: what a solver leaves at 1e-12 would show. Newton's
+    method on the reference simulation, by the gait's own linearisation.
+    """
+    current = list(phases)
+    best, kept = stride_error(params, current, turns)[0], tuple(phases)
+    for _ in range(3):
+        if best < 0.1 * STATE_TOLERANCE:
+            break
+        run = resimulated(params, current)
+        target = np.asarray(kept[0].start) + [0.0, 2 * math.pi * turns, 0.0, 0.0]
+        gap = run.x[-1] - target
+        if run.steps != len(phases) or np.abs(gap).max() > 1e-2:
+            break
+        sensitivity = monodromy(params, current)[:, 1:]
+        shift = -np.linalg.lstsq(sensitivity, gap, rcond=1e-8)[0]
+        states = current[0].states.copy()
+        states[0, 0, 1:] += shift
+        current[0] = dataclasses.replace(current[0], states=states)
+        error = stride_error(params, current, turns)[0]
+        if error < best:
+            best, kept = error, tuple(current)
+    return kept
+
+
+def resimulated(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], spare: float = SPARE_TIME[0]
+) -> Trajectory:
+    """One stride of the reference simulator under the gait's voltage in time."""
+    breakpoints, control = playback(phases)
+    duration = sum(p.duration for p in phases) + spare
+    return simulate(params, phases[0].start, control, duration, breakpoints=breakpoints)
+
+
+def playback(
+    phases: Sequence[PhaseTrajectory],
+) -> tuple[list[float], Callable[[float, Any], float]]:
+    """The stride's voltage as a law of time, and the times at which it may jump."""
+    begins = np.cumsum([0.0, *(p.duration for p in phases)])
+    edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
+    edges = np.append(edges, begins[-1])
+    knots = phases[0].control_nodes
+    values = np.concatenate([p.controls[:, :, 0] for p in phases])
+    inverse = np.linalg.inv(np.vander(knots))
+    coefficients = values @ inverse.T
+
+    def law(t: float, x: Any) -> float:
+        i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(coefficients) - 1)
+        s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
+        for c in coefficients[i]:
+            value = value * s + c
+        return float(value)
+
+    return [float(t) for t in edges[1:]], law
+
+
+def stride_error(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
+) -> tuple[float, Trajectory]:
+    """Largest deviation of a re-simulated stride from the interpolated one, and the simulation."""
+    for spare in SPARE_TIME:
+        run = resimulated(params, phases, spare)
+        if run.steps >= len(phases):
+            break
+    touchdowns = run.touchdowns
+    if len(touchdowns) != len(phases) or any(e.direction < 0 for e in touchdowns):
+        return math.inf, run
+    deviations, begin = [0.0], 0.0
+    for phase, event in zip(phases, touchdowns, strict=True):
+        margin = min(1e-6, 1e-3 * phase.duration)
+        t = np.linspace(margin, phase.duration - margin, 200)
+        deviations.append(np.abs(run.state(begin + t) - phase.state(t)).max())
+        deviations.append(np.abs(event.before - phase.end).max())
+        begin += phase.duration
+    after = phases[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
+    deviations.append(np.abs(touchdowns[-1].after - after).max())
+    return float(max(deviations)), run
+
+
+def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
+    """Largest deviation of one phase, re-simulated from its own start."""
+    edges, control = playback([phase])
+    until = phase.duration * (1 - 1e-9)
+    run = simulate(params, phase.start, control, until, breakpoints=edges)
+    t = np.linspace(0.0, until, 200)
+    if run.events:
+        return math.inf
+    return float(np.abs(run.state(t) - phase.state(t)).max())
+
+
+def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -> Verification:
+    """Re-simulate a gait and measure everything that is claimed of it."""
+    error, run = stride_error(params, phases, turns)
+    ledger, weight = run.ledger, params.weight
+    slope_work = weight * math.sin(params.slope) * ledger.distance
+    spent = ledger.copper + ledger.friction + ledger.drag + ledger.collision + ledger.idle
+    impulses = [e.impulse for e in run.touchdowns]
+    demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]
+    held, reason = held_cost(params, phases)
+    figures: dict[str, Any] = {
+        "state_error": error,
+        "phase_state_error": max(phase_error(params, p) for p in phases),
+        "energy_audit": abs(ledger.energy_with_regeneration - (spent - slope_work)),
+        "electrical_positive": ledger.energy,
+        "electrical": ledger.energy_with_regeneration,
+        "distance": len(phases) * params.step_length,
+        "time": sum(p.duration for p in phases),
+        "min_normal_force": run.min_normal_force,
+        "min_normal_force_over_weight": run.min_normal_force / weight,
+        "max_friction_demand": run.friction_demand,
+        "max_impulse_friction_demand": max(demands, default=math.inf),
+        "peak_voltage": peak_voltage(phases),
+        "clearance": run.clearance,
+        "cot_at_100hz_hold": held,
+        "hold_failure": reason,
+    }
+    return Verification(**figures, failures=tuple(_failures(params, figures)))
+
+
+def peak_voltage(phases: Sequence[PhaseTrajectory]) -> float:
+    """Largest |V|, sampled densely within every element (V)."""
+    peaks = []
+    for phase in phases:
+        s = np.linspace(0.0, 1.0 - 1e-9, 33)
+        t = (phase.edges[:-1, None] + phase.element_durations[:, None] * s).ravel()
+        peaks.append(np.abs(phase.control(t)).max())
+    return float(max(peaks))
+
+
+def held_cost(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> tuple[float, str]:
+    """CoT of one stride with the voltage held at 100 Hz, or NaN and why."""
+    _, law = playback(phases)
+    duration = sum(p.duration for p in phases)
+    ticks = CONTROL_PERIOD * np.arange(math.ceil(duration / CONTROL_PERIOD))
+    try:
+        run = simulate(params, phases[0].start, [law(t + 1e-9, None) for t in ticks], duration)
+    except RuntimeError as error:
+        return math.nan, str(error)
+    missing = len(phases) - run.steps
+    if missing > 1 or run.ledger.distance < 0.9 * len(phases) * params.step_length:
+        return math.nan, f"falls: {run.steps} of {len(phases)} steps without feedback"
+    return run.ledger.cost_of_transport(params), ""
+
+
+def _failures(params: WheelParams, f: dict[str, Any]) -> list[str]:
+    slack = 1 + LIMIT_TOLERANCE
+    checks = [
+        (f["state_error"] <= STATE_TOLERANCE, "re-simulated states differ over the stride"),
+        (f["energy_audit"] <= AUDIT_TOLERANCE, "the energy balance does not close"),
+        (
+            f["min_normal_force_over_weight"] >= MIN_NORMAL_FORCE / slack,
+            "the normal force falls too low",
+        ),
+        (f["max_friction_demand"] <= params.friction * slack, "the stance foot slips"),
+        (f["max_impulse_friction_demand"] <= params.friction * slack, "a touchdown slips"),
+        (f["peak_voltage"] <= params.voltage_limit * (1 + 1e-9), "the voltage limit is exceeded"),
+    ]
+    return [message for good, message in checks if not good]
