@@ -6,7 +6,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rimless_gym import hybrid
@@ -146,6 +146,33 @@ def test_printed_touchdown_creates_energy_in_about_half_of_the_states():
         if dphi > 0
     ]
     assert 0.3 < np.mean(gains) < 0.7
+
+
+@settings(max_examples=100)
+@given(machines, angles, rates, rates)
+def test_printed_touchdown_is_the_printed_one(params, theta, dphi, dtheta):
+    """Equations (3.67) to (3.70) with the shorthand written out, solved as a system."""
+    m1, m2, i1, i2 = (
+        *(params.wheel_mass, params.pendulum_mass),
+        *(params.wheel_inertia, params.pendulum_inertia),
+    )
+    l1, l2, p = params.leg_length, params.pendulum_length, params.constants
+    new, old = math.sin(p.a + theta), math.sin(p.b + theta)
+    left = np.array(
+        [
+            [l1 * l2 * m2 * new, m2 * l2**2 + i2],
+            [l1 * l2 * m2 * new - l1**2 * (m1 + m2) - 2 * i1, i2 + l2**2 * m2 * (new - 1)],
+        ]
+    )
+    right = [
+        l1 * l2 * m2 * old * dphi + (m2 * l2**2 + i2) * dtheta,
+        (l1 * l2 * m2 * old - i1) * dphi
+        + (l1 * l2 * m2 * math.cos(p.b + theta) + i2 + l2**2 * m2) * dtheta,
+    ]
+    assume(np.linalg.cond(left) < 1e6)
+    printed = params.replace(impact_law="thesis", rotor_inertia=0.0).constants
+    ours = number.impact(p.a, p.b, theta, dphi, dtheta, printed)
+    assert ours == pytest.approx(np.linalg.solve(left, right), rel=1e-8, abs=1e-8)
 
 
 @settings(max_examples=300)
