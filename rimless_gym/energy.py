@@ -76,8 +76,9 @@ class Ledger:
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64], params: WheelParams) -> Ledger:
         """From the first rows of the kernel's output array (summed over intervals or not)."""
-        values = [float(value) for value in rows[: MECHANICAL_CHANGE + 1]]
-        return cls(*values, idle=params.idle_power * values[TIME])
+        names = [field.name for field in dataclasses.fields(cls)][: MECHANICAL_CHANGE + 1]
+        values = dict(zip(names, rows.tolist(), strict=False))
+        return cls(**values, idle=params.idle_power * values["time"])
 
     def __add__(self, other: Ledger) -> Ledger:
         pairs = zip(dataclasses.astuple(self), dataclasses.astuple(other), strict=True)

@@ -106,7 +106,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - v0: first version, unreleased.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": ["human", "rgb_array"],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
@@ -183,7 +183,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         force = normal_force(self.params, state)
         if force <= 0:
             raise ValueError(
-                f"state = {x}: without voltage the ground would have to pull the foot "
+                f"state = {x!r}: without voltage the ground would have to pull the foot "
                 f"({force:.3g} N); give a slower state"
             )
         return state
@@ -199,7 +199,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._state is None or self._ended:
             raise RuntimeError("no episode is running: call reset() first")
-        if np.shape(action) != (1,):
+        if getattr(action, "shape", None) != (1,) and np.shape(action) != (1,):
             raise ValueError(f"action = {action!r}: must have shape (1,), not {np.shape(action)}")
         command = float(action[0])
         if command != command:
@@ -224,7 +224,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             )
         rows = out.tolist()
         self._time += rows[row.TIME]
-        info = {name: rows[index] for name, index in _INFO_ROWS}
+        info: dict[str, Any] = {name: rows[index] for name, index in _INFO_ROWS}
         info["idle"] = params.idle_power * rows[row.TIME]
         info["steps"], info["touchdowns"] = int(rows[row.STEPS]), int(rows[row.TOUCHDOWNS])
         info["mode"] = MODE_NAMES[int(state[MODE])]
@@ -241,7 +241,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return observe(params, state), terms[0] + terms[1] + terms[2], terminated, False, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make()")

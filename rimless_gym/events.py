@@ -9,14 +9,16 @@ from rimless_gym.integration import rk8
 from rimless_gym.interpolation import derivative, negative, quintic, slope, upward_root, value
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
-LIFT_OFF, RELEASE = 0, 1  # the force guards of `force_guard`
+
+#: What may cut a step short; the first two are also the directions of a touchdown.
+FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = 1, -1, 0, 2, 3
 
 
 @njit(error_model="numpy")
 def touchdown_crossing(y0, acc0, y1, acc1, h, p):
-    """First touchdown within a single-stance step: (direction, s), direction 0 if there is none."""
-    found, s_found = 0, 2.0
-    for direction in (1, -1):
+    """First touchdown within a single-stance step: (direction or NOTHING, s)."""
+    found, s_found = NOTHING, 2.0
+    for direction in (FORWARD, BACKWARD):
         bound = p.b if direction > 0 else p.a
         c = quintic(
             direction * (y0[0] - bound),
@@ -85,13 +87,29 @@ def force_guard(kind, mode, y, u, pull, p):
 
 
 @njit(error_model="numpy")
-def force_crossing(kind, mode, y0, acc0, y1, acc1, h, u, pull, p):
-    """Fraction of a step at which a force guard turns positive (it is so at 1), by bisection."""
+def step_to_force_event(kind, mode, y, acc, end, h, u, pull, p, k):
+    """Step to where a force guard turns positive, given a state `end` after h where it is so.
+
+    Bisection on the quintics brings it near, two secant steps on the re-stepped state onto it.
+    Returns (time, state, the two integrals of `rk8`).
+    """
+    acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
     low, high = 0.0, 1.0
     while high - low > 1e-15:
         middle = 0.5 * (low + high)
-        if force_guard(kind, mode, between(y0, acc0, y1, acc1, h, middle), u, pull, p) > 0.0:
+        if force_guard(kind, mode, between(y, acc, end, acc_end, h, middle), u, pull, p) > 0.0:
             high = middle
         else:
             low = middle
-    return high
+    tau, tau_before = high * h, h
+    miss_before = force_guard(kind, mode, end, u, pull, p)
+    after, q, d = rk8(mode, y, acc, u, tau, p, k)
+    for _ in range(2):
+        miss = force_guard(kind, mode, after, u, pull, p)
+        if miss == miss_before or miss == 0.0:
+            break
+        correction = miss * (tau - tau_before) / (miss - miss_before)
+        tau_before, miss_before = tau, miss
+        tau = min(max(tau - correction, 0.0), h)
+        after, q, d = rk8(mode, y, acc, u, tau, p, k)
+    return tau, after, q, d

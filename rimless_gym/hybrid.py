@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 
 from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym.equations import THESIS, equations
+from rimless_gym.params import N_CONSTANTS, Constants
 
 SINGLE, DOUBLE = 0, 1  # stance modes
 MODE_NAMES = ("single_stance", "double_stance")
@@ -98,11 +100,36 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
 
 
 @njit(error_model="numpy")
-def after_lift_off(leading, p):
+def after_lift_off(theta, dtheta, u, p):
     """Where a wheel at rest goes when a foot lifts off: (phi, foot shift).
 
-    `leading` is the first of `lift_off_guards`: positive goes forward over the leading foot.
+    It is the trailing foot that lifts, and the wheel goes forward, if that one is pulled more.
     """
-    if leading > 0:
+    leading, trailing = lift_off_guards(theta, dtheta, u, p)
+    if leading > -trailing:
         return p.a, 0
     return p.b, -1
+
+
+@njit(error_model="numpy")
+def rates(mode, phi, theta, dphi, dtheta, u, constants):
+    """Derivatives of the state and of the reference simulator's six energy integrals."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    dpsi = relative_rate(dphi, dtheta, p)
+    power = electrical_power(dpsi, u, p)
+    copper, friction, drag = losses(dphi, dpsi, u, p)
+    shaft = abs(motor_torque(dpsi, u, p) * dpsi)
+    return dphi, dtheta, ddphi, ddtheta, power, max(power, 0.0), copper, friction, drag, shaft
+
+
+@njit(error_model="numpy")
+def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
+    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    fy = ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
+    if mode == DOUBLE:
+        leading, trailing = lift_off_guards(theta, dtheta, u, p)
+        return -1.0, -1.0, max(leading, -trailing), -pull - fy
+    return phi - p.b, p.a - phi, -1.0, -pull - fy

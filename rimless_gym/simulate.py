@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
@@ -23,40 +21,16 @@ from scipy.optimize import brentq
 from rimless_gym import hybrid
 from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, FAILURES, MODE_NAMES, SINGLE
-from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
 SAMPLES = 8  # per step, on which guards are watched
 
-FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `_guards`
+FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
 Control = Callable[[float, NDArray[np.float64]], float]
 Guards = Callable[[float, NDArray[np.float64]], tuple[float, ...]]
-
-
-@njit(error_model="numpy")
-def _rates(mode, phi, theta, dphi, dtheta, u, constants):
-    """Derivatives of the state and of the six energy integrals."""
-    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
-    dpsi = hybrid.relative_rate(dphi, dtheta, p)
-    power = hybrid.electrical_power(dpsi, u, p)
-    copper, friction, drag = hybrid.losses(dphi, dpsi, u, p)
-    shaft = abs(hybrid.motor_torque(dpsi, u, p) * dpsi)
-    return dphi, dtheta, ddphi, ddtheta, power, max(power, 0.0), copper, friction, drag, shaft
-
-
-@njit(error_model="numpy")
-def _guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
-    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
-    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
-    fy = hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
-    if mode == DOUBLE:
-        leading, trailing = hybrid.lift_off_guards(theta, dtheta, u, p)
-        return -1.0, -1.0, max(leading, -trailing), -pull - fy
-    return phi - p.b, p.a - phi, -1.0, -pull - fy
 
 
 @dataclasses.dataclass
@@ -81,8 +55,8 @@ def simulate(
     mode: str = "single_stance",
     breakpoints: Sequence[float] = (),
     pull: float = math.inf,
-    rtol: float = 1e-12,
-    atol: float = 1e-13,
+    rtol: float = 3e-14,
+    atol: float = 1e-14,
 ) -> Trajectory:
     """Simulate the wheel from x0 under a control.
 
@@ -159,11 +133,11 @@ def _advance(
         return float(control(min(max(time, t0), last), y[:4]))
 
     def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
-        return _rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
+        return hybrid.rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
 
     def guards(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         u = voltage(time, y)
-        return _guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
+        return hybrid.guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
 
     while t < t1:
         if guards(t, motion.y)[CONTACT] > 0:
@@ -238,11 +212,10 @@ def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
 
 def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
     p, before = params.constants, motion.y[:4].copy()
-    leading, _ = hybrid.lift_off_guards(before[1], before[3], u, p)
-    phi, shift = hybrid.after_lift_off(leading, p)
+    phi, shift = hybrid.after_lift_off(before[1], before[3], u, p)
     motion.y[0], motion.y[2] = phi, 0.0
     motion.mode, motion.foot = SINGLE, motion.foot + shift
-    direction = 1 if leading > 0 else -1
+    direction = 1 if shift == 0 else -1
     motion.events.append(
         Event("lift_off", t, direction, before, motion.y[:4].copy(), "single_stance")
     )

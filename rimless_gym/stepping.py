@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from rimless_gym import energy as row
 from rimless_gym.booking import book_extremes, book_motion, book_touchdown
 from rimless_gym.events import (
+    BACKWARD,
+    FORWARD,
     LIFT_OFF,
+    NOTHING,
     RELEASE,
     between,
-    force_crossing,
     force_guard,
     reversal,
+    step_to_force_event,
     step_to_touchdown,
     touchdown_crossing,
 )
@@ -43,7 +46,6 @@ from rimless_gym.hybrid import (
     after_lift_off,
     after_touchdown,
     hub_position,
-    lift_off_guards,
     mechanical_energy,
 )
 from rimless_gym.integration import STAGES, rk8
@@ -66,39 +68,33 @@ def step_length(left, pole, fastest):
 def smooth_step(mode, y, acc, u, h, pull, p, k):
     """One step, cut short at the first event in it.
 
-    Returns (h, state, accelerations, rk8's two integrals, touchdown direction, contact lost).
+    Returns (h, state, accelerations, rk8's two integrals, the event of `rimless_gym.events`).
     """
     after, q, d = rk8(mode, y, acc, u, h, p, k)
     acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-    direction, s = 0, 1.0
     if p.drag > 0.0 and y[2] * after[2] < 0.0:  # |phi'| phi' has a kink at 0: end the step on it
         h *= reversal(y, acc, after, acc_after, h)
         after, q, d = rk8(mode, y, acc, u, h, p, k)
         acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
+    event = NOTHING
     if mode == SINGLE:
-        direction, s = touchdown_crossing(y, acc, after, acc_after, h, p)
-        if direction != 0:
-            h, after, q, d = step_to_touchdown(direction, s, mode, y, acc, u, h, p, k)
+        event, s = touchdown_crossing(y, acc, after, acc_after, h, p)
+        if event != NOTHING:
+            h, after, q, d = step_to_touchdown(event, s, mode, y, acc, u, h, p, k)
     elif force_guard(LIFT_OFF, mode, after, u, pull, p) > 0.0:
-        h *= force_crossing(LIFT_OFF, mode, y, acc, after, acc_after, h, u, pull, p)
-        after, q, d = rk8(mode, y, acc, u, h, p, k)
-        s = 0.0
-    if s < 1.0:
+        event = LIFT_OFF
+        h, after, q, d = step_to_force_event(event, mode, y, acc, after, h, u, pull, p, k)
+    if event != NOTHING:
         acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
     if h == 0.0:
-        return h, after, acc_after, q, d, direction, False
-    middle = between(y, acc, after, acc_after, h, 0.5)
-    if force_guard(RELEASE, mode, middle, u, pull, p) > 0.0:
-        end, span = middle, 0.5 * h
-    elif force_guard(RELEASE, mode, after, u, pull, p) > 0.0:
-        end, span = after, h
-    else:
-        return h, after, acc_after, q, d, direction, False
-    acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
-    h = span * force_crossing(RELEASE, mode, y, acc, end, acc_end, span, u, pull, p)
-    after, q, d = rk8(mode, y, acc, u, h, p, k)
-    acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-    return h, after, acc_after, q, d, 0, True
+        return h, after, acc_after, q, d, event
+    for s in (0.5, 1.0):
+        end = between(y, acc, after, acc_after, h, s) if s < 1.0 else after
+        if force_guard(RELEASE, mode, end, u, pull, p) > 0.0:
+            h, after, q, d = step_to_force_event(RELEASE, mode, y, acc, end, s * h, u, pull, p, k)
+            acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
+            return h, after, acc_after, q, d, RELEASE
+    return h, after, acc_after, q, d, event
 
 
 def _kernel(fingerprint: int) -> Callable[..., int]:
@@ -118,12 +114,14 @@ def _kernel(fingerprint: int) -> Callable[..., int]:
         out[row.CLEARANCE] = np.inf
         acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
         book_extremes(y, acc, p, out)
-        failure, events, t = OK, 0, 0.0
+        failure, event, events, t = OK, NOTHING, 0, 0.0
         if force_guard(RELEASE, mode, y, u, pull, p) > 0.0:
             failure = CONTACT_LOST
         while failure == OK and t < duration:
-            if mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0:
-                phi, shift = after_lift_off(lift_off_guards(y[1], y[3], u, p)[0], p)
+            if event == LIFT_OFF or (
+                mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0
+            ):
+                phi, shift = after_lift_off(y[1], y[3], u, p)
                 mode, foot, y = SINGLE, foot + shift, (phi, y[1], 0.0, y[3])
                 acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
                 events += 1
@@ -132,7 +130,7 @@ def _kernel(fingerprint: int) -> Callable[..., int]:
                 failure = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
                 break
             left = duration - t
-            h, after, acc_after, q, d, direction, lost = smooth_step(
+            h, after, acc_after, q, d, event = smooth_step(
                 mode, y, acc, u, step_length(left, pole, fastest), pull, p, k
             )
             if h > 0.0:
@@ -140,11 +138,11 @@ def _kernel(fingerprint: int) -> Callable[..., int]:
             t = duration if h == left else t + h
             y, acc = after, acc_after
             book_extremes(y, acc, p, out)
-            if lost:
+            if event == RELEASE:
                 failure = CONTACT_LOST
-            elif direction != 0:
+            elif event in (FORWARD, BACKWARD):
                 mode, phi, dtheta, dphi, shift, legal = after_touchdown(
-                    direction, y[1], y[2], y[3], u, p
+                    event, y[1], y[2], y[3], u, p
                 )
                 if not legal:
                     failure = THESIS_BACKWARD

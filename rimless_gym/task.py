@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
@@ -62,14 +63,26 @@ class Task:
 def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.float32]:
     """Observations of hybrid states (..., STATE_SIZE): a new float32 array (..., 6)."""
     observations = np.empty((*states.shape[:-1], OBSERVATION_SIZE), dtype=np.float32)
-    theta = states[..., THETA]
-    observations[..., 0] = (states[..., PHI] - math.pi / 2) * (2 / params.leg_angle)
-    observations[..., 1] = np.sin(theta)
-    observations[..., 2] = np.cos(theta)
-    observations[..., 3] = states[..., DPHI] / LEG_RATE_SCALE
-    observations[..., 4] = states[..., DTHETA] / PENDULUM_RATE_SCALE
-    observations[..., 5] = states[..., MODE]
-    return np.clip(observations, -OBSERVATION_BOUND, OBSERVATION_BOUND, out=observations)
+    _observe(
+        states.reshape(-1, STATE_SIZE),
+        params.leg_angle,
+        observations.reshape(-1, OBSERVATION_SIZE),
+    )
+    return observations
+
+
+@njit(error_model="numpy", cache=True)
+def _observe(states, alpha, observations):
+    for x, observation in zip(states, observations):  # noqa: B905  numba knows no strict
+        observation[0] = (x[PHI] - math.pi / 2) * (2 / alpha)
+        observation[1] = math.sin(x[THETA])
+        observation[2] = math.cos(x[THETA])
+        observation[3] = x[DPHI] / LEG_RATE_SCALE
+        observation[4] = x[DTHETA] / PENDULUM_RATE_SCALE
+        observation[5] = x[MODE]
+        for i in range(OBSERVATION_SIZE):
+            bound = OBSERVATION_BOUND[i]
+            observation[i] = min(max(observation[i], -bound), bound)
 
 
 #: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.

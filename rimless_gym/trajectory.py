@@ -110,7 +110,7 @@ class Trajectory:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         first, last = self.arcs[0].start, self.arcs[-1].end
         if not np.all((times >= first - 1e-12) & (times <= last + 1e-12)):
-            raise ValueError(f"t = {t}: outside the simulated interval [{first}, {last}] s")
+            raise ValueError(f"t = {t!r}: outside the simulated interval [{first}, {last}] s")
         starts = [arc.start for arc in self.arcs]
         find = bisect.bisect_right if side == "right" else bisect.bisect_left
         states = np.empty((len(times), 4))
@@ -132,14 +132,14 @@ def validated_start(
     """
     x = np.asarray(x0, dtype=np.float64)
     if x.shape != (4,) or not np.all(np.isfinite(x)):
-        raise ValueError(f"x0 = {x0}: must be four finite numbers (phi, theta, phi', theta')")
+        raise ValueError(f"x0 = {x0!r}: must be four finite numbers (phi, theta, phi', theta')")
     if mode not in MODE_NAMES:
         raise ValueError(f"mode = {mode!r}: choose from {MODE_NAMES}")
     a, b = params.constants.a, params.constants.b
     if not a - 1e-9 <= x[0] <= b + 1e-9:
         raise ValueError(f"phi = {x[0]}: a foot is on the ground only for phi in [{a}, {b}] rad")
     if mode == "double_stance" and (abs(x[0] - a) > 1e-9 or x[2] != 0):
-        raise ValueError(f"x0 = {x0}: double stance has phi = {a} (leading leg) and phi' = 0")
+        raise ValueError(f"x0 = {x0!r}: double stance has phi = {a} (leading leg) and phi' = 0")
     if max(abs(x[2]), abs(x[3])) > MAX_RATE:
-        raise ValueError(f"x0 = {x0}: rates must not exceed {MAX_RATE} rad/s")
+        raise ValueError(f"x0 = {x0!r}: rates must not exceed {MAX_RATE} rad/s")
     return x, MODE_NAMES.index(mode)

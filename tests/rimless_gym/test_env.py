@@ -1,0 +1,175 @@
+"""The environment's contract."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+import rimless_gym
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym.env import RimlessWheelEnv
+from rimless_gym.hybrid import MAX_RATE
+
+P = THESIS_PHYSICAL.constants
+
+
+@pytest.fixture
+def env() -> gym.Env:
+    return gym.make("RimlessWheel-v0")
+
+
+def test_both_checkers_are_silent() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make("RimlessWheel-v0", render_mode="rgb_array").unwrapped)
+        sb3_check_env(gym.make("RimlessWheel-v0"))
+
+
+def test_the_same_seed_and_actions_give_the_same_episode(env: gym.Env) -> None:
+    def episode() -> list[np.ndarray]:
+        rng = np.random.default_rng(0)
+        seen = [env.reset(seed=3)[0]]
+        for _ in range(200):
+            observation, _, ended, _, _ = env.step(rng.uniform(-0.3, 0.3, 1).astype(np.float32))
+            seen.append(observation)
+            if ended:
+                break
+        return seen
+
+    assert np.array_equal(episode(), episode())
+
+
+def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: gym.Env) -> None:
+    rng = np.random.default_rng(1)
+    env.reset(seed=1)
+    ends = 0
+    for _ in range(3000):
+        action = rng.uniform(-1, 1, 1).astype(np.float32)
+        _, reward, ended, truncated, info = env.step(action)
+        terms = info["reward_distance"], info["reward_energy"], info["reward_end"]
+        assert reward == terms[0] + terms[1] + terms[2]
+        assert terms[0] == 0.5 * info["distance"]
+        assert terms[1] == -(info["electrical_positive"]) / THESIS_PHYSICAL.weight
+        assert terms[2] == (-1.0 if ended else 0.0)
+        if ended or truncated:
+            ends += ended
+            env.reset()
+    assert ends
+
+
+def test_no_observation_element_is_constant_and_all_stay_in_bounds(env: gym.Env) -> None:
+    rng, seen = np.random.default_rng(2), []
+    env.reset(seed=2)
+    for _ in range(3000):
+        observation, _, ended, truncated, _ = env.step(rng.uniform(-1, 1, 1).astype(np.float32))
+        assert env.observation_space.contains(observation)
+        seen.append(observation)
+        if ended or truncated:
+            seen.append(env.reset()[0])
+    assert np.all(np.ptp(seen, axis=0) > 0.1)
+    assert len({id(observation) for observation in seen}) == len(seen)
+
+
+def test_starts_are_random_and_include_rest(env: gym.Env) -> None:
+    modes = [env.reset(seed=seed)[1]["mode"] for seed in range(200)]
+    assert 20 < modes.count("double_stance") < 80
+    observations = [env.reset(seed=seed)[0] for seed in range(20)]
+    assert len(np.unique(observations, axis=0)) == 20
+
+
+def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None:
+    env.reset(options={"state": [P.a, 0, 0, 0], "mode": "double_stance"})
+    total = 0.0
+    for _ in range(rimless_gym.EPISODE_STEPS):
+        _, reward, terminated, truncated, info = env.step(np.zeros(1, np.float32))
+        total += reward
+        assert not terminated
+        if truncated:
+            break
+    assert truncated
+    assert total == 0.0
+    assert info["mode"] == "double_stance"
+
+
+def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> None:
+    for idle_power in (0.0, 5.0):
+        params = THESIS_PHYSICAL.replace(idle_power=idle_power)
+        end = sum(Task().reward_terms(params, 0.0, 0.0, 1.0))
+        rest = sum(Task().reward_terms(params, 0.0, idle_power * 20.0, 0.0))
+        assert end < rest
+
+
+def test_a_lost_contact_terminates_inside_the_step_and_says_so(env: gym.Env) -> None:
+    env.reset(options={"state": [1.5, 1.5, 1.0, -14.0]})
+    for _ in range(300):
+        _, _, terminated, truncated, info = env.step(np.array([-1.0], np.float32))
+        if terminated:
+            break
+    assert terminated
+    assert not truncated
+    assert info["failure"] in ("contact_lost", "rate_exceeded")
+    assert info["elapsed"] <= 0.01
+    with pytest.raises(RuntimeError, match="reset"):
+        env.unwrapped.step(np.zeros(1, np.float32))
+
+
+def test_actions_are_clipped_but_nan_and_wrong_shapes_raise() -> None:
+    first, second = RimlessWheelEnv(), RimlessWheelEnv()
+    for each in (first, second):
+        each.reset(seed=0)
+    over, _, _, _, _ = first.step(np.array([7.0], np.float32))
+    limit, _, _, _, _ = second.step(np.array([1.0], np.float32))
+    assert np.array_equal(over, limit)
+    with pytest.raises(ValueError, match="NaN"):
+        first.step(np.array([math.nan], np.float32))
+    for action in (np.zeros(2, np.float32), np.zeros((1, 1), np.float32), 0.5):
+        with pytest.raises(ValueError, match="shape"):
+            first.step(action)
+    assert np.array_equal(first.state, second.state)  # a refused action changes nothing
+
+
+def test_reset_options_set_state_mode_and_params() -> None:
+    env = RimlessWheelEnv()
+    env.reset(options={"state": [1.4, 0.3, 1.0, 2.0], "params": PROTOTYPE})
+    assert env.params == PROTOTYPE
+    assert env.state[:4] == pytest.approx([1.4, 0.3, 1.0, 2.0])
+    assert env.model.params == PROTOTYPE
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
+        ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
+        ({"state": [1.5, 3.0, 0, MAX_RATE]}, "pull"),
+        ({"mode": "double_stance"}, "goes with 'state'"),
+        ({"params": "PROTOTYPE"}, "WheelParams"),
+    ],
+)
+def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        RimlessWheelEnv().reset(options=options)
+
+
+def test_stepping_before_reset_says_what_to_do() -> None:
+    with pytest.raises(RuntimeError, match="reset"):
+        RimlessWheelEnv().step(np.zeros(1, np.float32))
+
+
+def test_frames_are_drawn_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    env = gym.make("RimlessWheel-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(10):
+        env.step(np.ones(1, np.float32))
+    second = env.render()
+    assert first.dtype == np.uint8
+    assert first.shape[2] == 3
+    assert not np.array_equal(first, second)

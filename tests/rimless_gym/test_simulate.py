@@ -1,0 +1,100 @@
+"""The reference simulator against closed forms, and its argument checks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
+
+P = THESIS_PHYSICAL.constants
+
+
+def passive_wheel(n_legs: int, slope: float) -> WheelParams:
+    """A point mass on massless spokes: no wheel inertia, no motor, the pendulum a flywheel."""
+    return WheelParams(
+        n_legs=n_legs, slope=slope, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0
+    )
+
+
+@pytest.mark.parametrize("n_legs", [6, 8, 10])
+def test_the_passive_wheel_rolls_on_the_analytic_limit_cycle(n_legs: int) -> None:
+    slope, a = 0.2, math.pi / n_legs
+    params = passive_wheel(n_legs, slope)
+    rate = math.sqrt(4 * params.gravity / params.leg_length * math.sin(a) * math.sin(slope))
+    fixed_point = rate / math.tan(2 * a)  # just after impact (anchors: underactuated textbook)
+
+    def following_rate(start: float) -> float:
+        motion = simulate(params, [math.pi / 2 - a, 0, start, 0], lambda t, x: 0.0, 2.0)
+        return float(motion.touchdowns[0].after[2])
+
+    assert following_rate(fixed_point) == pytest.approx(fixed_point, abs=1e-9)
+    h = 1e-4
+    multiplier = (following_rate(fixed_point + h) - following_rate(fixed_point - h)) / (2 * h)
+    assert multiplier == pytest.approx(math.cos(2 * a) ** 2, abs=1e-6)
+
+
+def test_energy_is_constant_between_touchdowns_of_an_unpowered_frictionless_wheel() -> None:
+    params = THESIS_PHYSICAL.replace(motor_constant=0.0)
+    motion = simulate(params, [1.2, 1.0, 1.5, -2.0], lambda t, x: 0.0, 1.0)
+    assert motion.touchdowns
+    loss = sum(event.loss for event in motion.touchdowns)
+    assert motion.ledger.collision == pytest.approx(loss, abs=1e-12)
+    assert motion.ledger.mechanical_change == pytest.approx(-loss, abs=1e-10)
+    assert all(event.loss > 0 for event in motion.touchdowns)
+
+
+def test_states_are_right_continuous_at_touchdowns() -> None:
+    motion = simulate(THESIS_PHYSICAL, [1.5, 0.0, 2.0, 0.0], lambda t, x: 0.0, 1.0)
+    event = motion.touchdowns[0]
+    assert motion.state(event.time) == pytest.approx(event.after, abs=1e-10)
+    assert motion.state(event.time, side="left") == pytest.approx(event.before, abs=1e-10)
+    assert event.before[0] == P.b
+    assert event.after[0] == P.a
+    assert motion.state([0.0, event.time]).shape == (2, 4)
+
+
+def test_sampled_voltages_are_held_for_ten_milliseconds() -> None:
+    volts = np.array([3.0, -5.0, 8.0])
+    held = simulate(THESIS_PHYSICAL, [1.5, 0.0, 1.0, 0.0], volts, 0.03)
+    knots = (0.01, 0.02)
+    stepped = simulate(
+        THESIS_PHYSICAL,
+        [1.5, 0.0, 1.0, 0.0],
+        lambda t, x: float(volts[np.searchsorted(knots, t, side="right")]),
+        0.03,
+        breakpoints=knots,
+    )
+    assert held.x[-1] == pytest.approx(stepped.x[-1], abs=1e-14)
+    assert set(held.u) == set(volts)
+
+
+def test_losing_contact_ends_the_motion_only_for_a_foot_that_cannot_be_pulled() -> None:
+    start = [math.pi / 2, math.pi, 6.0, 0.0]  # fast enough over the top to fly
+    free = simulate(THESIS_PHYSICAL, start, lambda t, x: 0.0, 0.05, pull=0.0)
+    pinned = simulate(THESIS_PHYSICAL, start, lambda t, x: 0.0, 0.05)
+    assert free.failure == "contact_lost"
+    assert free.t[-1] < 0.05
+    assert pinned.failure is None
+    assert pinned.min_normal_force < 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"x0": [0.0, 0, 0, 0]}, "phi = 0.0"),
+        ({"x0": [1.5, math.nan, 0, 0]}, "finite"),
+        ({"x0": [1.5, 0, 0, 100.0]}, "60"),
+        ({"control": np.zeros(3)}, "more samples"),
+        ({"control": [math.inf] * 10}, "finite"),
+        ({"duration": -1.0}, "duration = -1.0"),
+        ({"mode": "flying"}, "choose from"),
+        ({"mode": "double_stance"}, "double stance has phi"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(arguments: dict, message: str) -> None:
+    good = {"x0": [1.5, 0.0, 0.0, 0.0], "control": np.zeros(10), "duration": 0.1}
+    with pytest.raises(ValueError, match=message):
+        simulate(THESIS_PHYSICAL, **(good | arguments))

@@ -1,0 +1,146 @@
+"""The stepping kernel against the reference simulator, and its own conservation laws."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, hybrid, simulate
+from rimless_gym import energy as row
+from rimless_gym.energy import Ledger
+from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, MODE_NAMES, OK, SINGLE
+from rimless_gym.stepping import FOOT, MODE, STATE_SIZE, advance
+
+EVERYTHING = THESIS_PHYSICAL.replace(
+    slope=0.1, rotor_inertia=1e-7, hub_damping=0.02, drag=0.3, idle_power=1.0, n_legs=7
+)
+MACHINES = {
+    "THESIS_NOMINAL": THESIS_NOMINAL,
+    "THESIS_PHYSICAL": THESIS_PHYSICAL,
+    "PROTOTYPE": PROTOTYPE,
+    "frame mount": THESIS_PHYSICAL.replace(motor_mount="frame"),
+    "relabel law": THESIS_PHYSICAL.replace(impact_law="relabel"),
+    "every loss, slope 0.1, 7 legs": EVERYTHING,
+}
+
+
+def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> np.ndarray:
+    p = params.constants
+    states = np.zeros((count, STATE_SIZE))
+    states[:, 0] = rng.uniform(p.a, p.b, count)
+    states[:, 1] = rng.uniform(-math.pi, math.pi, count)
+    states[:, 2] = rng.uniform(-3, 4, count)
+    states[:, 3] = rng.uniform(-8, 8, count)
+    return states
+
+
+def walk(params: WheelParams, state: np.ndarray, voltages: np.ndarray) -> Ledger:
+    total = np.zeros(row.N_ROWS)
+    for voltage in voltages:
+        total += advance(params, state[None], np.array([voltage]), pull=math.inf)[0]
+    return Ledger.from_rows(total, params)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_kernel_and_reference_agree_on_states_events_and_energies(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(7)
+    touchdowns = 0
+    for smooth, start in enumerate(random_states(params, rng, 6)):
+        volts = 6 * np.sin(np.arange(60) / 9) if smooth % 2 else rng.uniform(-15, 15, 60)
+        reference = simulate(params, start[:4], volts, 0.6)
+        state = start.copy()
+        ledger = walk(params, state, volts)
+        assert MODE_NAMES[int(state[MODE])] == reference.final_mode
+        assert state[FOOT] == reference.foot[-1]
+        assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
+        ours, theirs = dataclasses.asdict(ledger), dataclasses.asdict(reference.ledger)
+        assert ours == pytest.approx(theirs, abs=1e-7)
+        touchdowns += len(reference.touchdowns)
+    assert touchdowns > 3
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_ledger_balances_and_no_leg_sinks_from_random_states(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(1)
+    states, p = random_states(params, rng, 300), params.constants
+    for _ in range(20):
+        volts = rng.uniform(-params.voltage_limit, params.voltage_limit, len(states))
+        rows = advance(params, states, volts, pull=math.inf)
+        for out in rows:
+            ledger = Ledger.from_rows(out, params)
+            in_play = max(abs(value) for value in dataclasses.astuple(ledger))
+            assert abs(ledger.residual) <= 1e-9 * max(in_play, 1.0)
+            assert ledger.electrical_positive >= ledger.electrical - 1e-12
+            assert params.impact_law != "plastic" or ledger.collision >= -1e-12
+        states = states[rows[:, row.FAILURE] == OK]
+        assert np.all((states[:, 0] >= p.a - 1e-12) & (states[:, 0] <= p.b + 1e-12))
+
+
+def test_two_half_intervals_make_a_whole_one() -> None:
+    rng = np.random.default_rng(3)
+    whole = random_states(THESIS_PHYSICAL, rng, 200)
+    halves, volts = whole.copy(), rng.uniform(-20, 20, 200)
+    rows = advance(THESIS_PHYSICAL, whole, volts, 0.02, math.inf)
+    parts = advance(THESIS_PHYSICAL, halves, volts, 0.008, math.inf)
+    parts += advance(THESIS_PHYSICAL, halves, volts, 0.012, math.inf)
+    assert rows[:, row.TOUCHDOWNS].sum() > 5
+    assert np.abs(whole - halves).max() < 1e-9
+    assert np.abs(rows[:, : row.STEPS] - parts[:, : row.STEPS]).max() < 1e-6
+
+
+def test_the_mirror_image_of_a_motion_is_the_motion_of_the_mirror_image() -> None:
+    rng, downhill = np.random.default_rng(5), THESIS_PHYSICAL.replace(slope=0.07)
+    uphill = downhill.replace(slope=-0.07)
+    states = random_states(downhill, rng, 200)
+    volts = rng.uniform(-15, 15, 200)
+    images = states * np.array([-1, -1, -1, -1, 1, 1]) + np.array([math.pi, 0, 0, 0, 0, 0])
+    rows = advance(downhill, states, volts, 0.05, math.inf)
+    mirrored = advance(uphill, images, -volts, 0.05, math.inf)
+    single = states[:, MODE] == SINGLE
+    assert np.array_equal(single, images[:, MODE] == SINGLE)
+    assert np.abs(states[single, 0] + images[single, 0] - math.pi).max() < 1e-9
+    assert np.abs(states[:, [1, 3]] + images[:, [1, 3]]).max() < 1e-9
+    assert np.array_equal(states[single, FOOT], -images[single, FOOT])
+    assert np.abs(rows[:, row.ELECTRICAL] - mirrored[:, row.ELECTRICAL]).max() < 1e-9
+
+
+def test_left_alone_the_wheel_comes_to_rest_on_two_feet() -> None:
+    states = random_states(THESIS_PHYSICAL, np.random.default_rng(2), 40)
+    for _ in range(1500):
+        advance(THESIS_PHYSICAL, states, np.zeros(len(states)), pull=math.inf)
+    assert np.all(states[:, MODE] == DOUBLE)
+    assert np.abs(states[:, 2:4]).max() < 1e-2
+
+
+def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
+    params, rng = THESIS_PHYSICAL, np.random.default_rng(4)
+    states = random_states(params, rng, 400)
+    states[:, 3] *= 2
+    located = 0
+    for _ in range(30):
+        rows = advance(params, states, np.zeros(len(states)))
+        lost = (rows[:, row.FAILURE] == CONTACT_LOST) & (rows[:, row.TIME] > 0)
+        lost &= rows[:, row.TOUCHDOWNS] == 0  # an impact makes the force jump
+        assert np.abs(rows[lost, row.FORCE_Y]).max(initial=0) < 1e-6
+        located += np.count_nonzero(lost)
+        states = states[rows[:, row.FAILURE] == OK]
+    assert located > 20
+
+
+def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> None:
+    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
+    state = np.array([[p.a, 0.0, 0.0, 0.0, DOUBLE, 0.0]])
+    for _ in range(100):
+        before = state[0].copy()
+        advance(params, state, np.array([-20.0]))
+        if state[0, MODE] == SINGLE:
+            break
+    assert state[0, MODE] == SINGLE
+    assert hybrid.both_feet_press(before[1], before[3], -20.0, p)
+    reference = simulate(params, [p.a, 0, 0, 0], np.full(100, -20.0), 1.0, mode="double_stance")
+    assert reference.events[0].kind == "lift_off"
+    leading, trailing = hybrid.lift_off_guards(*reference.events[0].before[[1, 3]], -20.0, p)
+    assert min(abs(leading), abs(trailing)) < 1e-8
