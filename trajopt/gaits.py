@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rimless_gym.params import WheelParams
-from trajopt.guesses import nearest
+from trajopt.guesses import leads_for
 from trajopt.interpolant import PhaseTrajectory
 from trajopt.mesh import solve_refined
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
-from trajopt.radau import Mesh, Result
+from trajopt.radau import Mesh, Result, Transcription
 from trajopt.search import Candidate, distinct, multi_start
 from trajopt.solution import Optimum, Solution
 from trajopt.verify import polished, verify
@@ -68,7 +68,7 @@ def periodic_gait(
         NoGaitError: none was found at this speed, or the arguments admit none.
     """
     _validate(speed, steps, guess)
-    leads = [guess] if guess is not None else nearest(params, speed, steps, regeneration)[:1]
+    leads = [guess] if guess is not None else leads_for(params, speed, steps, regeneration)
     if starts is None:
         known = any(lead.params == params for lead in leads)
         starts = 0 if guess is not None or known else DEFAULT_STARTS
@@ -80,7 +80,8 @@ def periodic_gait(
             solved.append((result, lead.theta_turns))
         else:
             failures.append(_obstacle(result, reached))
-    found, failed = [], []
+    found: list[Candidate] = []
+    failed: list[Result] = []
     if starts > 0:
         found, failed = multi_start(
             params,
@@ -118,29 +119,24 @@ def continued(
     params: WheelParams, lead: Solution, speed: float, regeneration: bool
 ) -> tuple[Result, float]:
     """`lead` carried over to another speed in small steps, and the speed that was reached."""
-    distance = abs(speed - lead.speed)
-    legs = max(1, math.ceil(distance / SPEED_STEP - 1e-9))
-    phases: Sequence[PhaseTrajectory] = lead.phases
-    reached = lead.speed
-    for i in range(1, legs + 1):
-        waypoint = speed if i == legs else lead.speed + (speed - lead.speed) * i / legs
-        problem = gait_problem(
-            params,
-            speed=waypoint,
-            steps=lead.steps,
-            theta_turns=lead.theta_turns,
-            regeneration=regeneration,
+
+    def problem(at: float) -> Problem:
+        turns = lead.theta_turns
+        return gait_problem(
+            params, speed=at, steps=lead.steps, theta_turns=turns, regeneration=regeneration
         )
-        near = abs(waypoint - reached) < 1e-3 and lead.params == params
-        mesh = own_mesh(phases)
-        if i < legs:
-            result = solve_refined(problem, phases, mesh, passes=0, mu_init=1e-3)
-        else:
-            result = solve_refined(problem, phases, mesh, mu_init=1e-5 if near else 1e-3)
+
+    phases, reached, mesh = lead.phases, lead.speed, own_mesh(lead.phases)
+    legs = max(1, math.ceil(abs(speed - lead.speed) / SPEED_STEP - 1e-9))
+    waypoints = [lead.speed + (speed - lead.speed) * i / legs for i in range(1, legs)]
+    transcription = Transcription(problem(speed), mesh)
+    for waypoint in waypoints:
+        result = transcription.solve(phases, problem(waypoint), mu_init=1e-3, max_iter=150)
         if not result.success:
-            break
+            return result, reached
         phases, reached = result.phases, waypoint
-    return result, reached
+    near = lead.params == params and abs(speed - lead.speed) < 1e-3
+    return solve_refined(problem(speed), phases, mesh, mu_init=1e-5 if near else 1e-3), reached
 
 
 def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
@@ -167,7 +163,7 @@ def _solution(
     turns: int,
     regeneration: bool,
     optima: tuple[Optimum, ...],
-    settings: dict[str, object],
+    settings: Mapping[str, object],
 ) -> Solution:
     phases = polished(params, phases, turns)
     return Solution(

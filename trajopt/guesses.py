@@ -21,7 +21,10 @@ def shipped() -> tuple[Solution, ...]:
 def nearest(
     params: WheelParams, speed: float, steps: int, regeneration: bool = False
 ) -> list[Solution]:
-    """Shipped gaits of as many steps and legs, nearest in machine, then in speed, first."""
+    """Shipped gaits of as many steps and legs, nearest in machine, then in speed, first.
+
+    One of each family, by the turns of the pendulum.
+    """
 
     def distance(solution: Solution) -> tuple[float, float, bool, float]:
         mine, theirs = (dataclasses.asdict(p) for p in (params, solution.params))
@@ -30,4 +33,26 @@ def nearest(
         return differing, round(abs(solution.speed - speed), 6), other_objective, solution.cot
 
     fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
-    return sorted(fitting, key=distance)
+    families: dict[int, Solution] = {}
+    for solution in sorted(fitting, key=distance):
+        families.setdefault(solution.theta_turns, solution)
+    return list(families.values())
+
+
+def leads_for(
+    params: WheelParams, speed: float, steps: int, regeneration: bool = False
+) -> list[Solution]:
+    """Shipped gaits to start from; shorter strides that divide `steps` count as repeated."""
+    leads = []
+    for divisor in range(1, steps + 1):
+        if steps % divisor == 0:
+            found = nearest(params, speed, divisor, regeneration)
+            leads += [repeated(solution, steps // divisor) for solution in found]
+    return leads
+
+
+def repeated(solution: Solution, times: int) -> Solution:
+    """The same gait with strides `times` as long; its verification is that of one stride."""
+    return dataclasses.replace(
+        solution, phases=solution.phases * times, theta_turns=solution.theta_turns * times
+    )

@@ -58,7 +58,9 @@ def random_guess(
     c = params.constants
     turns = int(rng.choice([0, rng.integers(-2 * steps, 2 * steps, endpoint=True)]))
     centre = rng.choice([0.0, 0.0, math.pi, rng.uniform(-math.pi, math.pi)])
-    amplitudes = rng.uniform(0.0, 2.5 if turns == 0 else 1.0) * np.array([1.0, rng.uniform(), 0.5 * rng.uniform()])
+    amplitudes = rng.uniform(0.0, 2.5 if turns == 0 else 1.0) * np.array(
+        [1.0, rng.uniform(), 0.5 * rng.uniform()]
+    )
     harmonics = rng.permutation([1, 2, 3]) * rng.choice([1, steps])
     lags = rng.uniform(0.0, 2 * math.pi, 3)
     rocking = rng.uniform(0.0, 0.6, steps) * rng.choice([0, 1])

@@ -134,7 +134,7 @@ class Solution:
     @property
     def speed(self) -> float:
         """Mean speed along the ground (m/s)."""
-        return self.verification.distance / self.duration
+        return self.steps * self.params.step_length / self.duration
 
     @property
     def cost(self) -> float:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from rimless_gym.simulate import CONTROL_PERIOD, simulate
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.simulate import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.interpolant import PhaseTrajectory
 from trajopt.stability import monodromy
@@ -88,7 +89,7 @@ def polished(
         if best < 0.1 * STATE_TOLERANCE:
             break
         run = resimulated(params, current)
-        target = np.asarray(kept[0].start) + [0.0, 2 * math.pi * turns, 0.0, 0.0]
+        target = kept[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
         gap = run.x[-1] - target
         if run.steps != len(phases) or np.abs(gap).max() > 1e-2:
             break

@@ -1,0 +1,119 @@
+"""The front of optimal cost of transport over speed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from rimless_gym.params import WheelParams
+from trajopt.gaits import NoGaitError, periodic_gait
+from trajopt.guesses import leads_for
+from trajopt.problem import Array
+from trajopt.solution import Solution
+
+
+@dataclasses.dataclass(frozen=True)
+class CotFront:
+    """Gaits over speed, and the lower envelope of their costs of transport.
+
+    Attributes:
+        solutions: every verified gait, in order of steps, then speed.
+        missing: (steps, speed, why) where none was found.
+    """
+
+    solutions: tuple[Solution, ...]
+    missing: tuple[tuple[int, float, str], ...] = ()
+
+    @cached_property
+    def envelope(self) -> tuple[Solution, ...]:
+        """The best gait at each speed, in order of speed."""
+        best: dict[float, Solution] = {}
+        for solution in self.solutions:
+            speed = round(solution.speed, 9)
+            if speed not in best or solution.cot < best[speed].cot:
+                best[speed] = solution
+        return tuple(best[speed] for speed in sorted(best))
+
+    def __call__(self, speed: ArrayLike) -> Array:
+        """Optimal CoT at speed (m/s), linear between the gaits; of any shape.
+
+        Raises:
+            ValueError: outside the speeds that were solved for.
+        """
+        speeds = np.array([s.speed for s in self.envelope])
+        wanted = np.asarray(speed, dtype=float)
+        inside = (wanted >= speeds[0] - 1e-9) & (wanted <= speeds[-1] + 1e-9)
+        if not np.all(inside):
+            raise ValueError(
+                f"speed = {speed}: the front was solved for {speeds[0]:.3f} to {speeds[-1]:.3f} "
+                "m/s; pass cot_front speeds that enclose it"
+            )
+        return np.interp(wanted, speeds, [s.cot for s in self.envelope])
+
+
+def cot_front(
+    params: WheelParams,
+    speeds: Sequence[float],
+    steps: Sequence[int] = (1, 2, 3),
+    *,
+    regeneration: bool = False,
+    progress: bool = False,
+) -> CotFront:
+    """The best gaits known at each of `speeds`, by continuation from their neighbours.
+
+    Args:
+        params: the machine.
+        speeds: m/s.
+        steps: strides to consider.
+        regeneration: whether the battery takes energy back.
+        progress: whether to show a progress bar.
+
+    Raises:
+        NoGaitError: no gait was found at any speed.
+    """
+    solutions: list[Solution] = []
+    missing: list[tuple[int, float, str]] = []
+    bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
+    for count in steps:
+        own: list[Solution] = []
+        for speed in _from_known_outwards(params, speeds, count, regeneration):
+            try:
+                solution = _best_at(params, speed, count, regeneration, own)
+            except NoGaitError as error:
+                missing.append((count, speed, str(error)))
+            else:
+                own.append(solution)
+            bar.update()
+        solutions += sorted(own, key=lambda s: s.speed)
+    bar.close()
+    verified = tuple(s for s in solutions if s.verification.passed)
+    for s in solutions:
+        if not s.verification.passed:
+            missing.append((s.steps, s.speed, "; ".join(s.verification.failures)))
+    if not verified:
+        raise NoGaitError("\n".join(why for _, _, why in missing))
+    return CotFront(verified, tuple(missing))
+
+
+def _best_at(
+    params: WheelParams, speed: float, steps: int, regeneration: bool, own: Sequence[Solution]
+) -> Solution:
+    """From the nearest gait of this front if it is nearer than the shipped ones."""
+    shipped = [s for s in leads_for(params, speed, steps, regeneration) if s.params == params]
+    gap = min((abs(s.speed - speed) for s in shipped), default=np.inf)
+    near = min(own, key=lambda s: abs(s.speed - speed), default=None)
+    guess = near if near is not None and abs(near.speed - speed) < gap else None
+    return periodic_gait(params, speed, steps, regeneration, guess=guess)
+
+
+def _from_known_outwards(
+    params: WheelParams, speeds: Sequence[float], steps: int, regeneration: bool
+) -> list[float]:
+    known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps, regeneration)]
+    centre = known[0] if known else float(np.mean(speeds))
+    return sorted(map(float, speeds), key=lambda speed: abs(speed - centre))
