@@ -61,14 +61,18 @@ def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: 
     Args:
         frames: uint8 arrays of shape (height, width, 3).
         path: of the file.
-        fps: frames per second; a GIF counts in 1/100 s, so 50, 33.3, 25 or 20 are exact.
+        fps: frames per second, at most 50; a GIF counts in 1/100 s, so 50, 25 or 20 are exact.
         colours: size of the palette, at most 256.
 
     Raises:
-        ValueError: there are no frames.
+        ValueError: there are no frames, or more per second than browsers show.
     """
     if not len(frames):
         raise ValueError("cannot save a GIF of no frames")
+    if not 0 < fps <= 50:
+        raise ValueError(
+            f"fps = {fps}: must be above 0 and at most 50, leave out frames if need be"
+        )
     samples = frames[:: max(1, len(frames) // 8)]
     palette = Image.fromarray(np.concatenate(samples)).quantize(
         colours, method=Image.Quantize.MEDIANCUT, kmeans=1

@@ -164,6 +164,8 @@ def test_a_gif_keeps_the_frames_their_rate_and_stays_small(tmp_path):
     assert np.abs(back - frames[24]).mean() < 4
 
 
-def test_a_gif_of_nothing_is_refused(tmp_path):
+def test_a_gif_of_nothing_or_too_fast_for_browsers_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no frames"):
         save_gif([], tmp_path / "nothing.gif", fps=25)
+    with pytest.raises(ValueError, match="fps = 100: must be above 0 and at most 50"):
+        save_gif([draw(PROTOTYPE, STANDING)], tmp_path / "fast.gif", fps=100)
