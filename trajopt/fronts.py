@@ -50,7 +50,7 @@ class CotFront:
         inside = (wanted >= speeds[0] - 1e-9) & (wanted <= speeds[-1] + 1e-9)
         if not np.all(inside):
             raise ValueError(
-                f"speed = {speed}: the front was solved for {speeds[0]:.3f} to {speeds[-1]:.3f} "
+                f"speed = {wanted}: the front was solved for {speeds[0]:.3f} to {speeds[-1]:.3f} "
                 "m/s; pass cot_front speeds that enclose it"
             )
         return np.interp(wanted, speeds, [s.cot for s in self.envelope])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.solution import Solution
@@ -53,6 +56,8 @@ def leads_for(
 
 def repeated(solution: Solution, times: int) -> Solution:
     """The same gait with strides `times` as long; its verification is that of one stride."""
-    return dataclasses.replace(
-        solution, phases=solution.phases * times, theta_turns=solution.theta_turns * times
-    )
+    turns, phases = solution.theta_turns, []
+    for stride in range(times):
+        turned = np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0])
+        phases += [dataclasses.replace(p, states=p.states + turned) for p in solution.phases]
+    return dataclasses.replace(solution, phases=tuple(phases), theta_turns=turns * times)

@@ -8,24 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trajopt.polynomials import lagrange_matrix
+
 Array = NDArray[np.float64]
-
-
-def barycentric_weights(nodes: Array) -> Array:
-    """Weights of the barycentric Lagrange formula (Berrut and Trefethen, 2004)."""
-    differences = nodes[:, None] - nodes[None, :]
-    np.fill_diagonal(differences, 1.0)
-    return np.asarray(1.0 / differences.prod(axis=1))
-
-
-def lagrange_matrix(nodes: Array, points: Array) -> Array:
-    """Values at `points` (m,) of the Lagrange polynomials of `nodes` (n,): shape (m, n)."""
-    distance = points[:, None] - nodes[None, :]
-    exact = distance == 0.0
-    terms = barycentric_weights(nodes) / np.where(exact, 1.0, distance)
-    hit = exact.any(axis=1)
-    terms[hit] = exact[hit]
-    return np.asarray(terms / terms.sum(axis=1, keepdims=True))
 
 
 @dataclasses.dataclass(frozen=True)

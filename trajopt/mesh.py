@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trajopt.interpolant import PhaseTrajectory, lagrange_matrix
+from trajopt.interpolant import PhaseTrajectory
+from trajopt.polynomials import full_differentiation_matrix, lagrange_matrix
 from trajopt.problem import Array, Constraint, Phase, Problem
-from trajopt.radau import Mesh, Result, Transcription, full_differentiation_matrix
+from trajopt.radau import Mesh, Result, Transcription
 
 SAMPLES = 12  # per element, between the nodes
 
@@ -20,10 +21,12 @@ class Quality:
 
     Attributes:
         state_error: estimated error of the interpolated state, shape (M,).
+        bound_violation: of the bounds on states, shape (M,).
         path_violation: of each path constraint, shape (M, m).
     """
 
     state_error: Array
+    bound_violation: Array
     path_violation: Array
 
 
@@ -45,8 +48,11 @@ def assess(phase: Phase, trajectory: PhaseTrajectory) -> Quality:
     residual = rates - trajectory.element_durations[:, None, None] * flow
     integral = np.cumsum(0.5 * (residual[:, 1:] + residual[:, :-1]), axis=1) / SAMPLES
     path = np.asarray(phase.path.function(*columns)).T.reshape(*states.shape[:2], -1)
+    lower, upper = phase.state_bounds
+    outside = np.maximum(lower - states, states - upper)
     return Quality(
         np.abs(integral).max(axis=(1, 2)),
+        np.maximum(outside, 0.0).max(axis=(1, 2)),
         phase.path.violation(path).max(axis=1),
     )
 
@@ -57,7 +63,7 @@ def refined(
     """Halve the elements that miss a tolerance; the same mesh if none does."""
     fractions = []
     for edges, quality in zip(mesh.fractions, qualities, strict=True):
-        bad = quality.state_error > state_tolerance
+        bad = np.maximum(quality.state_error, quality.bound_violation) > state_tolerance
         bad |= quality.path_violation.max(axis=1) > path_tolerance
         middles = [0.5 * (edges[i] + edges[i + 1]) for i in np.flatnonzero(bad)]
         fractions.append(tuple(sorted([*edges, *map(float, middles)])))

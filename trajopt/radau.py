@@ -17,14 +17,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.special import comb
 
-from trajopt.interpolant import PhaseTrajectory, barycentric_weights, lagrange_matrix
+from trajopt.interpolant import PhaseTrajectory
+from trajopt.polynomials import (
+    bernstein_matrix,
+    control_nodes,
+    differentiation_matrix,
+    quadrature_weights,
+    radau_nodes,
+)
 from trajopt.problem import Array, Phase, Problem
 
 #: Of the control: arcs of coasting, V = K psi', are curved.
@@ -42,53 +49,6 @@ IPOPT = {
     "bound_relax_factor": 0.0,
     "honor_original_bounds": "yes",
 }
-
-
-@lru_cache
-def radau_nodes(degree: int) -> Array:
-    """0 followed by the `degree` flipped Radau points in (0, 1], shape (degree + 1,)."""
-    nodes = np.array([0.0, *ca.collocation_points(degree, "radau")])
-    nodes.setflags(write=False)
-    return nodes
-
-
-@lru_cache
-def full_differentiation_matrix(nodes: tuple[float, ...]) -> Array:
-    """Derivatives at nodes (n,) from values there, shape (n, n)."""
-    points = np.array(nodes)
-    w = barycentric_weights(points)
-    gap = points[:, None] - points[None, :]
-    np.fill_diagonal(gap, 1.0)
-    matrix = (w[None, :] / w[:, None]) / gap
-    np.fill_diagonal(matrix, 0.0)
-    np.fill_diagonal(matrix, -matrix.sum(axis=1))
-    return np.asarray(matrix)
-
-
-def differentiation_matrix(degree: int) -> Array:
-    """D (degree, degree + 1): derivatives at the Radau points from values at `radau_nodes`."""
-    return full_differentiation_matrix(tuple(radau_nodes(degree)))[1:]
-
-
-@lru_cache
-def quadrature_weights(degree: int) -> Array:
-    """Weights of the Radau points on [0, 1], shape (degree,)."""
-    points = radau_nodes(degree)[1:]
-    s, gauss = np.polynomial.legendre.leggauss(degree)
-    return np.asarray(0.5 * gauss @ lagrange_matrix(points, 0.5 * (s + 1)))
-
-
-@lru_cache
-def control_nodes(degree: int) -> Array:
-    """Chebyshev-Lobatto points in [0, 1] that carry the control's values, shape (degree + 1,)."""
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree))
-
-
-def bernstein_matrix(degree: int, points: Array) -> Array:
-    """Values at `points` (m,) of the Bernstein polynomials: shape (m, degree + 1)."""
-    s = np.asarray(points)[:, None]
-    k = np.arange(degree + 1)
-    return np.asarray(comb(degree, k) * s**k * (1 - s) ** (degree - k))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,7 +187,7 @@ class Transcription:
                 "print_time": False,
                 "error_on_fail": False,
             }
-            self._solvers[key] = ca.nlpsol("gait", "ipopt", self._nlp, settings)
+            self._solvers[key] = ca.nlpsol("gait", "ipopt", self._nlp, settings)  # type: ignore[arg-type]
         return self._solvers[key]
 
     @cached_property
@@ -331,7 +291,7 @@ class Transcription:
             n, nx = len(fractions) - 1, phase.n_states
             sizes = [1, nx, nx * d * n, m * n, d * n]
             cuts = first + np.cumsum([0, *sizes])
-            T, start, states, controls, _ = (w[i:j] for i, j in zip(cuts, cuts[1:], strict=False))
+            T, start, states, controls, _ = (w[i:j] for i, j in pairwise(cuts))
             inner = states.reshape(n, d, nx)
             left = np.concatenate([start[None], inner[:-1, -1]])[:, None]
             phases.append(

@@ -56,7 +56,7 @@ def random_guess(
     stride's harmonics, or turns over and over.
     """
     c = params.constants
-    turns = int(rng.choice([0, rng.integers(-2 * steps, 2 * steps, endpoint=True)]))
+    turns = int(rng.integers(0, 2) * rng.integers(-2 * steps, 2 * steps, endpoint=True))
     centre = rng.choice([0.0, 0.0, math.pi, rng.uniform(-math.pi, math.pi)])
     amplitudes = rng.uniform(0.0, 2.5 if turns == 0 else 1.0) * np.array(
         [1.0, rng.uniform(), 0.5 * rng.uniform()]

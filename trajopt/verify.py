@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.params import WheelParams
 from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
 from rimless_gym.simulate import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.interpolant import PhaseTrajectory

@@ -76,7 +76,7 @@ class LimitCycleLqr:
         """
         params, n = solution.params, max(8, round(solution.duration / CONTROL_PERIOD))
         period = solution.duration / n
-        t = period * (np.arange(n) + 0.5)
+        t: Array = period * np.arange(0.5, n)
         states, voltages = solution.state(t), mean_voltage(solution, t, period)
         metric = 1.0 / np.var(states, axis=0)
         if solution.theta_turns:  # theta runs round the circle; so does its deviation
