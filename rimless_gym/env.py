@@ -83,7 +83,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Starting State
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
     1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
-    and theta' in [-5, 5] rad/s, drawn evenly and kept if the foot presses on the ground.
+    and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
     `reset(options=...)` takes `state` (phi, theta, phi', theta'), with it `mode`
     ("single_stance", the default, or "double_stance"), and `params` (a `WheelParams`, from then
     on).

@@ -89,7 +89,7 @@ def _observe(states, alpha, observations):
 REST_SHARE = 0.25
 REST_ANGLE, REST_RATE = 0.5, 1.0  # |theta| (rad), |theta'| (rad/s)
 MOVING_LEG_RATE = (0.0, 2.0)  # phi' (rad/s)
-MOVING_PENDULUM_RATE = 5.0  # |theta'| (rad/s), at any angle theta
+MOVING_PENDULUM_RATE = 3.0  # |theta'| (rad/s), at any angle theta
 
 
 def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.float64]:
