@@ -116,7 +116,7 @@ class WheelParams:
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be at least 0")
-        if self.n_legs != int(self.n_legs) or self.n_legs < 3:
+        if self.n_legs < 3:
             raise ValueError(f"n_legs = {self.n_legs}: must be an integer of at least 3")
         if abs(self.slope) >= math.pi / 2:
             raise ValueError(f"slope = {self.slope}: must lie strictly between -pi/2 and pi/2 rad")
@@ -132,6 +132,8 @@ class WheelParams:
             raise TypeError(f"{name} = {value!r}: must be a real number")
         if not math.isfinite(value):
             raise ValueError(f"{name} = {value}: must be finite")
+        if name == "n_legs" and value != int(value):
+            raise ValueError(f"n_legs = {value}: must be an integer of at least 3")
         object.__setattr__(self, name, int(value) if name == "n_legs" else float(value))
 
     def _require_regular_mass_matrix(self) -> None:
