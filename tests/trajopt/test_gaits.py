@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL, simulate
+from rimless_gym.symbolic import HybridModel
+from trajopt import CotFront, NoGaitError, Solution, periodic_gait
+from trajopt.guesses import nearest, repeated, shipped
+from trajopt.search import Candidate, distinct, random_guess
+from trajopt.stability import monodromy
+from trajopt.verify import playback, verify
+
+MODEL = HybridModel(THESIS_PHYSICAL)
+
+
+def columns(function, *arguments):
+    return np.asarray(function.map(arguments[0].shape[1])(*arguments))
+
+
+def test_the_two_step_gait_beats_its_target(gait):
+    assert gait.verification.passed
+    assert gait.cot <= 0.105
+    assert gait.speed == pytest.approx(0.5, abs=1e-12)
+
+
+def test_the_swinging_family_beats_the_target_without_whirling_the_pendulum():
+    swinging = next(s for s in nearest(THESIS_PHYSICAL, 0.5, 2) if s.theta_turns == 0)
+    solved = periodic_gait(THESIS_PHYSICAL, 0.5, 2, guess=swinging)
+    assert solved.verification.passed
+    assert solved.theta_turns == 0
+    assert solved.cot <= 0.105
+
+
+def test_an_independent_simulation_follows_the_gait_over_the_whole_stride(gait):
+    run = simulate(
+        gait.params,
+        gait.state(0.0),
+        lambda t, x: gait.control(t),
+        gait.duration,
+        breakpoints=list(gait.breakpoints),
+    )
+    t = np.linspace(0, gait.duration, 301)[1:-1]
+    t = t[np.abs(t[:, None] - gait.phase_times).min(axis=1) > 1e-6]
+    assert np.abs(run.state(t) - gait.state(t)).max() < 1e-6
+
+
+def test_the_energy_audit_closes(gait):
+    assert gait.verification.energy_audit < 1e-6
+    assert gait.cost == gait.verification.electrical_positive
+    assert gait.cot_with_regeneration <= gait.cot
+
+
+def test_touchdowns_link_the_phases_and_the_last_one_closes_the_ring(gait):
+    for time in gait.phase_times[1:]:
+        before, after = gait.state(time, side="left"), gait.state(time)
+        assert before[0] == pytest.approx(gait.params.constants.b, abs=1e-9)
+        assert np.allclose(np.asarray(MODEL.touchdown(before)).ravel(), after, atol=1e-9)
+        assert before[2] > 0
+        assert after[2] > 0
+
+
+def test_limits_hold_between_the_nodes(gait):
+    t = np.linspace(0, gait.duration, 20_000, endpoint=False)
+    x, u = gait.state(t).T, gait.control(t)
+    fx, fy = columns(MODEL.functions["ground_reaction"], x, u[None])
+    p = gait.params
+    assert x[0].min() >= p.constants.a - 1e-7
+    assert x[0].max() <= p.constants.b + 1e-7
+    assert np.abs(u).max() <= p.voltage_limit * (1 + 1e-9)
+    assert fy.min() >= 0.05 * p.weight * (1 - 1e-3)
+    assert (np.abs(fx) / fy).max() <= p.friction * (1 + 1e-3)
+
+
+def test_the_state_is_periodic_but_for_the_turns_of_theta(gait):
+    t = np.array([0.1, 0.7, 1.3])
+    shift = np.array([0, 2 * math.pi * gait.theta_turns, 0, 0])
+    assert np.allclose(gait.state(t + gait.duration), gait.state(t) + shift)
+    assert np.allclose(gait.state(t - 2 * gait.duration), gait.state(t) - 2 * shift)
+    assert np.allclose(gait.control(t + gait.duration), gait.control(t))
+    assert gait.state(0.3).shape == (4,)
+    assert isinstance(gait.control(0.3), float)
+
+
+def test_a_saved_gait_loads_exactly(gait, tmp_path):
+    path = tmp_path / "gait.npz"
+    gait.save(path)
+    loaded = Solution.load(path)
+    t = np.linspace(-1, 3, 100)
+    assert np.array_equal(loaded.state(t), gait.state(t))
+    assert np.array_equal(loaded.control(t), gait.control(t))
+    assert loaded.params == gait.params
+    assert loaded.verification.failures == ()
+    assert loaded.cot == gait.cot
+    assert loaded.provenance == gait.provenance
+    assert loaded.report() == gait.report()
+
+
+def test_foreign_and_missing_files_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        Solution.load(tmp_path / "none.npz")
+    (tmp_path / "text.npz").write_text("not a gait")
+    with pytest.raises(ValueError, match="not a gait"):
+        Solution.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(ValueError, match="not a gait"):
+        Solution.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
+def test_impossible_speeds_are_named(speed):
+    with pytest.raises(NoGaitError, match="speed"):
+        periodic_gait(THESIS_PHYSICAL, speed)
+
+
+def test_a_stride_has_at_least_one_step():
+    with pytest.raises(NoGaitError, match="at least 1"):
+        periodic_gait(THESIS_PHYSICAL, steps=0)
+
+
+def test_a_speed_beyond_reach_says_so_and_what_binds():
+    with pytest.raises(NoGaitError, match=r"3\.0 m/s(.|\n)*violated(.|\n)*reached"):
+        periodic_gait(THESIS_PHYSICAL, 3.0, steps=1)
+
+
+def test_a_failed_verification_is_prominent(one_step):
+    phases = [dataclasses.replace(p, controls=p.controls + 0.1) for p in one_step.phases]
+    spoilt = verify(THESIS_PHYSICAL, phases, one_step.theta_turns)
+    assert not spoilt.passed
+    assert "FAILED" in dataclasses.replace(one_step, verification=spoilt).report()
+
+
+def test_regeneration_never_costs_more(one_step):
+    solved = periodic_gait(THESIS_PHYSICAL, 0.5, 1, regeneration=True, guess=one_step)
+    assert solved.verification.passed
+    assert solved.cot_with_regeneration <= one_step.cot_with_regeneration + 1e-6
+
+
+def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step):
+    M = monodromy(THESIS_PHYSICAL, one_step.phases)
+    edges, law = playback(one_step.phases)
+    spare, ends = 0.02, []
+    for sign in (1, -1):
+        x0 = one_step.state(0.0) + np.array([0, 0, 0, sign * 1e-5])
+        run = simulate(THESIS_PHYSICAL, x0, law, one_step.duration + spare, breakpoints=edges)
+        base = one_step.duration
+        after = np.asarray(MODEL.flow(run.state(base + spare), law(base, None))).ravel()
+        ends.append((run.touchdowns[0].after, run.touchdowns[0].time, after))
+    flow = np.asarray(MODEL.flow(one_step.state(0.0), one_step.control(0.0))).ravel()
+    drift = ends[0][1] - ends[1][1]
+    difference = ends[0][0] - ends[1][0] - flow * drift
+    assert np.allclose(difference / 2e-5, M[:, 3], rtol=2e-3, atol=2e-3)
+
+
+def test_shipped_gaits_repeat_into_longer_strides():
+    one = nearest(THESIS_PHYSICAL, 0.5, 1)[0]
+    three = repeated(one, 3)
+    t = np.linspace(0, three.duration, 50)
+    assert np.allclose(three.state(t), one.state(t), atol=1e-9)
+
+
+def test_every_shipped_gait_was_verified():
+    assert shipped()
+    assert all(s.verification.passed for s in shipped())
+
+
+def test_random_guesses_depend_on_the_seed_alone():
+    first, second = (
+        random_guess(THESIS_PHYSICAL, 2, 1.7, np.random.default_rng([3, 4])) for _ in range(2)
+    )
+    assert first[1] == second[1]
+    for mine, theirs in zip(first[0], second[0], strict=True):
+        assert np.array_equal(mine.states, theirs.states)
+
+
+def test_the_same_optimum_found_twice_counts_twice(gait):
+    shifted = gait.phases[1:] + gait.phases[:1]
+    candidates = [Candidate(phases, 0, gait.cost) for phases in (gait.phases, shifted)]
+    candidates.append(Candidate(gait.phases, 0, 2 * gait.cost))
+    assert [c.found for c in distinct(candidates)] == [2, 1]
+
+
+def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate():
+    front = CotFront(shipped())
+    speeds = [s.speed for s in front.envelope]
+    middle = 0.5 * (speeds[0] + speeds[1])
+    expected = 0.5 * (front.envelope[0].cot + front.envelope[1].cot)
+    assert front(middle) == pytest.approx(expected)
+    assert front(0.5) <= min(s.cot for s in shipped() if abs(s.speed - 0.5) < 1e-9) + 1e-12
+    with pytest.raises(ValueError, match="solved for"):
+        front(5.0)
