@@ -1,0 +1,1 @@
+"""Learning to walk: training, imitation of the optimal gait, and the evaluation protocol."""

@@ -1,0 +1,98 @@
+#!/usr/bin/env python
+"""Measure walking policies: 128 fixed starts, 50 s, the last 30 s of those that still walk.
+
+Several policies are taken for several seeds of one training: below them stand the interquartile
+mean and its 95 % bootstrap interval.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from typing import Any
+
+import torch
+
+from agents.checkpoint import load_checkpoint
+from agents.evaluate import PROTOCOL, Evaluation, evaluate
+from agents.policies import model_policy
+from agents.statistics import bootstrap_interval, interquartile_mean
+from rimless_gym.params import PRESETS, preset
+from trajopt.provenance import provenance
+
+COLUMNS = (
+    ("walking_share", "walking"),
+    ("speed", "speed m/s"),
+    ("cot", "CoT"),
+    ("cot_with_regeneration", "CoT regen."),
+    ("friction_demand", "friction"),
+    ("min_normal_force", "least Fy N"),
+    ("min_clearance", "clearance m"),
+    ("steps_per_period", "period"),
+)
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    parser.add_argument("policies", nargs="+", metavar="POLICY", help="checkpoint (.zip)")
+    parser.add_argument("--json", action="store_true", help="everything, as JSON")
+    parser.add_argument(
+        "--preset",
+        choices=sorted(PRESETS),
+        help="machine that the policies must be for; None: whatever each was trained on",
+    )
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    params = preset(arguments.preset) if arguments.preset else None
+    evaluations = []
+    for path in arguments.policies:
+        try:
+            loaded = load_checkpoint(path, params)
+        except ValueError as error:
+            parser.exit(2, f"error: {error}\n")
+        policy = model_policy(loaded.model)
+        evaluations.append(
+            evaluate(policy, loaded.params, PROTOCOL, task=loaded.task, progress=True)
+        )
+    summary = over_seeds(evaluations)
+    if arguments.json:
+        results = dict(zip(arguments.policies, (e.to_dict() for e in evaluations), strict=True))
+        print(json.dumps({"policies": results, "over_seeds": summary, **provenance()}, indent=1))
+    else:
+        print_table(arguments.policies, evaluations, summary)
+    return 0
+
+
+def over_seeds(evaluations: list[Evaluation]) -> dict[str, Any]:
+    """Interquartile mean and 95 % interval of each figure over the policies that walk."""
+    summary: dict[str, Any] = {}
+    for name, _ in COLUMNS[:-1]:
+        values = [getattr(e, name) for e in evaluations]
+        values = [value for value in values if math.isfinite(value)]
+        if values:
+            low, high = bootstrap_interval(values)
+            mean = interquartile_mean(values)
+            summary[name] = {"mean": mean, "low": low, "high": high, "seeds": len(values)}
+    return summary
+
+
+def print_table(names: list[str], evaluations: list[Evaluation], summary: dict[str, Any]) -> None:
+    """One line a policy, then the summary."""
+    width = max(24, *(len(name) for name in names))
+    print(" " * width + "".join(f"{title:>12}" for _, title in COLUMNS))
+    for name, evaluation in zip(names, evaluations, strict=True):
+        figures = [getattr(evaluation, column) for column, _ in COLUMNS]
+        print(f"{name:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))
+    if len(evaluations) > 1:
+        for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
+            figures = [summary.get(column, {}).get(key, math.nan) for column, _ in COLUMNS]
+            print(f"{title:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
