@@ -16,6 +16,9 @@ from trajopt.guesses import leads_for
 from trajopt.problem import Array
 from trajopt.solution import Solution
 
+#: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
+NEAR = 0.01
+
 
 @dataclasses.dataclass(frozen=True)
 class CotFront:
@@ -103,11 +106,12 @@ def cot_front(
 def _best_at(
     params: WheelParams, speed: float, steps: int, regeneration: bool, own: Sequence[Solution]
 ) -> Solution:
-    """From the nearest gait of this front if it is nearer than the shipped ones."""
-    shipped = [s for s in leads_for(params, speed, steps, regeneration) if s.params == params]
-    gap = min((abs(s.speed - speed) for s in shipped), default=np.inf)
-    near = min(own, key=lambda s: abs(s.speed - speed), default=None)
-    guess = near if near is not None and abs(near.speed - speed) < gap else None
+    """From the cheapest of the known gaits that are about as near in speed as any."""
+    shipped = leads_for(params, speed, steps, regeneration)
+    known = [s for s in [*shipped, *own] if s.params == params]
+    nearest = min((abs(s.speed - speed) for s in known), default=0.0)
+    close = [s for s in known if abs(s.speed - speed) <= nearest + NEAR]
+    guess = min(close, key=lambda s: s.cot, default=None)
     return periodic_gait(params, speed, steps, regeneration, guess=guess)
 
 

@@ -50,6 +50,7 @@ def assess(phase: Phase, trajectory: PhaseTrajectory) -> Quality:
     path = np.asarray(phase.path.function(*columns)).T.reshape(*states.shape[:2], -1)
     lower, upper = phase.state_bounds
     outside = np.maximum(lower - states, states - upper)
+    outside -= max(0.0, outside[0, 0].max(), outside[-1, -1].max())  # the ends have their own
     return Quality(
         np.abs(integral).max(axis=(1, 2)),
         np.maximum(outside, 0.0).max(axis=(1, 2)),

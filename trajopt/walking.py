@@ -19,6 +19,9 @@ MIN_NORMAL_FORCE = 0.05
 #: Least phi' just before and just after a touchdown (rad/s): the guard must be crossed.
 MIN_TOUCHDOWN_RATE = 0.01
 
+#: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
+GUARD_MARGIN = 1e-6
+
 
 def gait_problem(
     params: WheelParams,
@@ -79,7 +82,7 @@ def stance(params: WheelParams, *, regeneration: bool) -> Phase:
         power=ca.Function("power", [x, u], [model.electrical_power(x, u) + params.idle_power]),
         path=path,
         end=end,
-        state_bounds=_bounds((c.a, c.b), (-inf, inf), (-rate, rate), (-rate, rate)),
+        state_bounds=_bounds((c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), (-inf, inf), (-rate, rate), (-rate, rate)),
         start_bounds=_bounds((c.a, c.a), (-inf, inf), (0.0, rate), (-rate, rate)),
         end_bounds=_bounds((c.b, c.b), (-inf, inf), (MIN_TOUCHDOWN_RATE, rate), (-rate, rate)),
         control_bounds=_bounds((-params.voltage_limit, params.voltage_limit)),
