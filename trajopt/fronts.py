@@ -12,12 +12,9 @@ from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits import NoGaitError, periodic_gait
-from trajopt.guesses import leads_for
+from trajopt.guesses import by_promise, leads_for
 from trajopt.problem import Array
 from trajopt.solution import Solution
-
-#: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
-NEAR = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +81,7 @@ def cot_front(
     bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
     for count in steps:
         own: list[Solution] = []
-        for speed in _from_known_outwards(params, speeds, count, regeneration):
+        for speed in _from_known_outwards(params, speeds, count):
             try:
                 solution = _best_at(params, speed, count, regeneration, own)
             except NoGaitError as error:
@@ -106,18 +103,13 @@ def cot_front(
 def _best_at(
     params: WheelParams, speed: float, steps: int, regeneration: bool, own: Sequence[Solution]
 ) -> Solution:
-    """From the cheapest of the known gaits that are about as near in speed as any."""
-    shipped = leads_for(params, speed, steps, regeneration)
-    known = [s for s in [*shipped, *own] if s.params == params]
-    nearest = min((abs(s.speed - speed) for s in known), default=0.0)
-    close = [s for s in known if abs(s.speed - speed) <= nearest + NEAR]
-    guess = min(close, key=lambda s: s.cot, default=None)
+    """From the most promising of the shipped gaits and those already on this front."""
+    known = [s for s in [*leads_for(params, speed, steps), *own] if s.params == params]
+    guess = next(iter(by_promise(known, params, speed)), None)
     return periodic_gait(params, speed, steps, regeneration, guess=guess)
 
 
-def _from_known_outwards(
-    params: WheelParams, speeds: Sequence[float], steps: int, regeneration: bool
-) -> list[float]:
-    known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps, regeneration)]
+def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: int) -> list[float]:
+    known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps)]
     centre = known[0] if known else float(np.mean(speeds))
     return sorted(map(float, speeds), key=lambda speed: abs(speed - centre))

@@ -11,9 +11,10 @@ from trajopt.interpolant import PhaseTrajectory
 from trajopt.mesh import solve_refined
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
-from trajopt.radau import Mesh, Result, Transcription
+from trajopt.radau import Transcription
 from trajopt.search import Candidate, distinct, multi_start
 from trajopt.solution import Optimum, Solution
+from trajopt.transcription import Mesh, Result
 from trajopt.verify import polished, verify
 from trajopt.walking import gait_problem
 
@@ -22,6 +23,9 @@ ELEMENTS, DEGREE = 16, 7
 
 #: Random starts where no shipped gait is near, and how many of their optima are refined.
 DEFAULT_STARTS, REFINED = 24, 3
+
+#: Shipped gaits that are tried, one after the other, until one leads to the wanted speed.
+MAX_LEADS = 3
 
 #: Steps of continuation in speed (m/s).
 SPEED_STEP = 0.025
@@ -45,7 +49,7 @@ def periodic_gait(
 ) -> Solution:
     """The periodic gait of least cost of transport that could be found, verified.
 
-    Many local optima exist. The search starts from `guess` or the nearest gait shipped with the
+    Many local optima exist. The search starts from `guess` or the best near gait shipped with the
     package, led to the wanted speed in small steps, and from `starts` random guesses; the best
     of them is solved on a refined mesh and re-simulated.
 
@@ -68,7 +72,7 @@ def periodic_gait(
         NoGaitError: none was found at this speed, or the arguments admit none.
     """
     _validate(speed, steps, guess)
-    leads = [guess] if guess is not None else leads_for(params, speed, steps, regeneration)
+    leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
         known = any(lead.params == params for lead in leads)
         starts = 0 if guess is not None or known else DEFAULT_STARTS
@@ -78,8 +82,8 @@ def periodic_gait(
         result, reached = continued(params, lead, speed, regeneration)
         if result.success:
             solved.append((result, lead.theta_turns))
-        else:
-            failures.append(_obstacle(result, reached))
+            break
+        failures.append(_obstacle(result, reached))
     found: list[Candidate] = []
     failed: list[Result] = []
     if starts > 0:

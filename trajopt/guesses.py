@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,6 +12,9 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.solution import Solution
+
+#: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
+NEAR = 0.02
 
 FOLDER = Path(__file__).parent / "guesses"
 
@@ -21,37 +25,45 @@ def shipped() -> tuple[Solution, ...]:
     return tuple(Solution.load(path) for path in sorted(FOLDER.glob("*.npz")))
 
 
-def nearest(
-    params: WheelParams, speed: float, steps: int, regeneration: bool = False
-) -> list[Solution]:
-    """Shipped gaits of as many steps and legs, nearest in machine, then in speed, first.
+def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
+    """Shipped gaits of as many steps and legs: of each family, by turns of theta, the nearest.
 
-    One of each family, by the turns of the pendulum.
+    Nearest in machine, then in speed.
     """
-
-    def distance(solution: Solution) -> tuple[float, float, bool, float]:
-        mine, theirs = (dataclasses.asdict(p) for p in (params, solution.params))
-        differing = sum(mine[name] != theirs[name] for name in mine)
-        other_objective = solution.regeneration != regeneration
-        return differing, round(abs(solution.speed - speed), 6), other_objective, solution.cot
-
     fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
     families: dict[int, Solution] = {}
-    for solution in sorted(fitting, key=distance):
+    for solution in sorted(fitting, key=lambda s: _distance(s, params, speed)):
         families.setdefault(solution.theta_turns, solution)
     return list(families.values())
 
 
-def leads_for(
-    params: WheelParams, speed: float, steps: int, regeneration: bool = False
-) -> list[Solution]:
-    """Shipped gaits to start from; shorter strides that divide `steps` count as repeated."""
+def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
+    """Shipped gaits to start from, the most promising first.
+
+    Shorter strides that divide `steps` count as repeated. Of those about as near in speed, the
+    cheaper is the more promising.
+    """
     leads = []
     for divisor in range(1, steps + 1):
         if steps % divisor == 0:
-            found = nearest(params, speed, divisor, regeneration)
+            found = nearest(params, speed, divisor)
             leads += [repeated(solution, steps // divisor) for solution in found]
-    return leads
+    return by_promise(leads, params, speed)
+
+
+def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> list[Solution]:
+    """Guesses sorted by machine, then by speed to within `NEAR`, then by cost of transport."""
+
+    def promise(solution: Solution) -> tuple[int, int, float]:
+        differing, gap = _distance(solution, params, speed)
+        return differing, round(gap / NEAR), solution.cot
+
+    return sorted(leads, key=promise)
+
+
+def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[int, float]:
+    mine, theirs = (dataclasses.asdict(p) for p in (params, solution.params))
+    return sum(mine[name] != theirs[name] for name in mine), abs(solution.speed - speed)
 
 
 def repeated(solution: Solution, times: int) -> Solution:

@@ -10,7 +10,8 @@ import numpy as np
 from trajopt.interpolant import PhaseTrajectory
 from trajopt.polynomials import full_differentiation_matrix, lagrange_matrix
 from trajopt.problem import Array, Constraint, Phase, Problem
-from trajopt.radau import Mesh, Result, Transcription
+from trajopt.radau import Transcription
+from trajopt.transcription import Mesh, Result
 
 SAMPLES = 12  # per element, between the nodes
 

@@ -15,7 +15,6 @@ max(power, floor) is not smooth; its integral is that of slacks p >= power, p >=
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -33,9 +32,7 @@ from trajopt.polynomials import (
     radau_nodes,
 )
 from trajopt.problem import Array, Phase, Problem
-
-#: Of the control: arcs of coasting, V = K psi', are curved.
-CONTROL_DEGREE = 3
+from trajopt.transcription import Mesh, Result
 
 IPOPT = {
     "print_level": 0,
@@ -49,50 +46,6 @@ IPOPT = {
     "bound_relax_factor": 0.0,
     "honor_original_bounds": "yes",
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Mesh:
-    """Elements of every phase.
-
-    Attributes:
-        fractions: for each phase the element edges as fractions of its duration, from 0 to 1.
-        degree: of the state polynomials.
-        control_degree: of the control polynomials.
-    """
-
-    fractions: tuple[tuple[float, ...], ...]
-    degree: int
-    control_degree: int = CONTROL_DEGREE
-
-    @classmethod
-    def uniform(cls, phases: int, elements: int, degree: int) -> Mesh:
-        """The same equal elements in every phase."""
-        edges = tuple(float(s) for s in np.linspace(0.0, 1.0, elements + 1))
-        return cls((edges,) * phases, degree)
-
-
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """What IPOPT returned.
-
-    Attributes:
-        phases: the trajectory, phase by phase.
-        cost: the objective, as the transcription sees it.
-        success: IPOPT's verdict.
-        status: IPOPT's words for it.
-        iterations: of IPOPT.
-        violation: the largest violation of any constraint.
-        worst: the constraint that is violated most.
-    """
-
-    phases: tuple[PhaseTrajectory, ...]
-    cost: float
-    success: bool
-    status: str
-    iterations: int
-    violation: float
-    worst: str
 
 
 class Transcription:

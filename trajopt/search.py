@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
 from trajopt.interpolant import PhaseTrajectory
-from trajopt.radau import Mesh, Result, Transcription
+from trajopt.radau import Transcription
+from trajopt.transcription import Mesh, Result
 from trajopt.walking import gait_problem
 
 #: Enough to tell good optima from bad ones; winners are refined.

@@ -20,7 +20,12 @@ from trajopt.walking import MIN_NORMAL_FORCE
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 LIMIT_TOLERANCE = 1e-3  # relative, of limits between the points where they are imposed
-SPARE_TIME = (1e-8, 1e-6)  # s past the stride's end, so that its last touchdown is inside
+SPARE_TIME = (
+    1e-8,
+    5e-8,
+    2e-7,
+    1e-6,
+)  # s past the stride's end, so that its last touchdown is inside
 
 
 @dataclasses.dataclass(frozen=True)

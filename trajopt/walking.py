@@ -82,7 +82,9 @@ def stance(params: WheelParams, *, regeneration: bool) -> Phase:
         power=ca.Function("power", [x, u], [model.electrical_power(x, u) + params.idle_power]),
         path=path,
         end=end,
-        state_bounds=_bounds((c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), (-inf, inf), (-rate, rate), (-rate, rate)),
+        state_bounds=_bounds(
+            (c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), (-inf, inf), (-rate, rate), (-rate, rate)
+        ),
         start_bounds=_bounds((c.a, c.a), (-inf, inf), (0.0, rate), (-rate, rate)),
         end_bounds=_bounds((c.b, c.b), (-inf, inf), (MIN_TOUCHDOWN_RATE, rate), (-rate, rate)),
         control_bounds=_bounds((-params.voltage_limit, params.voltage_limit)),

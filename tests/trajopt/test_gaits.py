@@ -8,7 +8,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
-from trajopt import CotFront, NoGaitError, Solution, periodic_gait
+from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.guesses import nearest, repeated, shipped
 from trajopt.search import Candidate, distinct, random_guess
 from trajopt.stability import monodromy
@@ -192,3 +192,11 @@ def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate():
     assert front(0.5) <= min(s.cot for s in shipped() if abs(s.speed - 0.5) < 1e-9) + 1e-12
     with pytest.raises(ValueError, match="solved for"):
         front(5.0)
+
+
+@pytest.mark.slow
+def test_the_front_is_solved_from_shipped_gaits():
+    front = cot_front(THESIS_PHYSICAL, [0.45, 0.5], steps=(1, 2))
+    assert not front.missing
+    assert [s.speed for s in front.envelope] == pytest.approx([0.45, 0.5])
+    assert front(0.5) == min(s.cot for s in front.solutions if s.speed > 0.49)

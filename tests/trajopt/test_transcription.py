@@ -16,8 +16,9 @@ from trajopt.polynomials import (
     radau_nodes,
 )
 from trajopt.problem import Constraint, Phase, Problem
-from trajopt.radau import Mesh, Transcription
+from trajopt.radau import Transcription
 from trajopt.search import polyline
+from trajopt.transcription import Mesh
 
 FREE = np.inf
 
