@@ -8,8 +8,8 @@ learns to get out of its own mistakes.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
@@ -18,11 +18,12 @@ from torch import nn
 from tqdm import tqdm
 
 from agents.policies import Controller, Floats, Policy, controller_policy, model_policy
-from agents.rollout import Interval, draw_starts, rollout
+from agents.rollout import draw_starts, rollout
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 
-Observations = NDArray[np.float32]
+#: Observations (M, 6) and actions (M,), float32.
+Labelled: TypeAlias = tuple[torch.Tensor, torch.Tensor]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,12 +32,13 @@ class Cloning:
 
     Attributes:
         rounds: of DAgger, the expert's own included.
-        starts: random starts that the clone walks from in each round.
-        expert_starts: random starts that the expert walks from in the first.
+        expert_starts: random starts that the expert walks from in the first round.
         seconds: length of each walk (s).
-        labels: states of the first halves of a clone's walks that the expert labels, per round;
-            far from its gait it looks ahead, which takes a millisecond.
-        late_labels: the same of the second halves, where a clone that walks is near the gait.
+        starts: random starts that the clone walks from in each later round.
+        labels: states of these walks that the expert labels, per round.
+        gait_starts: starts of the clone among the states where the expert's walks ended up: most
+            of what decides the cost of transport is near the gait.
+        gait_labels: states of these walks that the expert labels, per round.
         gradient_steps: in each round; twice as many in the last.
         batch_size: observations per gradient step.
         huber: error (in units of the voltage limit) above which the loss grows only linearly:
@@ -47,11 +49,12 @@ class Cloning:
     """
 
     rounds: int = 4
-    starts: int = 256
     expert_starts: int = 64
     seconds: float = 6.0
-    labels: int = 10_000
-    late_labels: int = 30_000
+    starts: int = 256
+    labels: int = 8_000
+    gait_starts: int = 64
+    gait_labels: int = 24_000
     gradient_steps: int = 1500
     batch_size: int = 1024
     learning_rate: float = 2e-3
@@ -60,7 +63,7 @@ class Cloning:
     held_out: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "starts", "expert_starts", "seconds", "labels", "batch_size"):
+        for name in ("rounds", "expert_starts", "starts", "gait_starts", "batch_size"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be greater than 0")
         if not 0 < self.held_out < 1:
@@ -109,81 +112,83 @@ def clone(
     total = (config.rounds + 1) * config.gradient_steps
     optimizer = torch.optim.Adam(weights, lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
-    train: list[tuple[Observations, Floats]] = []
-    test: list[tuple[Observations, Floats]] = []
-    errors = []
+    n_intervals = round(config.seconds / CONTROL_PERIOD)
+    first = walk(params, label, draw_starts(params, config.expert_starts, (seed, 2)), n_intervals)
+    gait = first.states[first.when >= n_intervals // 2]
+    walks, errors = [first], []
     with tqdm(total=total, desc="clone", disable=not progress, leave=False) as bar:
         for k in range(config.rounds):
-            walker = label if k == 0 else model_policy(model)
-            n = config.starts if k else config.expert_starts
-            n_test = max(1, round(config.held_out * n))
-            starts = draw_starts(params, n, (seed, 2, k))
-            for share, part in ((starts[:n_test], test), (starts[n_test:], train)):
-                labels = round(config.labels * len(share) / n)
-                part.append(
-                    labelled_walks(params, walker, label, share, config.seconds, labels, rng)
-                )
-            observations, targets = _tensors(train)
-            last = k == config.rounds - 1
-            for _ in range(config.gradient_steps * (2 if last else 1)):
-                batch = torch.from_numpy(rng.integers(len(targets), size=config.batch_size))
+            if k > 0:
+                learner = model_policy(model)
+                anywhere = draw_starts(params, config.starts, (seed, 2, k))
+                near = gait[rng.integers(len(gait), size=config.gait_starts)]
+                for starts, count in ((anywhere, config.labels), (near, config.gait_labels)):
+                    seen = walk(params, learner, starts, n_intervals)
+                    some = seen.take(rng.permutation(len(seen.when))[:count])
+                    walks.append(some._replace(actions=label(some.states, some.observations)))
+            learned, held_out = _split(walks, config.held_out)
+            for _ in range(config.gradient_steps * (2 if k == config.rounds - 1 else 1)):
+                batch = torch.from_numpy(rng.integers(len(learned[1]), size=config.batch_size))
                 loss = nn.functional.huber_loss(
-                    mean_action(observations[batch]), targets[batch], delta=config.huber
+                    mean_action(learned[0][batch]), learned[1][batch], delta=config.huber
                 )
                 optimizer.zero_grad(set_to_none=True)
                 loss.backward()
                 optimizer.step()
                 schedule.step()
                 bar.update()
-            observations, targets = _tensors(test)
             with torch.no_grad():
-                errors.append(
-                    float(nn.functional.mse_loss(mean_action(observations), targets).sqrt())
-                )
+                error = nn.functional.mse_loss(mean_action(held_out[0]), held_out[1]).sqrt()
+            errors.append(float(error))
             bar.set_postfix(error=f"{errors[-1]:.4f}")
     set_exploration(model, config.log_std)
-    return CloneReport(sum(len(t) for _, t in train + test), tuple(errors))
+    return CloneReport(sum(len(seen.when) for seen in walks), tuple(errors))
 
 
-def labelled_walks(
-    params: WheelParams,
-    walker: Policy,
-    label: Policy,
-    starts: Floats,
-    seconds: float,
-    labels: Sequence[int],
-    rng: np.random.Generator,
-) -> tuple[Observations, Floats]:
-    """Observations (M, 6) that `walker` meets from `starts`, with the action of `label`, (M,).
+class Walks(NamedTuple):
+    """Control intervals of several walks, one after the other.
 
-    All of them where `walker` is `label`, else as many, drawn at random, as `labels` says for
-    each of the equal parts into which it divides the walks.
+    Attributes:
+        which: index of the start, (M,).
+        when: index of the interval, (M,).
+        states: (M, STATE_SIZE).
+        observations: (M, 6).
+        actions: in units of the voltage limit, (M,).
     """
-    intervals = list(rollout(params, walker, starts, round(seconds / CONTROL_PERIOD)))
-    if walker is label:
-        return _stacked(intervals, "observations"), _stacked(intervals, "actions")
-    observations, targets = [], []
-    for part, count in zip(
-        np.array_split(np.arange(len(intervals)), len(labels)), labels, strict=True
-    ):
-        walked = [intervals[i] for i in part]
-        if not walked:
-            continue
-        states = _stacked(walked, "states")
-        some = rng.permutation(len(states))[:count]
-        observations.append(_stacked(walked, "observations")[some])
-        targets.append(label(states[some], observations[-1]))
-    return np.concatenate(observations), np.concatenate(targets)
+
+    which: NDArray[np.int64]
+    when: NDArray[np.int64]
+    states: Floats
+    observations: NDArray[np.float32]
+    actions: Floats
+
+    def take(self, indices: NDArray[np.int64]) -> Walks:
+        """Some of the intervals."""
+        return Walks._make(values[indices] for values in self)
 
 
-def _stacked(intervals: list[Interval], name: str) -> Any:
-    return np.concatenate([getattr(interval, name) for interval in intervals])
+def walk(params: WheelParams, policy: Policy, starts: Floats, n_intervals: int) -> Walks:
+    """What a policy meets and does from `starts` (N, STATE_SIZE)."""
+    intervals = list(rollout(params, policy, starts, n_intervals))
+    return Walks(
+        which=np.concatenate([interval.running for interval in intervals]),
+        when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),
+        states=np.concatenate([interval.states for interval in intervals]),
+        observations=np.concatenate([interval.observations for interval in intervals]),
+        actions=np.concatenate([interval.actions for interval in intervals]),
+    )
 
 
-def _tensors(walks: list[tuple[Observations, Floats]]) -> tuple[torch.Tensor, torch.Tensor]:
-    observations = np.concatenate([o for o, _ in walks])
-    targets = np.concatenate([t for _, t in walks]).astype(np.float32)
-    return torch.from_numpy(observations), torch.from_numpy(targets)
+def _split(walks: list[Walks], held_out: float) -> tuple[Labelled, Labelled]:
+    """Observations and actions to learn from, and those of one start in every 1 / held_out."""
+    kept = np.concatenate([seen.which % round(1 / held_out) == 0 for seen in walks])
+    observations = np.concatenate([seen.observations for seen in walks])
+    actions = np.concatenate([seen.actions for seen in walks]).astype(np.float32)
+    learned, tested = (
+        (torch.from_numpy(observations[part]), torch.from_numpy(actions[part]))
+        for part in (~kept, kept)
+    )
+    return learned, tested
 
 
 def actor_of(

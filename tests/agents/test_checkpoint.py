@@ -1,0 +1,106 @@
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from stable_baselines3 import A2C
+
+from agents.checkpoint import (
+    RECORD,
+    CheckpointError,
+    load_checkpoint,
+    read_record,
+    save_checkpoint,
+)
+from agents.policies import model_policy
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+
+
+def observations():
+    return np.random.default_rng(0).uniform(-1, 1, (50, 6)).astype(np.float32)
+
+
+def with_record(path, target, **changes):
+    """The same checkpoint with another record."""
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == RECORD:
+                content = json.dumps(json.loads(content) | changes).encode()
+            new.writestr(name, content)
+    return target
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_model, algo):
+    model = new_model(algo)
+    path = save_checkpoint(tmp_path / "p.zip", model, THESIS_PHYSICAL, Task(0.4), 7, note="x")
+    loaded = load_checkpoint(path, THESIS_PHYSICAL)
+    x = observations()
+    np.testing.assert_array_equal(model_policy(loaded.model)(x, x), model_policy(model)(x, x))
+    assert (loaded.algo, loaded.params, loaded.task, loaded.seed) == (
+        algo,
+        THESIS_PHYSICAL,
+        Task(0.4),
+        7,
+    )
+    assert loaded.record["note"] == "x"
+    assert {"torch", "stable-baselines3", "numpy"} <= set(loaded.record["versions"])
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_missing_checkpoint_is_named(tmp_path):
+    with pytest.raises(CheckpointError, match=r"no such file.*train\.py"):
+        load_checkpoint(tmp_path / "nowhere.zip")
+
+
+def test_a_stable_baselines3_model_of_other_origin_is_refused(tmp_path, new_model):
+    new_model().save(tmp_path / "foreign.zip")
+    with pytest.raises(CheckpointError, match=f"no {RECORD}"):
+        load_checkpoint(tmp_path / "foreign.zip")
+
+
+def test_a_file_that_is_no_archive_is_refused(tmp_path):
+    (tmp_path / "bad.zip").write_bytes(b"not a zip")
+    with pytest.raises(CheckpointError, match="damaged"):
+        load_checkpoint(tmp_path / "bad.zip")
+
+
+def test_a_truncated_or_altered_checkpoint_is_refused(tmp_path, new_model):
+    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    content = bytearray(path.read_bytes())
+    (tmp_path / "short.zip").write_bytes(content[: len(content) // 2])
+    content[len(content) // 3] ^= 0xFF
+    (tmp_path / "altered.zip").write_bytes(content)
+    for name in ("short.zip", "altered.zip"):
+        with pytest.raises(CheckpointError, match="damaged"):
+            load_checkpoint(tmp_path / name)
+
+
+def test_a_policy_of_another_observation_layout_is_refused(tmp_path, new_model):
+    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    other = with_record(path, tmp_path / "q.zip", observation_layout=["phi", "theta"])
+    with pytest.raises(CheckpointError, match="observes"):
+        load_checkpoint(other)
+
+
+def test_a_policy_of_another_machine_is_refused_unless_asked_for(tmp_path, new_model):
+    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    with pytest.raises(CheckpointError, match=r"pendulum_mass.*2\.22.*0\.555"):
+        load_checkpoint(path, PROTOTYPE)
+    assert load_checkpoint(path).params == THESIS_PHYSICAL
+
+
+def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, new_model):
+    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    with pytest.raises(CheckpointError, match="version 99"):
+        read_record(with_record(path, tmp_path / "v.zip", format_version=99))
+    with pytest.raises(CheckpointError, match="incomplete or invalid"):
+        load_checkpoint(with_record(path, tmp_path / "m.zip", params={"wheel_mass": -1}))
+
+
+def test_only_ppo_and_sac_are_saved(tmp_path):
+    with pytest.raises(CheckpointError, match="A2C"):
+        save_checkpoint(
+            tmp_path / "p.zip", A2C("MlpPolicy", "Pendulum-v1"), THESIS_PHYSICAL, Task(), 0
+        )

@@ -1,0 +1,135 @@
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from agents.evaluate import PROTOCOL, Evaluation, Protocol, evaluate, gap
+from agents.periods import steps_per_period
+from agents.policies import controller_policy
+from agents.rollout import draw_starts, rollout
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import energy as row
+from rimless_gym.stepping import MODE
+
+# So short that some starts still walk on their first momentum.
+SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
+
+
+def push(states, observations):
+    """Some walk for a while under it, some fall, some rest."""
+    return np.clip(0.4 * observations[:, 3] - 0.6 * observations[:, 1], -1, 1).astype(float)
+
+
+def rest(states, observations):
+    return np.zeros(len(states))
+
+
+def test_the_published_protocol_is_that_of_the_design():
+    assert dataclasses.astuple(PROTOCOL)[0] == 128
+    assert (PROTOCOL.duration, PROTOCOL.window, PROTOCOL.alive) == (50.0, 30.0, 10.0)
+    assert 0 < (draw_starts(THESIS_PHYSICAL, 128, PROTOCOL.seed)[:, MODE] == 1).mean() < 1
+
+
+def test_an_evaluation_is_deterministic():
+    first, second = (evaluate(push, protocol=SMALL).to_dict() for _ in range(2))
+    assert first == second
+
+
+def test_a_start_fares_alike_in_any_batch_and_order():
+    starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
+    together = evaluate(push, protocol=SMALL)
+    order = np.random.default_rng(0).permutation(len(starts))[:9]
+    some = evaluate(push, protocol=SMALL, starts=starts[order])
+    for name in ("walking", "fallen", "speeds", "cots", "periods"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(together, name)[order], name)
+
+
+def test_a_policy_of_zeros_rests_and_its_cost_of_transport_is_nan():
+    result = evaluate(rest, protocol=dataclasses.replace(SMALL, duration=15.0))
+    assert result.walking_share == 0.0
+    assert math.isnan(result.cot)
+    assert math.isnan(result.speed)
+    assert result.steps_per_period == 0
+    assert math.isnan(gap(result, lambda speed: 0.1))
+    resting = ~result.fallen
+    assert resting.mean() > 0.5
+    assert result.objective <= 0.0
+
+
+def test_figures_are_ratios_of_sums_over_the_walks_window():
+    result = evaluate(push, protocol=SMALL)
+    assert 0 < result.walking.sum() < SMALL.starts
+    walking = np.flatnonzero(result.walking)
+    energy = distance = time = regenerated = 0.0
+    least = np.inf
+    starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
+    for index, interval in enumerate(rollout(THESIS_PHYSICAL, push, starts, 150)):
+        if index < 30:
+            continue
+        rows = interval.rows[np.isin(interval.running, walking)]
+        energy += rows[:, row.ELECTRICAL_POSITIVE].sum()
+        regenerated += rows[:, row.ELECTRICAL].sum()
+        distance += rows[:, row.DISTANCE].sum()
+        time += rows[:, row.TIME].sum()
+        least = min(least, rows[:, row.MIN_NORMAL_FORCE].min())
+    weight = THESIS_PHYSICAL.weight
+    assert result.cot == pytest.approx(energy / (weight * distance), rel=1e-12)
+    assert result.cot_with_regeneration == pytest.approx(regenerated / (weight * distance))
+    assert result.speed == pytest.approx(distance / time, rel=1e-12)
+    assert result.min_normal_force == least
+    assert gap(result, lambda speed: result.cot / 2) == pytest.approx(1.0)
+
+
+def test_idle_power_is_paid_for_while_walking():
+    idle = THESIS_PHYSICAL.replace(idle_power=2.0)
+    without, with_idle = evaluate(push, protocol=SMALL), evaluate(push, idle, SMALL)
+    assert with_idle.speed == without.speed
+    extra = 2.0 / (THESIS_PHYSICAL.weight * without.speed)
+    assert with_idle.cot - without.cot == pytest.approx(extra)
+
+
+def test_a_fallen_start_does_not_count_as_walking():
+    def topple(states, observations):
+        return np.ones(len(states))
+
+    result = evaluate(topple, protocol=dataclasses.replace(SMALL, duration=4.0))
+    assert result.fallen.any()
+    assert not (result.fallen & result.walking).any()
+
+
+@pytest.mark.parametrize("period", range(1, 7))
+def test_a_walk_that_repeats_after_some_steps_has_that_period(period):
+    cycle = np.random.default_rng(period).normal(size=(period, 4))
+    scatter = 1e-3 * np.random.default_rng(9).normal(size=(8 * period, 4))
+    assert steps_per_period(np.tile(cycle, (8, 1)) + scatter) == period
+
+
+def test_a_walk_that_never_repeats_has_period_none():
+    assert steps_per_period(np.random.default_rng(0).normal(size=(60, 4))) == 0
+    assert steps_per_period(np.zeros((0, 4))) == 0
+
+
+def test_an_evaluation_is_plain_json():
+    result = evaluate(rest, protocol=dataclasses.replace(SMALL, duration=15.0))
+    values = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert values["cot"] is None
+    assert set(values) == {field.name for field in dataclasses.fields(Evaluation)}
+
+
+def test_a_policy_that_gives_nan_or_a_wrong_shape_is_refused():
+    for bad in (lambda s, o: np.full(len(s), np.nan), lambda s, o: np.zeros((len(s), 1))):
+        with pytest.raises(ValueError, match="one number in"):
+            evaluate(bad, protocol=SMALL)
+
+
+def test_controllers_are_clipped_to_the_voltage_limit():
+    policy = controller_policy(THESIS_PHYSICAL, lambda x, mode: np.full(len(x), 1e3))
+    starts = draw_starts(THESIS_PHYSICAL, 3, 0)
+    np.testing.assert_array_equal(policy(starts, None), 1.0)
+
+
+def test_a_protocol_whose_window_is_longer_than_its_walks_is_refused():
+    with pytest.raises(ValueError, match="window"):
+        Protocol(duration=10.0, window=20.0)

@@ -1,0 +1,102 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from agents.imitate import Cloning, actor_of, clone, set_exploration, walk
+from agents.policies import controller_policy, model_policy
+from agents.rollout import draw_starts
+from rimless_gym import THESIS_PHYSICAL
+
+QUICK = Cloning(
+    rounds=2,
+    expert_starts=10,
+    seconds=1.5,
+    starts=10,
+    labels=400,
+    gait_starts=10,
+    gait_labels=400,
+    gradient_steps=150,
+    batch_size=128,
+)
+
+
+def weights(model):
+    return torch.cat([p.detach().ravel() for p in model.policy.parameters()]).numpy()
+
+
+def error(model, controller):
+    """Root-mean-square, on walks of the controller that nobody learned from."""
+    label = controller_policy(THESIS_PHYSICAL, controller)
+    seen = walk(THESIS_PHYSICAL, label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
+    return np.sqrt(
+        np.mean((model_policy(model)(seen.states, seen.observations) - seen.actions) ** 2)
+    )
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_model, swing, algo):
+    model = new_model(algo)
+    before = error(model, swing)
+    report = clone(model, swing, THESIS_PHYSICAL, QUICK, seed=1)
+    assert error(model, swing) < 0.5 * before
+    assert len(report.errors) == 2
+    assert 0 < report.samples <= 10 * 150 + 800
+
+
+def test_cloning_with_one_seed_gives_one_policy_and_with_another_another(new_model, swing):
+    models = [new_model(seed=seed) for seed in (0, 0, 0)]
+    for model, seed in zip(models, (5, 5, 6), strict=True):
+        clone(model, swing, THESIS_PHYSICAL, QUICK, seed=seed)
+    same, again, other = (weights(model) for model in models)
+    np.testing.assert_array_equal(same, again)
+    assert not np.array_equal(same, other)
+
+
+def test_cloning_leaves_the_critic_alone(new_model, swing):
+    model = new_model()
+    before = torch.cat([p.detach().ravel() for p in model.policy.value_net.parameters()])
+    clone(model, swing, THESIS_PHYSICAL, dataclasses.replace(QUICK, rounds=1), seed=0)
+    after = torch.cat([p.detach().ravel() for p in model.policy.value_net.parameters()])
+    assert torch.equal(before, after)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_the_differentiable_action_is_the_one_that_the_model_takes(new_model, algo):
+    model = new_model(algo)
+    x = np.random.default_rng(0).uniform(-1, 1, (40, 6)).astype(np.float32)
+    with torch.no_grad():
+        mean = actor_of(model)[0](torch.from_numpy(x)).numpy()
+    np.testing.assert_allclose(np.clip(mean, -1, 1), model_policy(model)(x, x), atol=1e-6)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_exploration_noise_is_set_in_all_states(new_model, algo):
+    model = new_model(algo)
+    set_exploration(model, -5.0)
+    x = np.zeros((4000, 6), dtype=np.float32)
+    noisy, _ = model.predict(x, deterministic=False)
+    assert np.std(noisy) == pytest.approx(np.exp(-5.0), rel=0.1)
+
+
+def test_settings_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="rounds = 0"):
+        Cloning(rounds=0)
+    with pytest.raises(ValueError, match="held_out"):
+        Cloning(held_out=1.0)
+
+
+@pytest.mark.slow
+def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_model):
+    from agents.evaluate import evaluate
+    from agents.expert import gait_expert
+    from trajopt import periodic_gait
+
+    gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
+    model = new_model()
+    clone(model, gait_expert(gait), THESIS_PHYSICAL, seed=0)
+    result = evaluate(model_policy(model))
+    assert result.walking_share >= 0.95
+    assert result.cot < 1.25 * gait.cot
+    assert result.speed == pytest.approx(0.5, abs=0.03)

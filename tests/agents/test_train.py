@@ -1,0 +1,172 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from agents import train as training
+from agents.callbacks import KeepBest, LogWalking
+from agents.checkpoint import load_checkpoint, read_record
+from agents.evaluate import Protocol
+from agents.hyperparameters import hyperparameters
+from agents.imitate import Cloning, actor_of
+from agents.train import train
+from agents.training_env import training_env
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+
+BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
+QUICK = Cloning(
+    rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
+)
+STEPS = {"ppo": 512, "sac": 400}
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Two environments and short roll-outs, all else as published."""
+
+    def smaller(algo, imitation):
+        settings = hyperparameters(algo, imitation)
+        changes = {"n_steps": 64, "batch_size": 64} if algo == "ppo" else {"learning_starts": 50}
+        changes |= {} if algo == "ppo" else {"buffer_size": 2000}
+        return type(settings)(
+            2, 512, settings.reward_scale, settings.algorithm | changes, settings.written
+        )
+
+    monkeypatch.setattr(training, "hyperparameters", smaller)
+
+
+def run(out, algo="ppo", **changes):
+    arguments = {"timesteps": STEPS[algo], "protocol": BRIEF, "progress": False} | changes
+    return train(algo, out=out, **arguments)
+
+
+def weights(path):
+    policy = load_checkpoint(path).model.policy
+    return torch.cat([p.detach().ravel() for p in policy.parameters()]).numpy()
+
+
+def scalars(folder):
+    events = EventAccumulator(str(folder)).Reload()
+    return {tag: events.Scalars(tag) for tag in events.Tags()["scalars"]}
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_training_twice_with_one_seed_gives_the_same_policy(tmp_path, algo):
+    first, second, other = (
+        run(tmp_path / name, algo, seed=seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
+    )
+    np.testing.assert_array_equal(weights(first.last), weights(second.last))
+    assert not np.array_equal(weights(first.last), weights(other.last))
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_tensorboard_shows_return_cost_of_transport_speed_steps_and_energies(tmp_path, algo):
+    run(tmp_path, algo)
+    shown = scalars(tmp_path)
+    wanted = {"walk/return", "walk/speed", "walk/steps", "walk/falls", "eval/walking_share"}
+    wanted |= {f"energy/{name}" for name in ("copper", "collision", "electrical", "friction")}
+    assert wanted <= set(shown)
+    assert all(np.isfinite(event.value) for tag in wanted for event in shown[tag])
+
+
+def test_what_is_logged_are_ratios_of_sums_of_the_infos():
+    def info(distance, energy):
+        rest = dict.fromkeys(("copper", "friction", "drag", "collision", "shaft", "idle"), 0.0)
+        rest |= {"electrical": 0.0, "reward_distance": 0.5 * distance, "reward_energy": -0.1}
+        rest |= {"reward_end": 0.0, "steps": 1, "elapsed": 0.01, "failure": None}
+        return rest | {"distance": distance, "electrical_positive": energy}
+
+    seen = {}
+
+    class Logger:
+        def record(self, name, value):
+            seen[name] = value
+
+    callback = LogWalking(THESIS_PHYSICAL)
+    callback.model = type("Model", (), {"logger": Logger()})()
+    callback.locals = {"infos": [info(0.01, 1.0), info(0.03, 0.2)]}
+    callback._on_step()
+    callback._record()
+    assert seen["walk/cot"] == pytest.approx(1.2 / (THESIS_PHYSICAL.weight * 0.04))
+    assert seen["walk/speed"] == pytest.approx(2.0)
+    assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_an_interrupted_training_is_saved_and_goes_on(tmp_path, monkeypatch, algo):
+    taken = KeepBest._on_step
+
+    def interrupt(self):
+        if self.num_timesteps >= 200:
+            raise KeyboardInterrupt
+        return taken(self)
+
+    monkeypatch.setattr(KeepBest, "_on_step", interrupt)
+    broken = run(tmp_path, algo)
+    monkeypatch.setattr(KeepBest, "_on_step", taken)
+    assert broken.interrupted
+    assert broken.timesteps < STEPS[algo]
+    assert read_record(broken.last)["timesteps"] == broken.timesteps
+    assert (tmp_path / "replay.pkl").exists() == (algo == "sac")
+    resumed = run(tmp_path, algo, resume=True)
+    assert not resumed.interrupted
+    assert resumed.timesteps >= STEPS[algo]
+    again = run(tmp_path, algo, resume=True)
+    assert again.timesteps == resumed.timesteps
+
+
+def test_a_folder_with_another_training_is_neither_overwritten_nor_resumed(tmp_path):
+    run(tmp_path, timesteps=128)
+    with pytest.raises(ValueError, match="--resume, or choose another --out"):
+        run(tmp_path)
+    with pytest.raises(ValueError, match="seed = 0, not 1"):
+        run(tmp_path, seed=1, resume=True)
+    with pytest.raises(ValueError, match="params"):
+        run(tmp_path, params=PROTOTYPE, resume=True)
+    with pytest.raises(ValueError, match="no training to resume"):
+        run(tmp_path / "empty", resume=True)
+
+
+def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
+    scores = iter([1.0, 3.0, 2.0, *[0.0] * 20])
+    result = run(tmp_path, score=lambda evaluation: next(scores))
+    assert read_record(result.best)["score"] == 3.0
+    assert read_record(result.best)["timesteps"] == result.evaluations[1][0]
+    assert json.loads((tmp_path / "train.json").read_text())["best_score"] == 3.0
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing, algo):
+    monkeypatch.setattr(training, "CRITIC_WARM_UP", 10.0)
+    result = run(tmp_path, algo, init="imitation", expert=swing, cloning=QUICK)
+    cloned, trained = (load_checkpoint(path).model for path in (result.clone, result.last))
+    for before, after in zip(actor_of(cloned)[1], actor_of(trained)[1], strict=True):
+        assert torch.equal(before, after)
+    assert not np.array_equal(weights(result.clone), weights(result.last))
+
+
+def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
+    first = run(tmp_path / "a", init="imitation", expert=swing, cloning=QUICK, timesteps=0)
+    np.testing.assert_array_equal(weights(first.clone), weights(first.best))
+    second = run(tmp_path / "b", init=first.clone, timesteps=0)
+    np.testing.assert_array_equal(weights(second.best), weights(first.clone))
+    with pytest.raises(ValueError, match="cannot start sac"):
+        run(tmp_path / "c", "sac", init=first.clone)
+
+
+def test_rewards_are_scaled_for_the_learner_only():
+    plain, scaled = (training_env(1, THESIS_PHYSICAL, Task(), 3, scale) for scale in (1.0, 100.0))
+    for env in (plain, scaled):
+        env.reset()
+    action = np.full((1, 1), 0.7, dtype=np.float32)
+    (_, small, _, infos), (_, large, _, _) = plain.step(action), scaled.step(action)
+    assert large[0] == pytest.approx(100 * small[0])
+    terms = ("reward_distance", "reward_energy", "reward_end")
+    assert small[0] == pytest.approx(sum(infos[0][name] for name in terms))
+
+
+def test_unknown_algorithms_are_refused_with_the_choice():
+    with pytest.raises(ValueError, match=r"algo = 'td3': choose from \['ppo', 'sac'\]"):
+        hyperparameters("td3", False)
