@@ -52,9 +52,11 @@ def upward_root(c, s_end):
     after an impact), the root at 0 is divided out and the next one returned.
     """
     if c[0] >= 0.0:
-        if c[1] >= 0.0:
+        if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0):
             return 0.0
         c = (c[1], c[2], c[3], c[4], c[5], 0.0)
+        if c[0] == 0.0:  # it leaves without a rate, just after a lift-off: a double root
+            c = (c[1], c[2], c[3], c[4], c[5], 0.0)
     low, high = 0.0, s_end
     s = 0.5 * s_end
     for _ in range(100):

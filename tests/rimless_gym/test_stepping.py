@@ -144,3 +144,19 @@ def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> 
     assert reference.events[0].kind == "lift_off"
     leading, trailing = hybrid.lift_off_guards(*reference.events[0].before[[1, 3]], -20.0, p)
     assert min(abs(leading), abs(trailing)) < 1e-8
+
+
+def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
+    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
+    rng, lifted = np.random.default_rng(6), 0
+    for _ in range(2000):
+        theta, dtheta = rng.uniform(-1.2, 1.2), rng.uniform(-3, 3)
+        guards = np.array([hybrid.lift_off_guards(theta, dtheta, v, p) for v in (0.0, 1.0)])
+        side = int(rng.integers(2))  # the voltage at which this foot is pulled by next to nothing
+        volts = -guards[0, side] / (guards[1, side] - guards[0, side])
+        volts += rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -1)
+        state = np.array([[p.a, theta, 0.0, dtheta, DOUBLE, 0.0]])
+        out = advance(params, state, np.array([volts]), pull=math.inf)[0]
+        assert out[row.FAILURE] == OK
+        lifted += out[row.TOUCHDOWNS] > 0 or state[0, MODE] == SINGLE
+    assert lifted > 500
