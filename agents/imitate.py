@@ -59,7 +59,7 @@ class Cloning:
     batch_size: int = 1024
     learning_rate: float = 2e-3
     huber: float = 0.05
-    log_std: float = -4.0
+    log_std: float = -4.5
     held_out: float = 0.1
 
     def __post_init__(self) -> None:
