@@ -164,10 +164,11 @@ class Progress(BaseCallback):
         self._bar: Any = None
 
     def _on_training_start(self) -> None:
-        self._bar = tqdm(initial=self.num_timesteps, unit="step", unit_scale=True, **self._settings)
+        initial = min(self.num_timesteps, self._settings["total"])
+        self._bar = tqdm(initial=initial, unit="step", unit_scale=True, **self._settings)
 
     def _on_step(self) -> bool:
-        self._bar.update(self.num_timesteps - self._bar.n)
+        self._bar.update(min(self.num_timesteps, self._bar.total) - self._bar.n)
         return True
 
     def close(self) -> None:

@@ -204,11 +204,13 @@ def _check_folder(out: Path, notes: dict[str, Any], resume: bool) -> float:
                 f"{out} holds a training with {name} = {before[name]}, not {value}: "
                 "resume with the same, or choose another --out"
             )
-    return float(before["best_score"])
+    best = before["best_score"]
+    return -math.inf if best is None else float(best)
 
 
 def _write_notes(
     out: Path, notes: dict[str, Any], settings: Hyperparameters, best_score: float
 ) -> None:
-    values = {**notes, "hyperparameters": settings.written, "best_score": best_score}
+    best = best_score if math.isfinite(best_score) else None
+    values = {**notes, "hyperparameters": settings.written, "best_score": best}
     (out / "train.json").write_text(json.dumps(values | provenance(), indent=1) + "\n")

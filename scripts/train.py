@@ -43,6 +43,9 @@ def main() -> int:
         )
     except ValueError as error:
         parser.exit(2, f"error: {error}\n")
+    except KeyboardInterrupt:
+        print("\ninterrupted before the training began: the same command starts anew")
+        return 130
     if result.interrupted:
         print(f"interrupted at {result.timesteps} steps; go on with the same command and --resume")
         return 130

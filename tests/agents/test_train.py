@@ -19,7 +19,7 @@ BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
 QUICK = Cloning(
     rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
 )
-STEPS = {"ppo": 512, "sac": 400}
+STEPS = {"ppo": 512, "sac": 160}
 
 
 @pytest.fixture(autouse=True)
@@ -99,7 +99,7 @@ def test_an_interrupted_training_is_saved_and_goes_on(tmp_path, monkeypatch, alg
     taken = KeepBest._on_step
 
     def interrupt(self):
-        if self.num_timesteps >= 200:
+        if self.num_timesteps >= STEPS[algo] // 2:
             raise KeyboardInterrupt
         return taken(self)
 
