@@ -116,9 +116,10 @@ def plot_cot_against_speed(
             linewidth=2,
             label="optimal front",
         )
-        for (name, (speed, cot)), colour in zip(points.items(), COLOURS, strict=False):
+        for i, (name, (speed, cot)) in enumerate(points.items()):
             if math.isfinite(speed) and math.isfinite(cot):
-                axes.plot(speed, cot, "o", color=colour, markersize=9, label=name)
+                marker, colour = "P*XDv"[i % 5], COLOURS[i % 5]
+                axes.plot(speed, cot, marker, color=colour, markersize=9, alpha=0.8, label=name)
         _tidy_logarithmic(axes, [s.cot for s in front.solutions] + [c for _, c in points.values()])
         axes.set(xlabel="speed (m/s)", ylabel="cost of transport (E+, no regeneration)")
         axes.legend(frameon=False, fontsize=8)
