@@ -1,4 +1,4 @@
-# make install | compare | test | test-slow | test-peers | bench | lint | format | clean
+# make install | compare | test | test-slow | test-peers | lint | format | clean
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -8,12 +8,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
-# Only folders that hold Python files yet.
-CHECKED := $(patsubst %/,%,$(sort $(dir $(wildcard $(addsuffix /*.py,rimless_gym trajopt agents scripts)))))
+CHECKED := rimless_gym trajopt agents scripts
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare test test-slow test-peers bench lint format clean
+.PHONY: help install compare test test-slow test-peers lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
@@ -21,7 +20,6 @@ help:
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-peers  comparisons with MuJoCo and Drake, which it installs"
-	@echo "make bench       speed, ours and peers'"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
 
@@ -60,9 +58,6 @@ test-slow: $(INSTALLED)
 
 test-peers: $(PEERS)
 	$(PYTEST) -m peers
-
-bench: $(INSTALLED)
-	$(BIN)/python scripts/benchmark.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

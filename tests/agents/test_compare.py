@@ -1,0 +1,55 @@
+"""The comparison study: what it keeps, what it refuses, what it prints."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from agents.compare import Comparison, Study, format_table
+
+
+def test_a_finished_stage_is_not_run_again(tmp_path: Path) -> None:
+    comparison, calls = Comparison(Study(), tmp_path, progress=False), []
+
+    def work() -> dict[str, int]:
+        calls.append(1)
+        return {"figure": 7}
+
+    first = comparison._stage("stage", work)
+    again = Comparison(Study(), tmp_path, progress=False)._stage("stage", work)
+    assert first == again
+    assert first["figure"] == 7
+    assert first["wall_time_s"] >= 0
+    assert len(calls) == 1
+
+
+def test_an_interrupted_stage_leaves_no_result_and_keeps_those_before(tmp_path: Path) -> None:
+    comparison = Comparison(Study(), tmp_path, progress=False)
+    comparison._stage("finished", dict)
+
+    def interrupted() -> dict[str, int]:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        comparison._stage("unfinished", interrupted)
+    assert (tmp_path / "finished.json").exists()
+    assert not list(tmp_path.glob("unfinished*"))
+
+
+def test_a_folder_with_another_study_is_refused(tmp_path: Path) -> None:
+    Comparison(Study(seed=1), tmp_path, progress=False)
+    with pytest.raises(ValueError, match=r"seed.*1 \(not 0\).*--out"):
+        Comparison(Study(seed=0), tmp_path, progress=False)
+
+
+def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="unknown preset 'THESIS'"):
+        Comparison(Study(preset="THESIS"), tmp_path, progress=False)
+
+
+def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
+    row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
+    table = format_table([row | {"walking_share": 0.0, "wall_time_s": 12.3}])
+    assert table.splitlines()[-1] == "| scratch | - | - | - | 0% | 12 |"
