@@ -1,0 +1,144 @@
+"""The exported files: they load, their joints mean what is documented, and they walk."""
+
+import itertools
+import math
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from rimless_gym import simulate
+from rimless_gym.export import JOINTS, joint_state, to_mjcf, to_urdf
+from rimless_gym.params import PRESETS, THESIS_PHYSICAL, WheelParams
+
+BARE = WheelParams(
+    n_legs=8, slope=0.08, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0, friction=5.0
+)
+LOSSY = THESIS_PHYSICAL.replace(rotor_inertia=3e-7, hub_damping=0.2, slope=-0.1, n_legs=3)
+MACHINES = {
+    **PRESETS,
+    "lossy": LOSSY,
+    "frame mount": LOSSY.replace(motor_mount="frame"),
+    "bare": BARE,
+    "massless wheel": WheelParams(wheel_mass=0.0),
+    "no motor": WheelParams(motor_constant=0.0, rotor_inertia=1e-7),
+}
+
+
+@pytest.fixture(params=MACHINES.values(), ids=MACHINES)
+def params(request):
+    return request.param
+
+
+def load(text: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.mark.parametrize("export", [to_mjcf, to_urdf])
+def test_files_load_in_mujoco_with_the_machines_joints_and_mass(params, export):
+    model = load(export(params))
+    assert tuple(model.joint(i).name for i in range(model.njnt)) == JOINTS
+    assert sum(model.body_mass) == pytest.approx(params.total_mass, rel=1e-13)
+    assert model.nu == (export is to_mjcf and params.motor_constant > 0)
+
+
+def test_both_files_describe_the_same_machine(params):
+    """But for rotor inertia, which MuJoCo does not read from URDF.
+
+    A wheel without inertia has no accelerations to compare while it flies.
+    """
+    params = params.replace(rotor_inertia=0.0, wheel_inertia=max(params.wheel_inertia, 0.01))
+    models = [load(export(params)) for export in (to_mjcf, to_urdf)]
+    rng = np.random.default_rng(0)
+    for q, v in rng.uniform(-3, 3, (20, 2, 4)):
+        accelerations = []
+        for model in models:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+            data = mujoco.MjData(model)
+            data.qpos[:], data.qvel[:] = q, v
+            if model is models[1]:  # there the ground is tilted, not gravity
+                model.opt.gravity[:] = [0, 0, -params.gravity]
+            mujoco.mj_forward(model, data)
+            accelerations.append(data.qacc)
+        np.testing.assert_allclose(*accelerations, rtol=1e-9, atol=1e-9)
+
+
+def test_every_foot_it_stands_on_is_at_rest_on_the_ground(params, free_wheel):
+    wheel, rng = free_wheel(params), np.random.default_rng(1)
+    p = params.constants
+    for foot, _ in itertools.product((-4, -1, 0, 1, 2, 9), range(5)):
+        x = rng.uniform([p.a, -7, -6, -12], [p.b, 7, 6, 12])
+        q, v = joint_state(params, x, foot)
+        wheel.move(q, v)
+        assert wheel.foot(foot) == pytest.approx([foot * params.step_length, 0], abs=1e-14)
+        assert wheel.jacobian(foot) @ v == pytest.approx([0, 0], abs=1e-13)
+        rod = wheel.data.xipos[wheel.model.body("pendulum").id] - wheel.data.xpos[wheel.wheel]
+        hanging = np.array([math.sin(x[1]), 0, -math.cos(x[1])])
+        assert rod == pytest.approx(params.pendulum_length * hanging, abs=1e-14)
+
+
+def test_touchdown_moves_no_joint(params):
+    p = params.constants
+    before, after = [p.b, 0.3, 1.0, 2.0], [p.a, 0.3, 1.0, 2.0]
+    (q, _), (q_new, _) = joint_state(params, before, 4), joint_state(params, after, 5)
+    assert q_new == pytest.approx(q, abs=1e-14)
+
+
+def test_states_convert_in_stacks():
+    x = np.random.default_rng(2).uniform(-1, 1, (5, 3, 4))
+    q, v = joint_state(THESIS_PHYSICAL, x, 2)
+    assert q.shape == v.shape == (5, 3, 4)
+    single = joint_state(THESIS_PHYSICAL, x[3, 1], 2)
+    assert (q[3, 1] == single[0]).all()
+    assert (v[3, 1] == single[1]).all()
+
+
+def test_keyframe_stands_on_two_feet_and_stays():
+    params = THESIS_PHYSICAL.replace(n_legs=7)
+    model = load(to_mjcf(params))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("rest").id)
+    height = data.qpos[1]
+    mujoco.mj_step(model, data, 2000)
+    assert data.ncon == 2
+    assert data.qpos[1] == pytest.approx(height, abs=1e-4)
+    assert abs(data.qvel).max() < 1e-6
+
+
+def test_volts_reach_the_joint_as_the_motors_torque():
+    params = THESIS_PHYSICAL.replace(hub_damping=0.3)
+    model = load(to_mjcf(params))
+    data = mujoco.MjData(model)
+    for volts, rate in ((12.0, 0.0), (-20.0, 3.0), (35.0, -2.0)):
+        data.ctrl[0], data.qvel[3] = volts, rate
+        mujoco.mj_forward(model, data)
+        limited = min(max(volts, -params.voltage_limit), params.voltage_limit)
+        shaft = params.motor_constant * params.gear_ratio
+        torque = shaft * (limited - shaft * rate) / params.armature_resistance - 0.3 * rate
+        assert data.qfrc_actuator[3] + data.qfrc_passive[3] == pytest.approx(torque, rel=1e-14)
+
+
+def test_urdf_says_what_mujoco_does_not_read():
+    root = ElementTree.fromstring(to_urdf(LOSSY))
+    drake = "{http://drake.mit.edu}"
+    read = {name: root.find(f".//{drake}{name}") for name in ("rotor_inertia", "gear_ratio")}
+    assert {name: float(element.get("value")) for name, element in read.items()} == {
+        "rotor_inertia": LOSSY.rotor_inertia,
+        "gear_ratio": LOSSY.gear_ratio,
+    }
+
+
+def test_exported_wheel_rolls_down_a_slope_in_mujoco_as_it_does_here():
+    """MuJoCo's own contacts, which are compliant, on feet that have a radius."""
+    params = BARE.replace(wheel_inertia=0.05)
+    model = load(to_mjcf(params))
+    data = mujoco.MjData(model)
+    start = [params.constants.a, params.slope, 2.0, 0.0]
+    data.qpos[:], data.qvel[:] = joint_state(params, start)
+    duration = 3.0
+    mujoco.mj_step(model, data, round(duration / model.opt.timestep))
+    ours = simulate(params, start, lambda t, x: 0.0, duration)
+    q, v = joint_state(params, ours.x[-1], ours.foot[-1])
+    assert ours.steps == 5
+    assert data.qpos[2] == pytest.approx(q[2], rel=0.02)
