@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import time
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
 from agents.policies import Policy, controller_policy, model_policy
+from agents.report import format_table, gait_row, policy_row
 from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.params import WheelParams, preset
@@ -227,59 +227,35 @@ class Comparison:
         """The feedback law that holds it."""
         return gait_expert(self.best_gait)
 
-    # -- the report -----------------------------------------------------------------------------
-
     def _report(self, done: dict[str, dict[str, Any]]) -> dict[str, Any]:
-        gait = Solution.load(self.out / "gait.npz")
         rows = [
-            self._optimal_row(f"optimal, {_strides(gait)}", gait, done["gait"]),
-            self._optimal_row(
-                f"optimal, {_strides(self.best_gait)}", self.best_gait, done["front"]
+            *self._optimal_rows(done),
+            policy_row("LQR about the optimum", done["lqr"], self.front),
+            policy_row("imitation", done["imitation"], self.front),
+            policy_row("fine-tuned, best kept", done["fine_tuned"], self.front),
+            policy_row(
+                "fine-tuned, last", done["fine_tuned"] | done["fine_tuned"]["last"], self.front
             ),
-            *self._swinging_rows(done["swinging"]),
-            self._row("LQR about the optimum", done["lqr"], done["lqr"]),
-            self._row("imitation", done["imitation"], done["imitation"]),
-            self._row("fine-tuned, best kept", done["fine_tuned"], done["fine_tuned"]),
-            self._row("fine-tuned, last", done["fine_tuned"]["last"], done["fine_tuned"]),
-            self._row("from scratch", done["scratch"], done["scratch"]),
+            policy_row("from scratch", done["scratch"], self.front),
         ]
         results = {"study": dataclasses.asdict(self.study), "table": rows, "stages": done}
         results |= provenance()
         _write_json(self.out / "results.json", results)
-        table = format_table(rows)
-        (self.out / "table.md").write_text(table + "\n")
+        (self.out / "table.md").write_text(format_table(rows) + "\n")
         self._draw(rows)
         return results
 
-    def _swinging_rows(self, stage: dict[str, Any]) -> list[dict[str, Any]]:
-        if "missing" in stage:
-            return []
-        gait = Solution.load(self.out / "swinging.npz")
-        return [self._optimal_row("optimal while the pendulum swings", gait, stage)]
-
-    def _optimal_row(self, name: str, gait: Solution, stage: dict[str, Any]) -> dict[str, Any]:
-        return {
-            "policy": name,
-            "cot": gait.cot,
-            "speed": gait.speed,
-            "gap": gait.cot / float(self.front(gait.speed)) - 1.0,
-            "walking_share": None,
-            "wall_time_s": stage["wall_time_s"],
-        }
-
-    def _row(self, name: str, result: dict[str, Any], stage: dict[str, Any]) -> dict[str, Any]:
-        evaluation = result["evaluation"]
-        cot, speed = evaluation["cot"], evaluation["speed"]
-        speeds = [s.speed for s in self.front.envelope]
-        inside = cot is not None and speeds[0] <= speed <= speeds[-1]
-        return {
-            "policy": name,
-            "cot": cot,
-            "speed": speed,
-            "gap": cot / float(self.front(speed)) - 1.0 if inside else None,
-            "walking_share": evaluation["walking_share"],
-            "wall_time_s": stage["wall_time_s"],
-        }
+    def _optimal_rows(self, done: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+        gait = Solution.load(self.out / "gait.npz")
+        rows = [
+            gait_row(f"optimal, {_strides(each)}", each, done[stage], self.front)
+            for each, stage in ((gait, "gait"), (self.best_gait, "front"))
+        ]
+        if "missing" not in done["swinging"]:
+            swinging = Solution.load(self.out / "swinging.npz")
+            name = "optimal while the pendulum swings"
+            rows.append(gait_row(name, swinging, done["swinging"], self.front))
+        return rows
 
     def _draw(self, rows: list[dict[str, Any]]) -> None:
         start = np.zeros(STATE_SIZE)
@@ -317,29 +293,6 @@ def _gait_result(gait: Solution) -> dict[str, Any]:
         "theta_turns": gait.theta_turns,
         "verification": dataclasses.asdict(gait.verification),
     }
-
-
-def format_table(rows: list[dict[str, Any]]) -> str:
-    """The comparison as a Markdown table; what does not apply or does not walk is a dash."""
-
-    def figure(value: float | None, form: str) -> str:
-        return "-" if value is None or not math.isfinite(value) else format(value, form)
-
-    lines = [
-        "| | CoT | speed (m/s) | gap to the optimum | starts that walk | wall time (s) |",
-        "|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cells = (
-            row["policy"],
-            figure(row["cot"], ".4f"),
-            figure(row["speed"], ".3f"),
-            figure(row["gap"], "+.1%"),
-            figure(row["walking_share"], ".0%"),
-            figure(row["wall_time_s"], ".0f"),
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
 
 
 def _write_json(path: Path, values: Any) -> None:

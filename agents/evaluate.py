@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -220,18 +219,6 @@ def _summary(
         ),
         periods=periods,
     )
-
-
-def gap(evaluation: Evaluation, front: Callable[[float], float]) -> float:
-    """Learned CoT over the optimal one at the learned speed, minus 1; NaN if nothing walks.
-
-    Args:
-        evaluation: of the learned policy.
-        front: speed (m/s) -> optimal cost of transport.
-    """
-    if math.isnan(evaluation.cot):
-        return math.nan
-    return evaluation.cot / float(front(evaluation.speed)) - 1.0
 
 
 def _plain(value: Any) -> Any:

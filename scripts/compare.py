@@ -13,7 +13,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from agents.compare import Comparison, Study, format_table
+from agents.compare import Comparison, Study
+from agents.report import format_table
 from rimless_gym.params import PRESETS
 
 

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.compare import Comparison, Study, format_table
+from agents.compare import Comparison, Study
+from agents.report import format_table, gap_to_front
+from trajopt.fronts import CotFront
+from trajopt.guesses import shipped
 
 
 def test_a_finished_stage_is_not_run_again(tmp_path: Path) -> None:
@@ -53,3 +56,15 @@ def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
     table = format_table([row | {"walking_share": 0.0, "wall_time_s": 12.3}])
     assert table.splitlines()[-1] == "| scratch | - | - | - | 0% | 12 |"
+
+
+def test_the_gap_is_taken_at_the_learned_speed_and_nowhere_off_the_front() -> None:
+    gaits = [gait for gait in shipped() if gait.steps == 1]
+    slow, fast = min(gaits, key=lambda g: g.speed), max(gaits, key=lambda g: g.speed)
+    front = CotFront((slow, fast))
+    middle = (slow.speed + fast.speed) / 2
+    optimal = (slow.cot + fast.cot) / 2
+    assert gap_to_front(1.25 * optimal, middle, front) == pytest.approx(0.25)
+    assert gap_to_front(slow.cot, slow.speed, front) == pytest.approx(0.0)
+    assert gap_to_front(1.0, fast.speed + 0.01, front) is None
+    assert gap_to_front(None, None, front) is None

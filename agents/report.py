@@ -1,0 +1,65 @@
+"""The comparison's table: a row for each gait and policy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from trajopt.fronts import CotFront
+from trajopt.solution import Solution
+
+
+def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
+    """The row of an optimal gait that took a stage's wall time to find."""
+    return {
+        "policy": name,
+        "cot": gait.cot,
+        "speed": gait.speed,
+        "gap": gap_to_front(gait.cot, gait.speed, front),
+        "walking_share": None,
+        "wall_time_s": stage["wall_time_s"],
+    }
+
+
+def policy_row(name: str, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
+    """The row of a policy, from a stage that holds its `evaluation`."""
+    evaluation = stage["evaluation"]
+    return {
+        "policy": name,
+        "cot": evaluation["cot"],
+        "speed": evaluation["speed"],
+        "gap": gap_to_front(evaluation["cot"], evaluation["speed"], front),
+        "walking_share": evaluation["walking_share"],
+        "wall_time_s": stage["wall_time_s"],
+    }
+
+
+def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
+    """CoT over the optimal one at the same speed, minus 1; None off the front or without a walk."""
+    speeds = [gait.speed for gait in front.envelope]
+    if cot is None or speed is None or not speeds[0] - 1e-9 <= speed <= speeds[-1] + 1e-9:
+        return None
+    return cot / float(front(speed)) - 1.0
+
+
+def format_table(rows: list[dict[str, Any]]) -> str:
+    """The comparison as a Markdown table; what does not apply or does not walk is a dash."""
+
+    def figure(value: float | None, form: str) -> str:
+        return "-" if value is None or not math.isfinite(value) else format(value, form)
+
+    lines = [
+        "| | CoT | speed (m/s) | gap to the optimum | starts that walk | wall time (s) |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = (
+            row["policy"],
+            figure(row["cot"], ".4f"),
+            figure(row["speed"], ".3f"),
+            figure(row["gap"], "+.1%"),
+            figure(row["walking_share"], ".0%"),
+            figure(row["wall_time_s"], ".0f"),
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
