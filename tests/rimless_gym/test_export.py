@@ -139,6 +139,6 @@ def test_exported_wheel_rolls_down_a_slope_in_mujoco_as_it_does_here():
     duration = 3.0
     mujoco.mj_step(model, data, round(duration / model.opt.timestep))
     ours = simulate(params, start, lambda t, x: 0.0, duration)
-    q, v = joint_state(params, ours.x[-1], ours.foot[-1])
+    q, _ = joint_state(params, ours.x[-1], ours.foot[-1])
     assert ours.steps == 5
     assert data.qpos[2] == pytest.approx(q[2], rel=0.02)
