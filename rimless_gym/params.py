@@ -202,6 +202,18 @@ class WheelParams:
                 raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
         return dataclasses.replace(self, **changes)
 
+    def to_mjcf(self) -> str:
+        """The machine as MuJoCo's XML; see `rimless_gym.export`."""
+        from rimless_gym.export import to_mjcf  # which needs this class
+
+        return to_mjcf(self)
+
+    def to_urdf(self) -> str:
+        """The machine as URDF, for Drake and others; see `rimless_gym.export`."""
+        from rimless_gym.export import to_urdf  # which needs this class
+
+        return to_urdf(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
         return dataclasses.asdict(self)
