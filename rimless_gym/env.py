@@ -100,7 +100,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     `info` holds each term of the step's energy ledger (J), the net and total touchdowns `steps`
     and `touchdowns`, the ground reaction at the end of the step and its extremes (N), the
-    pendulum's clearance (m), `mode` and `failure`.
+    pendulum's clearance (m), `mode`, `failure`, and `slips`: whether a force or an impulse asked
+    for more friction than `params.friction` offers (the model's foot holds all the same).
 
     ## Version History
     - v0: first version, unreleased.
@@ -227,6 +228,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info: dict[str, Any] = {name: rows[index] for name, index in _INFO_ROWS}
         info["idle"] = params.idle_power * rows[row.TIME]
         info["steps"], info["touchdowns"] = int(rows[row.STEPS]), int(rows[row.TOUCHDOWNS])
+        demand = max(info["friction_demand"], info["impulse_friction_demand"])
+        info["slips"] = demand > params.friction
         info["mode"] = MODE_NAMES[int(state[MODE])]
         info["failure"] = FAILURES[failure] if terminated else None
         terms = self.task.reward_terms(

@@ -188,6 +188,12 @@ def equations(
         return phi - p.alpha, theta, dphi_new, dtheta_new
 
     @compiled
+    def touchdown_backward(phi, theta, dphi, dtheta, p):
+        """Backward touchdown: the state on the stance leg before."""
+        dphi_new, dtheta_new = impact(phi + p.alpha, phi, theta, dphi, dtheta, p)
+        return phi + p.alpha, theta, dphi_new, dtheta_new
+
+    @compiled
     def stop_on_two_feet(phi_old, theta, dphi, dtheta, p):
         """theta' after an impact that leaves the wheel at rest: the pendulum's momentum alone."""
         _, _, m21, m22 = mass_matrix(phi_old, phi_old, theta, p)

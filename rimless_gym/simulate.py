@@ -275,6 +275,7 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
     demand = np.where(
         forces[:, 1] > 0, np.abs(forces[:, 0]) / np.maximum(forces[:, 1], 1e-300), np.inf
     )
+    impulses = [event.impulse for event in motion.events if event.kind == "touchdown"]
     return Trajectory(
         params=params,
         t=t,
@@ -287,6 +288,9 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         ledger=ledger,
         min_normal_force=float(forces[:, 1].min()),
         friction_demand=float(demand.max()),
+        impulse_friction_demand=max(
+            (abs(jx) / jy if jy > 0 else math.inf for jx, jy in impulses), default=0.0
+        ),
         clearance=float(min(hybrid.pendulum_clearance(s[0], s[1], p) for s in x)),
         failure=failure,
     )

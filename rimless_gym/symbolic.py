@@ -46,6 +46,7 @@ class HybridModel:
             "flow": ([x, u], (dphi, dtheta, ddphi, ddtheta)),
             "flow_double_stance": ([x, u], (0, dtheta, 0, standing)),
             "touchdown": ([x], _eq.touchdown(phi, theta, dphi, dtheta, p)),
+            "touchdown_backward": ([x], _eq.touchdown_backward(phi, theta, dphi, dtheta, p)),
             "ground_reaction": (
                 [x, u],
                 _eq.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p),
@@ -78,6 +79,16 @@ class HybridModel:
     def touchdown(self, x: Any) -> Any:
         """The smooth forward touchdown map: the state (4) on the next stance leg."""
         return self.functions["touchdown"](x)
+
+    def touchdown_backward(self, x: Any) -> Any:
+        """The smooth backward touchdown map: the state (4) on the stance leg before.
+
+        Raises:
+            ValueError: under the impact law "thesis", which the thesis prints forward only.
+        """
+        if self.params.impact_law == "thesis":
+            raise ValueError("impact_law = 'thesis' is defined forward only: use another law")
+        return self.functions["touchdown_backward"](x)
 
     def ground_reaction(self, x: Any, u: Any, mode: str = "single_stance") -> Any:
         """(Fx, Fy) on the stance foot in N; in double stance, summed over both feet."""

@@ -65,7 +65,8 @@ class Trajectory:
         events: in order of time.
         ledger: the energies of the whole motion.
         min_normal_force: smallest Fy met (N).
-        friction_demand: largest |Fx|/Fy met (infinite where Fy <= 0).
+        friction_demand: largest |Fx|/Fy met in stance (infinite where Fy <= 0).
+        impulse_friction_demand: the same of the touchdowns' impulses, 0 without any.
         clearance: smallest height of the pendulum's end above the ground (m).
         failure: None, or why it ended early, a name in `hybrid.FAILURES`.
     """
@@ -81,6 +82,7 @@ class Trajectory:
     ledger: Ledger
     min_normal_force: float
     friction_demand: float
+    impulse_friction_demand: float
     clearance: float
     failure: str | None
 
@@ -93,6 +95,11 @@ class Trajectory:
     def touchdowns(self) -> list[Event]:
         """The touchdowns among the events."""
         return [event for event in self.events if event.kind == "touchdown"]
+
+    @property
+    def slips(self) -> bool:
+        """Whether the foot needs more friction than `params.friction` offers, ever."""
+        return max(self.friction_demand, self.impulse_friction_demand) > self.params.friction
 
     @property
     def final_mode(self) -> str:

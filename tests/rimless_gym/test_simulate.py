@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
+from rimless_gym import THESIS_PHYSICAL, Trajectory, WheelParams, simulate
 
 P = THESIS_PHYSICAL.constants
 
@@ -98,3 +98,17 @@ def test_bad_arguments_are_refused_by_name(arguments: dict, message: str) -> Non
     good = {"x0": [1.5, 0.0, 0.0, 0.0], "control": np.zeros(10), "duration": 0.1}
     with pytest.raises(ValueError, match=message):
         simulate(THESIS_PHYSICAL, **(good | arguments))
+
+
+def test_slip_is_reported_for_forces_and_for_impulses() -> None:
+    def motion(friction: float) -> Trajectory:
+        params = THESIS_PHYSICAL.replace(friction=friction)
+        return simulate(params, [1.5, 0.0, 2.0, 0.0], lambda t, x: 0.0, 0.6)
+
+    walk = motion(1.0)
+    assert walk.touchdowns
+    jx, jy = walk.touchdowns[0].impulse
+    assert walk.impulse_friction_demand >= abs(jx) / jy > 0
+    demand = max(walk.friction_demand, walk.impulse_friction_demand)
+    assert motion(demand + 0.01).slips is False
+    assert motion(demand - 0.01).slips is True
