@@ -82,7 +82,8 @@ def to_mjcf(params: WheelParams) -> str:
     K / Rm with K = motor_constant * gear_ratio; back-EMF, K^2 / Rm, and hub friction are the
     pendulum joint's damping, rotor inertia its armature. A motor constant of 0 leaves the actuator
     out. The slope is in gravity: the ground is level in the file. Foot k has the site ``foot{k}``;
-    keyframe ``rest`` is the wheel at rest on feet 0 and n - 1, its pendulum hanging. See
+    keyframe ``rest`` is the wheel at rest on feet 0 and n - 1, its pendulum hanging. Drake reads
+    the file too, but gives the actuator torque at the hub (N m) for its control. See
     `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length

@@ -24,7 +24,7 @@ STEPS = (8e-4, 1e-4)  # s
 
 @dataclasses.dataclass
 class Motion:
-    """Joint positions and rates (N, 4) at times (N,), and how many feet pushed in the step to it."""
+    """Joint positions and rates (N, 4) at times (N,), and how many feet pushed in that step."""
 
     t: np.ndarray
     q: np.ndarray
