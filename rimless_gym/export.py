@@ -16,7 +16,7 @@ The hub itself weighs nothing. MuJoCo wants a mass of every moving body; both fi
 put at least 1e-14 kg (and kg m^2) in place of every zero.
 
 What neither format can say is left out: air drag, idle power and the impact law (touchdowns are
-whatever the other simulator's contacts make of them; inelastic in the MJCF, to about 1e-2). Feet
+whatever the other simulator's contacts make of them; inelastic in the MJCF, to about 1 %). Feet
 are spheres so small that rolling on them hardly matters, and touch when their centres reach
 height 0; the pendulum touches nothing, as in our model.
 """
