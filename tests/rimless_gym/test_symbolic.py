@@ -136,7 +136,7 @@ def test_relabelled_touchdown_changes_the_energy_by_its_formula(params, theta, d
     assert after - before == pytest.approx(step, rel=1e-9, abs=1e-9 * (1 + before))
 
 
-def test_printed_touchdown_creates_energy_in_about_half_of_the_states():
+def test_printed_touchdown_creates_energy_in_many_states():
     p = THESIS_PHYSICAL.replace(impact_law="thesis").constants
     states, _ = random_states(THESIS_PHYSICAL, 4000)
     gains = [
