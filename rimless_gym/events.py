@@ -6,53 +6,96 @@ from numba import njit
 
 from rimless_gym.hybrid import accelerations, ground_reaction, lift_off_guards
 from rimless_gym.integration import rk8
-from rimless_gym.interpolation import derivative, negative, quintic, slope, upward_root, value
+from rimless_gym.interpolation import (
+    derivative,
+    negative,
+    quintic,
+    slope,
+    upward_root,
+    value,
+)
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
+GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
 
 #: What may cut a step short; the first two are also the directions of a touchdown.
 FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = 1, -1, 0, 2, 3
 
 
 @njit(error_model="numpy")
-def touchdown_crossing(y0, acc0, y1, acc1, h, p):
-    """First touchdown within a single-stance step: (direction or NOTHING, s)."""
-    found, s_found = NOTHING, 2.0
+def past_guard(direction, y0, acc0, y1, acc1, h, p):
+    """Quintic of how far the leg is past a guard (rad) over a step."""
+    bound = p.b if direction > 0 else p.a
+    return quintic(
+        direction * (y0[0] - bound),
+        direction * y0[2],
+        direction * acc0[0],
+        direction * (y1[0] - bound),
+        direction * y1[2],
+        direction * acc1[0],
+        h,
+    )
+
+
+@njit(error_model="numpy")
+def turning_cut(y0, acc0, y1, acc1, h, p):
+    """Fraction of a step to end it at, so that near a guard the leg turns only at steps' ends.
+
+    1 where the leg is far from its guards. A turning point within `GRAZE` of a guard becomes the
+    end of a step, where the state is exact; so does an inflection, which parts two turning points.
+    """
     for direction in (FORWARD, BACKWARD):
-        bound = p.b if direction > 0 else p.a
-        c = quintic(
-            direction * (y0[0] - bound),
-            direction * y0[2],
-            direction * acc0[0],
-            direction * (y1[0] - bound),
-            direction * y1[2],
-            direction * acc1[0],
-            h,
-        )
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
+        if max(c[0], value(c, 1.0)) + 0.5 * h * max(abs(y0[2]), abs(y1[2])) < 0.0:
+            continue
+        if acc0[0] * acc1[0] < 0.0:
+            bend = derivative(derivative(c))
+            s = upward_root(bend if bend[0] < 0.0 else negative(bend), 1.0)
+            if 1e-3 < s < 0.999:
+                return s
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:
+            s = upward_root(negative(derivative(c)), 1.0)
+            if abs(value(c, s)) < GRAZE and s < 0.9999:
+                return s
+    return 1.0
+
+
+@njit(error_model="numpy")
+def touchdown_crossing(y0, acc0, y1, acc1, h, p):
+    """First touchdown within a single-stance step: (direction or NOTHING, s near it, s past it)."""
+    found, s_found, s_past = NOTHING, 2.0, 1.0
+    for direction in (FORWARD, BACKWARD):
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
         s_end = 1.0
         if c[1] > 0.0 and slope(c, 1.0) < 0.0:  # it turns back inside the step: look at the top
             s_end = upward_root(negative(derivative(c)), 1.0)
         if value(c, s_end) > 0.1 * GUARD_TOLERANCE:
             s = upward_root(c, s_end)
             if s < s_found:
-                found, s_found = direction, s
-    return found, s_found
+                found, s_found, s_past = direction, s, s_end
+    return found, s_found, s_past
 
 
 @njit(error_model="numpy")
-def step_to_touchdown(direction, s, mode, y, acc, u, h, p, k):
-    """Step to the touchdown near s h, corrected along phi' until phi is on its guard.
+def step_to_touchdown(direction, s, s_past, mode, y, acc, u, h, p, k):
+    """Step to the touchdown near s h, before s_past h, corrected until phi is on its guard.
 
+    Newton's method along phi' on re-stepped states, kept within its bracket by bisection.
     Returns (time, state on the guard, the two integrals of `rk8`).
     """
     bound = p.b if direction > 0 else p.a
-    tau = s * h
+    tau, low, high = s * h, 0.0, s_past * h
     after, q, d = rk8(mode, y, acc, u, tau, p, k)
-    for _ in range(4):
-        miss = after[0] - bound
-        if abs(miss) <= GUARD_TOLERANCE or abs(miss) > 1e-3 * abs(after[2]) * h:
-            break  # there, or grazing so flatly that the quintic's own root is the better one
-        tau = min(max(tau - miss / after[2], 0.0), h)
+    for _ in range(60):
+        miss = direction * (after[0] - bound)
+        if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16:
+            break
+        if miss > 0.0:
+            high = tau
+        else:
+            low = tau
+        newton = tau - miss / (direction * after[2])
+        tau = newton if low < newton < high else 0.5 * (low + high)
         after, q, d = rk8(mode, y, acc, u, tau, p, k)
     return tau, (bound, after[1], after[2], after[3]), q, d
 

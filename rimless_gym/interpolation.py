@@ -45,20 +45,9 @@ def negative(c):
 
 
 @njit(error_model="numpy")
-def upward_root(c, s_end):
-    """Where the polynomial crosses zero upward in [0, s_end], given that it is positive at s_end.
-
-    Starting on or above zero and rising, the crossing is at 0. Starting at zero and falling (just
-    after an impact), the root at 0 is divided out and the next one returned.
-    """
-    if c[0] >= 0.0:
-        if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0):
-            return 0.0
-        c = (c[1], c[2], c[3], c[4], c[5], 0.0)
-        if c[0] == 0.0:  # it leaves without a rate, just after a lift-off: a double root
-            c = (c[1], c[2], c[3], c[4], c[5], 0.0)
-    low, high = 0.0, s_end
-    s = 0.5 * s_end
+def bracketed_root(c, low, high):
+    """The root between `low`, where the polynomial is not positive, and `high`, where it is."""
+    s = 0.5 * (low + high)
     for _ in range(100):
         f = value(c, s)
         if f > 0.0:
@@ -71,3 +60,19 @@ def upward_root(c, s_end):
             return following
         s = following
     return s
+
+
+@njit(error_model="numpy")
+def upward_root(c, s_end):
+    """Where the polynomial crosses zero upward in [0, s_end], given that it is positive at s_end.
+
+    Starting on or above zero and rising, the crossing is at 0. Starting at zero and falling (just
+    after an impact), the root at 0 is divided out and the next one returned.
+    """
+    if c[0] >= 0.0:
+        if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0):
+            return 0.0
+        c = (c[1], c[2], c[3], c[4], c[5], 0.0)
+        if c[0] == 0.0:  # it leaves without a rate, just after a lift-off: a double root
+            c = (c[1], c[2], c[3], c[4], c[5], 0.0)
+    return bracketed_root(c, 0.0, s_end)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 from rimless_gym import hybrid
 from rimless_gym.energy import Ledger
@@ -25,7 +25,8 @@ from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
-SAMPLES = 8  # per step, on which guards are watched
+SAMPLES = 8  # per step, on which guards are watched, and the tops between them
+GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
@@ -182,14 +183,14 @@ def _first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[i
     values = np.array([guards(time, dense(time)) for time in times])
     found: tuple[int, float] | None = None
     for kind in range(values.shape[1]):
-        passed = np.flatnonzero(values[1:, kind] > 1e-13)
-        if len(passed) == 0:
-            continue
-        low, high = times[passed[0]], times[passed[0] + 1]
 
         def guard(time: float, kind: int = kind) -> float:
             return guards(time, dense(time))[kind]
 
+        bracket = _first_positive(guard, times, values[:, kind])
+        if bracket is None:
+            continue
+        low, high = bracket
         # Just after an impact the state is on the guard it left: look for a time when it was off.
         while guard(low) >= 0 and high - low > 1e-15:
             low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
@@ -197,6 +198,27 @@ def _first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[i
         if found is None or root < found[1]:
             found = (kind, root)
     return found
+
+
+def _first_positive(
+    guard: Callable[[float], float], times: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[float, float] | None:
+    """Two times around the first crossing: samples, or a sample and a top between samples."""
+    if not np.all(np.isfinite(values)):
+        return None  # a pin joint never lets go
+    last = len(times) - 1
+    bend = np.abs(np.diff(values, 2)).max()  # a top is at most bend / 8 above the nearest sample
+    for i, value in enumerate(values):
+        if i and value > GUARD_TOLERANCE:
+            return times[i - 1], times[i]
+        before, after = max(i - 1, 0), min(i + 1, last)
+        if value >= max(values[before], values[after]) and value > -bend / 4:
+            top = minimize_scalar(
+                lambda t: -guard(t), bounds=(times[before], times[after]), options={"xatol": 1e-12}
+            )
+            if -top.fun > GUARD_TOLERANCE:
+                return times[before], float(top.x)
+    return None
 
 
 def _sample(motion: _Motion, t: float, y: NDArray[np.float64], u: float) -> None:

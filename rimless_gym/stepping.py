@@ -29,6 +29,7 @@ from rimless_gym.events import (
     step_to_force_event,
     step_to_touchdown,
     touchdown_crossing,
+    turning_cut,
 )
 from rimless_gym.hybrid import (
     CONTACT_LOST,
@@ -79,9 +80,14 @@ def smooth_step(mode, y, acc, u, h, pull, p, k):
         acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
     event = NOTHING
     if mode == SINGLE:
-        event, s = touchdown_crossing(y, acc, after, acc_after, h, p)
+        cut = turning_cut(y, acc, after, acc_after, h, p)
+        if cut < 1.0:
+            h *= cut
+            after, q, d = rk8(mode, y, acc, u, h, p, k)
+            acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
+        event, s, s_past = touchdown_crossing(y, acc, after, acc_after, h, p)
         if event != NOTHING:
-            h, after, q, d = step_to_touchdown(event, s, mode, y, acc, u, h, p, k)
+            h, after, q, d = step_to_touchdown(event, s, s_past, mode, y, acc, u, h, p, k)
     elif force_guard(LIFT_OFF, mode, after, u, pull, p) > 0.0:
         event = LIFT_OFF
         h, after, q, d = step_to_force_event(event, mode, y, acc, after, h, u, pull, p, k)

@@ -212,3 +212,22 @@ def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
         assert out[row.FAILURE] == OK
         lifted += out[row.TOUCHDOWNS] > 0 or state[0, MODE] == SINGLE
     assert lifted > 500
+
+
+@pytest.mark.parametrize("name", ["THESIS_NOMINAL", "THESIS_PHYSICAL", "PROTOTYPE"])
+def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
+    params, rng, count = MACHINES[name], np.random.default_rng(12), 30_000
+    p = params.constants
+    whole = random_states(params, rng, count)
+    whole[:, 0] = rng.choice([p.a, p.b], count)
+    whole[:, 0] += np.sign(math.pi / 2 - whole[:, 0]) * rng.uniform(0, 3e-3, count)
+    whole[:, 2] = rng.normal(0, 0.1, count)
+    whole[:, 3] = rng.uniform(-15, 15, count)
+    parts, volts = whole.copy(), rng.uniform(-20, 20, count)
+    rows = advance(params, whole, volts, pull=math.inf)
+    touchdowns = sum(
+        advance(params, parts, volts, 0.01 / 8, math.inf)[:, row.TOUCHDOWNS] for _ in range(8)
+    )
+    assert touchdowns.sum() > 1000
+    assert np.array_equal(rows[:, row.TOUCHDOWNS], touchdowns)
+    assert np.array_equal(whole[:, [MODE, FOOT]], parts[:, [MODE, FOOT]])
