@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from functools import cached_property
@@ -24,9 +25,9 @@ from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
+from agents.study import Study
 from agents.train import train
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.params import WheelParams, preset
 from rimless_gym.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.fronts import CotFront, cot_front
@@ -35,34 +36,6 @@ from trajopt.provenance import provenance
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
-
-
-@dataclasses.dataclass(frozen=True)
-class Study:
-    """What is compared.
-
-    Attributes:
-        preset: name of the machine.
-        speed: at which the gait to imitate is optimal (m/s).
-        steps: of the gait that is solved for and reported beside the front's best.
-        seed: of everything random.
-        timesteps: control intervals of fine-tuning, and of training from scratch.
-        starts: random starts of the search for the gait, beside the shipped guess.
-        front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
-    """
-
-    preset: str = "THESIS_PHYSICAL"
-    speed: float = 0.5
-    steps: int = 2
-    seed: int = 0
-    timesteps: int = 600_000
-    starts: int = 4
-    front: tuple[float, ...] = (0.40, 0.45, 0.50, 0.525, 0.55, 0.57, 0.58, 0.59, 0.60)
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine."""
-        return preset(self.preset)
 
 
 class Comparison:
@@ -83,7 +56,7 @@ class Comparison:
         wanted = json.loads(json.dumps(dataclasses.asdict(study)))
         written = out / "study.json"
         if written.exists():
-            has = json.loads(written.read_text())["study"]
+            has = _read_json(written)["study"]
             differing = {
                 k: f"{has.get(k)} (not {wanted[k]})" for k in wanted if has.get(k) != wanted[k]
             }
@@ -106,20 +79,36 @@ class Comparison:
             "scratch": self._train_from_scratch,
         }
         done = {}
-        bar = tqdm(stages.items(), desc="compare", unit="stage", disable=not self.progress)
-        for name, work in bar:
-            bar.set_postfix_str(name)
+        for i, (name, work) in enumerate(stages.items(), start=1):
+            kept = (self.out / f"{name}.json").exists()
+            if self.progress:
+                tqdm.write(f"[{i}/{len(stages)}] {name}{': kept' if kept else ''}", sys.stderr)
             done[name] = self._stage(name, work)
         return self._report(done)
 
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The result of a stage, from its file if it has been run."""
-        file = self.out / f"{name}.json"
+        file, interrupted = self.out / f"{name}.json", self.out / f"{name}.interrupted"
+        made_by = provenance()
         if not file.exists():
+            before = float(interrupted.read_text()) if interrupted.exists() else 0.0
             began = time.perf_counter()
-            result = work()
-            _write_json(file, result | {"wall_time_s": round(time.perf_counter() - began, 1)})
-        return dict(json.loads(file.read_text()))
+            try:
+                result = work()
+            except KeyboardInterrupt:
+                interrupted.write_text(f"{before + time.perf_counter() - began:.1f}\n")
+                raise
+            elapsed = before + time.perf_counter() - began
+            _write_json(file, result | {"wall_time_s": round(elapsed, 1)} | made_by)
+            interrupted.unlink(missing_ok=True)
+        result = _read_json(file)
+        if result["git_revision"] != made_by["git_revision"]:
+            tqdm.write(
+                f"warning: {file} was made by revision {result['git_revision']}, this is "
+                f"{made_by['git_revision']}; remove {self.out} to make it anew",
+                sys.stderr,
+            )
+        return result
 
     # -- stages -------------------------------------------------------------------------------
 
@@ -207,7 +196,7 @@ class Comparison:
     @cached_property
     def front(self) -> CotFront:
         """The optimal front, as the stage left it."""
-        names = json.loads((self.out / "front.json").read_text())["files"]
+        names = _read_json(self.out / "front.json")["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
     @cached_property
@@ -293,6 +282,15 @@ def _gait_result(gait: Solution) -> dict[str, Any]:
         "theta_turns": gait.theta_turns,
         "verification": dataclasses.asdict(gait.verification),
     }
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text()))
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: damaged ({error}); remove it to run its stage again, or choose another --out"
+        ) from error
 
 
 def _write_json(path: Path, values: Any) -> None:

@@ -75,4 +75,5 @@ def _linear(text: str) -> Callable[[float], float]:
     prefix, _, start = text.partition("_")
     if prefix != "lin":
         raise ValueError(f"schedule {text!r}: write a number, or lin_ and a number")
-    return lambda remaining: float(start) * remaining
+    # The last rollout may end after the last time step, and `remaining` below 0.
+    return lambda remaining: float(start) * max(remaining, 0.0)

@@ -8,6 +8,12 @@ from typing import Any
 from trajopt.fronts import CotFront
 from trajopt.solution import Solution
 
+#: Below the table.
+NOTES = """\
+CoT from E+, without regeneration. The gap is to the best periodic gait of 1 to 3 steps per stride
+at the row's own speed, interpolated; the front is steep, so little more speed means much less CoT.
+The time of the second row is that of the whole front."""
+
 
 def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
     """The row of an optimal gait that took a stage's wall time to find."""
@@ -25,7 +31,7 @@ def policy_row(name: str, stage: dict[str, Any], front: CotFront) -> dict[str, A
     """The row of a policy, from a stage that holds its `evaluation`."""
     evaluation = stage["evaluation"]
     return {
-        "policy": name,
+        "policy": f"{name} (training was resumed)" if stage.get("resumed") else name,
         "cot": evaluation["cot"],
         "speed": evaluation["speed"],
         "gap": gap_to_front(evaluation["cot"], evaluation["speed"], front),
@@ -62,4 +68,4 @@ def format_table(rows: list[dict[str, Any]]) -> str:
             figure(row["wall_time_s"], ".0f"),
         )
         lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", NOTES])

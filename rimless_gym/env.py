@@ -20,6 +20,7 @@ from rimless_gym.stepping import (
     STATE_SIZE,
     THETA,
     advance_kernel,
+    require_steppable,
     scratch,
 )
 from rimless_gym.symbolic import HybridModel
@@ -76,7 +77,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Rewards
     In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, with dx the hub's travel along the
     ground and E+ the electrical energy drawn, without regeneration, plus idle power. An episode
-    that ends early is charged `fall_cost` and the idle energy of a whole episode. The three terms
+    that ends early is charged `value_of_distance * fall_distance` and the idle energy of
+    `horizon`. The three terms
     are `info["reward_distance"]`, `info["reward_energy"]` and `info["reward_end"]`; their sum in
     this order is the reward, exactly. Resting earns 0 (idle power apart).
 
@@ -85,8 +87,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
     and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
     `reset(options=...)` takes `state` (phi, theta, phi', theta'), with it `mode`
-    ("single_stance", the default, or "double_stance"), and `params` (a `WheelParams`, from then
-    on).
+    ("single_stance", the default, or "double_stance", in which phi = a), and `params` (a
+    `WheelParams`, from then on). `mode` "double_stance" alone is a wheel at rest, its pendulum
+    hanging.
 
     ## Episode End
     Terminates where the model ends: when the ground would have to pull a foot (contact lost;
@@ -95,7 +98,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`.
-    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_cost=1.0)`.
+    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`.
 
     `info` holds each term of the step's energy ledger (J), the net and total touchdowns `steps`
@@ -119,10 +122,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
     ) -> None:
         if not isinstance(params, WheelParams):
-            raise TypeError(f"params = {params!r}: give a WheelParams, e.g. THESIS_PHYSICAL")
+            raise TypeError(
+                f"params = {params!r}: give a WheelParams, e.g. rimless_gym.preset('PROTOTYPE')"
+            )
+        if task is not None and not isinstance(task, Task):
+            raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode = {render_mode!r}: choose from {modes} or None")
+        require_steppable(params)
         self.params = params
         self.task = Task() if task is None else task
         self.render_mode = render_mode
@@ -161,33 +169,26 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         for name in options:
             if name not in RESET_OPTIONS:
                 raise ValueError(f"unknown reset option {name!r}: choose from {RESET_OPTIONS}")
+        params = options.get("params", self.params)
+        if not isinstance(params, WheelParams):
+            raise ValueError(f"params = {params!r}: give a WheelParams")
+        require_steppable(params)
+        if options.get("mode") == "double_stance":
+            options.setdefault("state", (params.constants.a, params.slope, 0.0, 0.0))
         if "mode" in options and "state" not in options:
-            raise ValueError("reset option 'mode' goes with 'state': give both or neither")
-        if "params" in options:
-            if not isinstance(options["params"], WheelParams):
-                raise ValueError(f"params = {options['params']!r}: give a WheelParams")
-            self.params = options["params"]
-            self.__dict__.pop("model", None)
+            raise ValueError("reset option 'mode' goes with 'state': give both")
         if "state" in options:
             mode = options.get("mode", "single_stance")
-            self._state = self._given_start(options["state"], mode)
+            self._state = _given_start(params, options["state"], mode)
         else:
-            self._state = draw_start(self.params, self.np_random)
+            self._state = draw_start(params, self.np_random)
+        if params is not self.params:
+            self.params = params
+            self.__dict__.pop("model", None)
         self._time, self._voltage, self._ended = 0.0, 0.0, False
         if self.render_mode == "human":
             self.render()
         return observe(self.params, self._state), {"mode": MODE_NAMES[int(self._state[MODE])]}
-
-    def _given_start(self, x: ArrayLike, mode: str) -> NDArray[np.float64]:
-        state = np.zeros(STATE_SIZE)
-        state[:4], state[MODE] = validated_start(self.params, x, mode)
-        force = normal_force(self.params, state)
-        if force <= 0:
-            raise ValueError(
-                f"state = {x!r}: without voltage the ground would have to pull the foot "
-                f"({force:.3g} N); give a slower state"
-            )
-        return state
 
     def step(
         self, action: NDArray[np.float32]
@@ -273,3 +274,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def _given_start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
+    state = np.zeros(STATE_SIZE)
+    state[:4], state[MODE] = validated_start(params, x, mode, "state")
+    force = normal_force(params, state)
+    if force <= 0:
+        raise ValueError(
+            f"state = {x!r}: without voltage the ground would have to pull the foot "
+            f"({force:.3g} N); give a slower state"
+        )
+    return state

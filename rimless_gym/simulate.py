@@ -79,6 +79,11 @@ def simulate(
         ValueError: an argument is out of its range or not finite.
         RuntimeError: more than `hybrid.MAX_EVENTS` events within 10 ms, or a diverging motion.
     """
+    if math.isnan(pull) or pull < 0:
+        raise ValueError(f"pull = {pull}: must be at least 0 (N)")
+    for name, tolerance in (("rtol", rtol), ("atol", atol)):
+        if not (math.isfinite(tolerance) and tolerance > 0):
+            raise ValueError(f"{name} = {tolerance}: must be finite and greater than 0")
     start, mode_index = validated_start(params, x0, mode)
     law, knots = _control_law(control, duration, breakpoints)
     motion = _Motion(np.concatenate([start, np.zeros(6)]), mode_index, 0)
@@ -96,10 +101,14 @@ def _control_law(
     """The control as a function of (t, x), and the times between which it is smooth."""
     if not (math.isfinite(duration) and duration > 0):
         raise ValueError(f"duration = {duration}: must be positive and finite (s)")
+    if not np.all(np.isfinite(np.asarray(breakpoints, dtype=np.float64))):
+        raise ValueError(f"breakpoints = {breakpoints}: must be finite times (s)")
     inner = [float(t) for t in breakpoints if 0 < t < duration]
     if callable(control):
         return control, np.unique([0.0, *inner, duration])
-    held = np.asarray(control, dtype=np.float64).reshape(-1)
+    held = np.asarray(control, dtype=np.float64)
+    if held.ndim != 1:
+        raise ValueError(f"control: sampled voltages have shape (N,), not {held.shape}")
     if not np.all(np.isfinite(held)):
         raise ValueError("control: every sampled voltage must be finite")
     if len(held) * CONTROL_PERIOD < duration - 1e-9:
@@ -131,7 +140,10 @@ def _advance(
     last = np.nextafter(t1, t0)  # the control is that of this interval up to its very end
 
     def voltage(time: float, y: NDArray[np.float64]) -> float:
-        return float(control(min(max(time, t0), last), y[:4]))
+        u = float(control(min(max(time, t0), last), y[:4]))
+        if not math.isfinite(u):
+            raise ValueError(f"control({time}, {y[:4]}) = {u}: must be a finite voltage")
+        return u
 
     def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         return hybrid.rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)

@@ -57,13 +57,23 @@ PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
 
 #: Steps are so short that pole * h and (|phi'| + |theta'|) * h stay below these; measured: energy
 #: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
-MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.17
+MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.19
+
+#: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
+MAX_POLE = 1e4
 
 
 @njit(error_model="numpy")
-def step_length(left, pole, turning):
-    """The longest equal division of the time left that the pole and the rates allow."""
-    return left / np.ceil(left * max(pole / MAX_POLE_STEP, turning / MAX_RATE_STEP, 1e-9))
+def step_length(left, y, acc, pole, p):
+    """The longest equal division of the time left that the poles and the rates allow.
+
+    Rates are those of the angles in the equations, phi + theta the fastest, with what half of the
+    time left adds to them; air drag has a pole of its own.
+    """
+    turning = abs(y[2]) + abs(y[3]) + 0.5 * left * (abs(acc[0]) + abs(acc[1]))
+    braking = 2 * p.drag * p.L1**3 * abs(y[2]) / (p.Je1 - p.Je3**2 / (p.Je2 + p.Jr))
+    fastest = max((pole + braking) / MAX_POLE_STEP, turning / MAX_RATE_STEP, 1e-9)
+    return left / np.ceil(left * fastest)
 
 
 @njit(error_model="numpy")
@@ -136,11 +146,13 @@ def _kernel(fingerprint: int) -> Callable[..., int]:
             if not fastest <= MAX_RATE:
                 failure = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
                 break
-            turning = abs(y[2]) + abs(y[3])  # of the angles in the equations, phi + theta the most
             left = duration - t
             h, after, acc_after, q, d, event = smooth_step(
-                mode, y, acc, u, step_length(left, pole, turning), pull, p, k
+                mode, y, acc, u, step_length(left, y, acc, pole, p), pull, p, k
             )
+            if not max(abs(after[2]), abs(after[3])) < 10 * MAX_RATE:
+                failure = DIVERGED  # beyond what a step can be trusted with
+                break
             if h > 0.0:
                 book_motion(y, acc, after, acc_after, h, u, q, d, p, out)
             t = duration if h == left else t + h
@@ -185,10 +197,27 @@ def _source_fingerprint() -> int:
     return int.from_bytes(digest[:7], "big")
 
 
+SOURCE_FINGERPRINT = _source_fingerprint()
+
+
 #: Compiled: (constants, pole, x, u, duration, pull, out, k) -> failure code of `hybrid`. `x` is
 #: advanced in place; `out` (energy.N_ROWS) is overwritten; `k` is `scratch()`; `pull` is the
 #: largest force (N) with which the ground holds a foot down: 0, or infinity for a pin joint.
-advance_kernel = _kernel(_source_fingerprint())
+advance_kernel = _kernel(SOURCE_FINGERPRINT)
+
+
+def require_steppable(params: WheelParams) -> None:
+    """Refuse machines for which a control interval would take forever.
+
+    Raises:
+        ValueError: the motor's pole is faster than `MAX_POLE`.
+    """
+    if not params.motor_pole <= MAX_POLE:
+        raise ValueError(
+            f"the motor damps psi' at {params.motor_pole:.3g}/s, faster than the {MAX_POLE:.3g}/s "
+            "that stepping allows: raise the inertias or armature_resistance, or lower "
+            "motor_constant, gear_ratio or hub_damping"
+        )
 
 
 def scratch() -> NDArray[np.float64]:
@@ -214,7 +243,11 @@ def advance(
 
     Returns:
         Rows of `rimless_gym.energy` per state, (N, N_ROWS).
+
+    Raises:
+        ValueError: see `require_steppable`.
     """
+    require_steppable(params)
     out, k = np.empty((len(states), row.N_ROWS)), scratch()
     for i in range(len(states)):
         advance_kernel(

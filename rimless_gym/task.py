@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,15 @@ from numpy.typing import NDArray
 from rimless_gym import hybrid
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
+from rimless_gym.stepping import (
+    DPHI,
+    DTHETA,
+    MODE,
+    PHI,
+    SOURCE_FINGERPRINT,
+    STATE_SIZE,
+    THETA,
+)
 
 #: Observations are (phi - pi/2) / (alpha/2), sin theta, cos theta, phi' / LEG_RATE_SCALE,
 #: theta' / PENDULUM_RATE_SCALE (rad/s), and 1 while resting on two feet.
@@ -29,21 +38,26 @@ EPISODE_STEPS = 2000
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """The price of distance and of falling; every reward is in metres.
+    """The price of distance and of an early end; every reward is in metres.
 
     Attributes:
         value_of_distance: reward per metre of travel; it selects the speed on the CoT front.
-        fall_cost: charged when an episode ends early, >= 0; an episode's idle energy on top.
+        fall_distance: travel forfeited when an episode ends early (m): further than a wheel gets
+            in the lunge that makes it fall, so that falling for the sake of the lunge does not pay.
+        horizon: whose idle energy an early end is charged (s); the time limit of the episodes.
 
     Raises:
         ValueError: a value is not finite or negative.
     """
 
     value_of_distance: float = 0.5
-    fall_cost: float = 1.0
+    fall_distance: float = 2.0
+    horizon: float = EPISODE_STEPS * hybrid.CONTROL_PERIOD
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise TypeError(f"{name} = {value!r}: must be a real number")
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} = {value}: must be finite and at least 0")
 
@@ -52,11 +66,12 @@ class Task:
     ) -> tuple[Any, Any, Any]:
         """Reward for distance (m), for energy E+ (J), and for an early end; their sum is r.
 
-        Resting costs idle power only, and an early end is charged a whole episode of it and
-        `fall_cost`: ending early is never better than resting. Numbers or arrays.
+        Resting costs idle power only, and an early end is charged a whole `horizon` of it on top
+        of the travel forfeited: where the wheel can rest, ending early is never better than
+        resting. Numbers or arrays.
         """
-        horizon = EPISODE_STEPS * hybrid.CONTROL_PERIOD
-        end = self.fall_cost + params.idle_power * horizon / params.weight
+        end = self.value_of_distance * self.fall_distance
+        end += params.idle_power * self.horizon / params.weight
         return self.value_of_distance * distance, -energy / params.weight, -end * failed
 
 
@@ -71,18 +86,25 @@ def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.floa
     return observations
 
 
-@njit(error_model="numpy", cache=True)
-def _observe(states, alpha, observations):
-    for x, observation in zip(states, observations):  # noqa: B905  numba knows no strict
-        observation[0] = (x[PHI] - math.pi / 2) * (2 / alpha)
-        observation[1] = math.sin(x[THETA])
-        observation[2] = math.cos(x[THETA])
-        observation[3] = x[DPHI] / LEG_RATE_SCALE
-        observation[4] = x[DTHETA] / PENDULUM_RATE_SCALE
-        observation[5] = x[MODE]
-        for i in range(OBSERVATION_SIZE):
-            bound = OBSERVATION_BOUND[i]
-            observation[i] = min(max(observation[i], -bound), bound)
+def _observation_kernel(fingerprint: int) -> Callable[..., None]:
+    @njit(error_model="numpy", cache=True)
+    def observe_rows(states, alpha, observations):
+        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
+        for x, observation in zip(states, observations):  # noqa: B905  numba knows no strict
+            observation[0] = (x[PHI] - math.pi / 2) * (2 / alpha)
+            observation[1] = math.sin(x[THETA])
+            observation[2] = math.cos(x[THETA])
+            observation[3] = x[DPHI] / LEG_RATE_SCALE
+            observation[4] = x[DTHETA] / PENDULUM_RATE_SCALE
+            observation[5] = x[MODE]
+            for i in range(OBSERVATION_SIZE):
+                bound = OBSERVATION_BOUND[i]
+                observation[i] = min(max(observation[i], -bound), bound)
+
+    return observe_rows
+
+
+_observe = _observation_kernel(SOURCE_FINGERPRINT)
 
 
 #: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.

@@ -51,7 +51,7 @@ class Arc:
     dense: Callable[[Any], NDArray[np.float64]]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Trajectory:
     """A simulated motion.
 
@@ -85,6 +85,13 @@ class Trajectory:
     impulse_friction_demand: float
     clearance: float
     failure: str | None
+
+    def __repr__(self) -> str:
+        ending = self.failure or self.final_mode
+        return (
+            f"Trajectory({self.t[-1]:.4g} s, {self.steps} steps, {len(self.events)} events, "
+            f"{ending})"
+        )
 
     @property
     def steps(self) -> int:
@@ -130,23 +137,25 @@ class Trajectory:
 
 
 def validated_start(
-    params: WheelParams, x0: ArrayLike, mode: str
+    params: WheelParams, x0: ArrayLike, mode: str, name: str = "x0"
 ) -> tuple[NDArray[np.float64], int]:
     """A start (phi, theta, phi', theta') as an array (4,), and the index of its stance mode.
+
+    Errors call it `name`.
 
     Raises:
         ValueError: it is not four finite numbers, or not a state of that mode.
     """
     x = np.asarray(x0, dtype=np.float64)
     if x.shape != (4,) or not np.all(np.isfinite(x)):
-        raise ValueError(f"x0 = {x0!r}: must be four finite numbers (phi, theta, phi', theta')")
+        raise ValueError(f"{name} = {x0!r}: must be four finite numbers (phi, theta, phi', theta')")
     if mode not in MODE_NAMES:
         raise ValueError(f"mode = {mode!r}: choose from {MODE_NAMES}")
     a, b = params.constants.a, params.constants.b
     if not a - 1e-9 <= x[0] <= b + 1e-9:
         raise ValueError(f"phi = {x[0]}: a foot is on the ground only for phi in [{a}, {b}] rad")
     if mode == "double_stance" and (abs(x[0] - a) > 1e-9 or x[2] != 0):
-        raise ValueError(f"x0 = {x0!r}: double stance has phi = {a} (leading leg) and phi' = 0")
+        raise ValueError(f"{name} = {x0!r}: double stance has phi = {a} (leading leg) and phi' = 0")
     if max(abs(x[2]), abs(x[3])) > MAX_RATE:
-        raise ValueError(f"x0 = {x0!r}: rates must not exceed {MAX_RATE} rad/s")
+        raise ValueError(f"{name} = {x0!r}: rates must not exceed {MAX_RATE} rad/s")
     return x, MODE_NAMES.index(mode)

@@ -13,8 +13,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from agents.compare import Comparison, Study
+from agents.compare import Comparison
 from agents.report import format_table
+from agents.study import Study
 from rimless_gym.params import PRESETS
 
 
@@ -25,7 +26,11 @@ def main() -> int:
     )
     default = Study()
     parser.add_argument("--out", type=Path, default=Path("runs/compare"), help="results' folder")
-    parser.add_argument("--preset", default=default.preset, help=f"one of {', '.join(PRESETS)}")
+    parser.add_argument(
+        "--preset",
+        default=default.preset,
+        help=f"one of {', '.join(PRESETS)}; gaits are shipped for the default only",
+    )
     parser.add_argument("--speed", type=float, default=default.speed, help="of the gait (m/s)")
     parser.add_argument("--steps", type=int, default=default.steps, help="of the gait, per stride")
     parser.add_argument("--seed", type=int, default=default.seed, help="of everything random")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """Measure walking policies: 128 fixed starts, 50 s, the last 30 s of those that still walk.
 
-Several policies are taken for several seeds of one training: below them stand the interquartile
-mean and its 95 % bootstrap interval.
+With --seeds the policies are those of several seeds of one training: below them stand the
+interquartile mean and its 95 % bootstrap interval.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ COLUMNS = (
     ("friction_demand", "friction"),
     ("min_normal_force", "least Fy N"),
     ("min_clearance", "clearance m"),
-    ("steps_per_period", "period"),
+    ("steps_per_period", "steps/period"),
 )
 
 
@@ -40,6 +40,9 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     parser.add_argument("policies", nargs="+", metavar="POLICY", help="checkpoint (.zip)")
+    parser.add_argument(
+        "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
+    )
     parser.add_argument("--json", action="store_true", help="everything, as JSON")
     parser.add_argument(
         "--preset",
@@ -59,7 +62,7 @@ def main() -> int:
         evaluations.append(
             evaluate(policy, loaded.params, PROTOCOL, task=loaded.task, progress=True)
         )
-    summary = over_seeds(evaluations)
+    summary = over_seeds(evaluations) if arguments.seeds else {}
     if arguments.json:
         results = dict(zip(arguments.policies, (e.to_dict() for e in evaluations), strict=True))
         print(json.dumps({"policies": results, "over_seeds": summary, **provenance()}, indent=1))
@@ -88,7 +91,7 @@ def print_table(names: list[str], evaluations: list[Evaluation], summary: dict[s
     for name, evaluation in zip(names, evaluations, strict=True):
         figures = [getattr(evaluation, column) for column, _ in COLUMNS]
         print(f"{name:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))
-    if len(evaluations) > 1:
+    if summary:
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
             figures = [summary.get(column, {}).get(key, math.nan) for column, _ in COLUMNS]
             print(f"{title:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from pathlib import Path
 
 from rimless_gym.params import PRESETS, preset
 from trajopt import NoGaitError, periodic_gait
@@ -33,6 +34,8 @@ def main() -> int:
     parser.add_argument("--out", help="file to save the gait in (.npz)")
     parser.add_argument("--json", action="store_true", help="print figures as JSON")
     options = parser.parse_args()
+    if options.out:
+        Path(options.out).parent.mkdir(parents=True, exist_ok=True)
     try:
         solution = periodic_gait(
             preset(options.preset),
@@ -47,6 +50,9 @@ def main() -> int:
     except NoGaitError as error:
         print(error, file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("\ninterrupted: nothing was written", file=sys.stderr)
+        return 130
     if options.out:
         solution.save(options.out)
     print(json.dumps(solution.to_dict(), indent=2) if options.json else solution.report())

@@ -29,7 +29,9 @@ def main() -> int:
     parser.add_argument(
         "--timesteps", type=int, help="control intervals in all; None: agents/hyperparams"
     )
-    parser.add_argument("--preset", choices=sorted(PRESETS), default="THESIS_PHYSICAL")
+    parser.add_argument(
+        "--preset", choices=sorted(PRESETS), default="THESIS_PHYSICAL", help="machine"
+    )
     arguments = parser.parse_args()
     try:
         result = train(

@@ -48,6 +48,10 @@ IPOPT = {
 }
 
 
+#: How IPOPT ends after Ctrl-C, which CasADi catches and reports in no other way.
+INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
+
+
 class Transcription:
     """`problem` on `mesh` as a nonlinear program, built once and solved from many guesses.
 
@@ -178,6 +182,9 @@ class Transcription:
             guess: one trajectory per phase, on any mesh.
             problem: with other durations, offsets or floors than the one transcribed.
             options: of IPOPT, over `IPOPT`.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
         """
         problem = problem or self.problem
         lower, upper = self._variable_bounds(problem)
@@ -187,6 +194,8 @@ class Transcription:
         parameters = np.concatenate([[problem.duration], *(k.offset for k in problem.linkages)])
         found = solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=bounds[0], ubg=bounds[1])
         stats = solver.stats()
+        if stats["return_status"] in INTERRUPTED:
+            raise KeyboardInterrupt
         violation, worst = self._violation(np.asarray(found["g"]).ravel(), *bounds)
         return Result(
             phases=self._unpack(np.asarray(found["x"]).ravel()),

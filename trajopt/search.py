@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import signal
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
@@ -167,9 +167,9 @@ def multi_start(
             outcomes.append(search.from_random(index))
             bar.update()
     else:
-        context = get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _start_worker, arguments) as pool:
-            for outcome in pool.map(_work, range(starts)):
+        # Leaving the block terminates the workers: Ctrl-C need not wait for them.
+        with get_context("spawn").Pool(workers, _start_worker, arguments) as pool:
+            for outcome in pool.imap(_work, range(starts)):
                 outcomes.append(outcome)
                 bar.update()
     bar.close()
@@ -182,6 +182,7 @@ _worker: Search
 
 def _start_worker(*arguments: Any) -> None:
     global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
     _worker = Search(*arguments)
 
 

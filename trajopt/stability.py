@@ -63,7 +63,12 @@ def saltation(params: WheelParams, before: Array, u_before: float, u_after: floa
 
 
 def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
-    """d x(T) / d x(0) over a stride under the gait's control in time, shape (4, 4)."""
+    """d x(T) / d x(0) over a stride, shape (4, 4), states after the touchdown at T.
+
+    Within a step the gait's voltage is played back in time; the touchdown itself, early or late,
+    switches to the voltage of the following step. (A voltage that jumped by the clock instead would
+    make the map one-sided at T: a different matrix for early and for late touchdowns.)
+    """
     total = np.eye(4)
     for i, phase in enumerate(phases):
         following = phases[(i + 1) % len(phases)]
@@ -77,8 +82,8 @@ def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
 def floquet_multipliers(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
     """Eigenvalues of `monodromy`, largest first, complex, shape (4,).
 
-    They are those of the gait in open loop: voltage played back in time, touchdowns where they
-    fall. All four matter, for played-back time leaves no direction neutral.
+    They are those of the gait in open loop, as `monodromy` defines it. All four matter, for
+    played-back time leaves no direction neutral.
     """
     values = np.linalg.eigvals(monodromy(params, phases)).astype(complex)
     return np.asarray(values[np.argsort(-np.abs(values), kind="stable")])

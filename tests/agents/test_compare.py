@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.compare import Comparison, Study
+from agents.compare import Comparison
 from agents.report import format_table, gap_to_front
+from agents.study import Study
 from trajopt.fronts import CotFront
 from trajopt.guesses import shipped
 
@@ -38,7 +39,32 @@ def test_an_interrupted_stage_leaves_no_result_and_keeps_those_before(tmp_path: 
     with pytest.raises(KeyboardInterrupt):
         comparison._stage("unfinished", interrupted)
     assert (tmp_path / "finished.json").exists()
-    assert not list(tmp_path.glob("unfinished*"))
+    assert not (tmp_path / "unfinished.json").exists()
+    (tmp_path / "unfinished.interrupted").write_text("100.0")
+    resumed = comparison._stage("unfinished", dict)
+    assert resumed["wall_time_s"] >= 100.0
+    assert not (tmp_path / "unfinished.interrupted").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"speed": math.nan}, "speed = nan"),
+        ({"front": (0.5, -1.0)}, "speed = -1.0"),
+        ({"timesteps": -1}, "timesteps = -1"),
+        ({"seed": -1}, "seed = -1"),
+        ({"steps": 0}, "steps = 0"),
+    ],
+)
+def test_bad_settings_are_refused_before_a_folder_is_claimed(settings, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        Study(**settings)
+
+
+def test_a_damaged_file_is_named_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(ValueError, match=r"study\.json: damaged.*remove it"):
+        Comparison(Study(), tmp_path, progress=False)
 
 
 def test_a_folder_with_another_study_is_refused(tmp_path: Path) -> None:
@@ -55,7 +81,7 @@ def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
     table = format_table([row | {"walking_share": 0.0, "wall_time_s": 12.3}])
-    assert table.splitlines()[-1] == "| scratch | - | - | - | 0% | 12 |"
+    assert table.splitlines()[2] == "| scratch | - | - | - | 0% | 12 |"
 
 
 def test_the_gap_is_taken_at_the_learned_speed_and_nowhere_off_the_front() -> None:

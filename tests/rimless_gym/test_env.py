@@ -100,9 +100,24 @@ def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None
 def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> None:
     for idle_power in (0.0, 5.0):
         params = THESIS_PHYSICAL.replace(idle_power=idle_power)
-        end = sum(Task().reward_terms(params, 0.0, 0.0, 1.0))
-        rest = sum(Task().reward_terms(params, 0.0, idle_power * 20.0, 0.0))
-        assert end < rest
+        for task in (Task(), Task(value_of_distance=10.0), Task(horizon=100.0)):
+            end = sum(task.reward_terms(params, 0.0, 0.0, 1.0))
+            rest = sum(task.reward_terms(params, 0.0, idle_power * task.horizon, 0.0))
+            assert end < rest
+
+
+def test_a_lunge_that_ends_in_a_fall_does_not_pay() -> None:
+    for value in (0.5, 10.0):
+        env, rng = RimlessWheelEnv(task=Task(value_of_distance=value)), np.random.default_rng(0)
+        for _ in range(40):
+            env.reset(options={"mode": "double_stance"})
+            total, ended, volts = 0.0, False, rng.uniform(-1, 1, 8)
+            for i in range(200):
+                _, reward, ended, _, _ = env.step(volts[i // 25 : i // 25 + 1])
+                total += reward
+                if ended:
+                    break
+            assert not ended or total < 0
 
 
 def test_a_lost_contact_terminates_inside_the_step_and_says_so(env: gym.Env) -> None:
@@ -148,13 +163,50 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
         ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
         ({"state": [1.5, 3.0, 0, MAX_RATE]}, "pull"),
-        ({"mode": "double_stance"}, "goes with 'state'"),
+        ({"mode": "single_stance"}, "goes with 'state'"),
+        ({"params": THESIS_PHYSICAL.replace(armature_resistance=1e-6)}, "motor damps"),
         ({"params": "PROTOTYPE"}, "WheelParams"),
     ],
 )
 def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         RimlessWheelEnv().reset(options=options)
+
+
+def test_a_refused_reset_changes_nothing() -> None:
+    env = RimlessWheelEnv()
+    env.reset(seed=0)
+    before = env.state
+    with pytest.raises(ValueError, match="phi = 9"):
+        env.reset(options={"params": PROTOTYPE, "state": [9, 9, 9, 9]})
+    assert env.params == THESIS_PHYSICAL
+    assert np.array_equal(env.state, before)
+
+
+def test_double_stance_alone_is_a_wheel_at_rest() -> None:
+    env = RimlessWheelEnv()
+    observation, info = env.reset(options={"mode": "double_stance"})
+    assert info["mode"] == "double_stance"
+    assert np.array_equal(observation[1:], np.array([0, 1, 0, 0, 1], np.float32))
+
+
+@pytest.mark.parametrize("limit", [1e3, 3e4, 1e6])
+def test_absurd_voltages_end_the_episode_or_raise_but_never_give_nonsense(limit: float) -> None:
+    env = RimlessWheelEnv(THESIS_PHYSICAL.replace(voltage_limit=limit))
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    for _ in range(500):
+        try:
+            observation, reward, ended, _, info = env.step(rng.uniform(-1, 1, 1))
+        except RuntimeError:  # says that the motion diverged
+            env.reset()
+            continue
+        assert np.all(np.isfinite(observation))
+        assert math.isfinite(reward)
+        spent = info["copper"] + info["collision"] + info["mechanical_change"]
+        assert abs(info["electrical"] - spent) < 1e-7 * max(1.0, abs(info["electrical"]))
+        if ended:
+            env.reset()
 
 
 def test_stepping_before_reset_says_what_to_do() -> None:
