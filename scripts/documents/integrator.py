@@ -1,0 +1,43 @@
+"""The kernel's integrator by itself: its states with guards ignored, and its order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rimless_gym import WheelParams, hybrid
+from rimless_gym.hybrid import SINGLE
+from rimless_gym.integration import rk8
+from rimless_gym.params import PRESETS
+from rimless_gym.stepping import scratch
+
+
+def smooth_states(
+    params: WheelParams, y: tuple[float, ...], u: float, duration: float, steps: int
+) -> Iterator[tuple[float, ...]]:
+    """States after each of `steps` single-stance integrator steps, guards ignored."""
+    p, k = params.constants, scratch()
+    for _ in range(steps):
+        y = rk8(SINGLE, y, hybrid.single_stance(*y, u, p), u, duration / steps, p, k)[0]
+        yield y
+
+
+def convergence(count: int = 20) -> dict[str, dict[str, Any]]:
+    """Error of the integrator over halved steps (root mean square over starts), and its order."""
+    table = {}
+    for name, params in PRESETS.items():
+        rng, squares = np.random.default_rng(3), np.zeros(7)
+        duration = 0.01 if name == "PROTOTYPE" else 0.2  # its motor pole is that much faster
+        sizes = duration / 2.0 ** np.arange(7)
+        for start in rng.uniform([1.2, -2, -2, -6], [1.8, 2, 2, 6], (count, 4)):
+            *_, exact = smooth_states(params, tuple(start), 10.0, duration, 512)
+            for i in range(7):
+                *_, end = smooth_states(params, tuple(start), 10.0, duration, 2**i)
+                squares[i] += np.abs(np.subtract(end, exact)).max() ** 2 / count
+        errors = np.sqrt(squares)
+        fit = (errors > 2e-13) & (errors < 1e-5)
+        order = float(np.polyfit(np.log(sizes[fit]), np.log(errors[fit]), 1)[0])
+        table[name] = {"h": sizes.tolist(), "error": errors.tolist(), "order": order}
+    return table

@@ -1,0 +1,112 @@
+"""The documents' tables in Markdown, as they stand there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rimless_gym.params import PRESETS
+from scripts.documents.motions import CASES
+
+Results = dict[str, Any]
+
+
+def table(head: list[str], rows: list[list[Any]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def accuracy_table(results: Results) -> str:
+    """Kernel against reference, presets side by side."""
+    head = ["case", "motions", "touchdowns", "state (rad, rad/s)", "start moved by 1e-13 rad"]
+    rows = []
+    for case in CASES:
+        cells = [results["accuracy"][name][case] for name in PRESETS]
+        each = {
+            key: " / ".join(f"{cell[key]:.0e}" for cell in cells)
+            for key in ("state", "nudged", "height")
+        }
+        total = {
+            key: sum(cell[key] for cell in cells)
+            for key in ("motions", "touchdowns", "disagreements")
+        }
+        residual = f"{max(cell['residual'] for cell in cells):.0e}"
+        row = [case, total["motions"], total["touchdowns"], each["state"], each["nudged"]]
+        rows.append([*row, each["height"], residual, total["disagreements"]])
+    return table([*head, "foot height (m)", "ledger residual (J)", "disagree"], rows)
+
+
+def typical_table(results: Results) -> str:
+    """The printed impact beside the right one, at a pendulum that does not turn."""
+    head = ["θ (rad)", "rate, plastic", "rate, (3.82)", "energy, plastic", "energy, (3.82)"]
+    columns = ("plastic_rate", "thesis_rate", "plastic_energy", "thesis_energy", "closed_form_rate")
+    rows = [
+        [f"{at['theta']:.1f}", *(f"{at[key]:.2f}" for key in columns)]
+        for at in results["printed_impact"]["typical"]
+    ]
+    return table([*head, "rate, (3.85-3.87)"], rows)
+
+
+def force_table(results: Results) -> str:
+    """Energy balance of a step with the printed generalised force and the right one."""
+    head = ["", "step time (s)", "drawn (J)", "copper (J)", "mechanical gain (J)"]
+    rows = [
+        [f"$f = {f}$", *(f"{of[key]:.2f}" for key in ("time", "drawn", "copper", "gained"))]
+        + [f"{abs(of['missing']):.2f}", f"{of['rate_at_touchdown']:.2f}"]
+        for f, of in zip(("(0, T)", "(T, T)"), results["generalised_force"].values(), strict=True)
+    ]
+    return table([*head, "unexplained (J)", "rate at the end (rad/s)"], rows)
+
+
+def rotor_table(results: Results) -> str:
+    """The rotor's inertia at the hub and what it does to the motor's pole."""
+    head = ["", "$J_mN^2$ (kg m²)", "$J_m/N^2$", "pendulum's $J_{e2}$"]
+    rotors = results["rotor"]
+    rows = [
+        [f"`{name}`", *(f"{rotors[name][key]:.2g}" for key in ("right", "printed", "pendulum"))]
+        + [f"{rotors[name][key]:.1f}" for key in ("pole", "pole_right")]
+        for name in PRESETS
+    ]
+    return table([*head, "motor pole without rotor (1/s)", "with $J_mN^2$"], rows)
+
+
+def shares_table(results: Results) -> str:
+    """How often the printed impact creates energy or reverses the wheel."""
+    head = ["machine", "(3.82) creates energy", "(3.82) reverses the wheel"]
+    keys = ("creates", "reverses", "closed_form_reverses")
+    rows = [
+        [name, *(f"{100 * of[key]:.0f} %" for key in keys), f"{of['largest']:.2f}"]
+        for name, of in results["printed_impact"]["random"].items()
+    ]
+    return table([*head, "(3.85-3.87) reverses it", "largest gain of (3.82)"], rows)
+
+
+def momentum_table(results: Results) -> str:
+    """Error of the printed momentum about the new foot, by number of legs."""
+    of = results["new_foot_momentum"]
+    errors = [f"{100 * error:.0f} %" for error in of.values()]
+    return table(["legs", *of], [["error of (3.66)", *errors]])
+
+
+def kappa_table(results: Results) -> str:
+    """Range of the plastic impact's ratio of speeds with few legs."""
+    of = results["kappa_of_few_legs"]
+    counts = next(iter(of.values()))
+    rows = [
+        [f"`{name}`", *(f"{low:.2f} to {high:.2f}" for low, high in ranges.values())]
+        for name, ranges in of.items()
+    ]
+    return table(["κ", *(f"n = {n}" for n in counts)], rows)
+
+
+def tables(results: Results) -> dict[str, str]:
+    """Every table by name."""
+    return {
+        "accuracy": accuracy_table(results),
+        "typical": typical_table(results),
+        "force": force_table(results),
+        "rotor": rotor_table(results),
+        "shares": shares_table(results),
+        "momentum": momentum_table(results),
+        "kappa": kappa_table(results),
+    }
