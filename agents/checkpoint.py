@@ -22,6 +22,7 @@ from rimless_gym.task import Task
 from trajopt.provenance import provenance
 
 RECORD = "rimless_gym.json"
+MODEL_PARTS = ("data", "policy.pth")  # what stable-baselines3 must have put beside it
 FORMAT = "rimless-gym policy"
 FORMAT_VERSION = 1
 ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC}
@@ -117,6 +118,8 @@ def read_record(path: str | Path) -> dict[str, Any]:
         CheckpointError: the file is missing, damaged, or not one of ours.
     """
     path = Path(path)
+    if path.is_dir():
+        raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
     if not path.is_file():
         raise CheckpointError(
             f"{path}: no such file; make a policy with scripts/train.py, or check the path"
@@ -126,16 +129,29 @@ def read_record(path: str | Path) -> dict[str, Any]:
             broken = archive.testzip()
             if broken is not None:
                 raise CheckpointError(f"{path}: {broken} is damaged; copy or train it again")
-            if RECORD not in archive.namelist():
+            names = archive.namelist()
+            if RECORD not in names:
                 raise CheckpointError(
                     f"{path}: no {RECORD} in it, so not a rimless-gym policy; "
                     "save models with agents.checkpoint.save_checkpoint"
                 )
-            record: dict[str, Any] = json.loads(archive.read(RECORD))
-    except (zipfile.BadZipFile, OSError, json.JSONDecodeError) as error:
+            missing = [name for name in MODEL_PARTS if name not in names]
+            if missing:
+                raise CheckpointError(
+                    f"{path}: damaged: no {' and no '.join(missing)} in it; copy or train it again"
+                )
+            record: Any = json.loads(archive.read(RECORD))
+    except CheckpointError:
+        raise
+    except Exception as error:  # a damaged archive raises almost anything
         raise CheckpointError(
-            f"{path}: damaged or not a checkpoint ({error}); copy or train it again"
+            f"{path}: damaged or not a checkpoint ({error!r}); copy or train it again"
         ) from error
+    if not isinstance(record, dict):
+        raise CheckpointError(
+            f"{path}: its {RECORD} holds {type(record).__name__}, not an object: edited or "
+            "damaged; copy or train it again"
+        )
     if record.get("format") != FORMAT or record.get("format_version") != FORMAT_VERSION:
         raise CheckpointError(
             f"{path}: format {record.get('format')!r} version {record.get('format_version')}; "
@@ -169,8 +185,10 @@ def load_checkpoint(
         trained_on = WheelParams(**record["params"])
         task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
         kind = ALGORITHMS[algo]
-    except (KeyError, TypeError, ValueError) as error:
-        raise CheckpointError(f"{path}: its record is incomplete or invalid: {error!r}") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise CheckpointError(
+            f"{path}: its record is incomplete or invalid: {error!r}; copy or train it again"
+        ) from error
     if params is not None and params != trained_on:
         wanted, has = params.to_dict(), trained_on.to_dict()
         differing = {k: f"{has[k]} (not {wanted[k]})" for k in has if has[k] != wanted[k]}
@@ -178,5 +196,13 @@ def load_checkpoint(
             f"{path}: trained on another machine: {differing}; to try it on this one all the "
             "same, load it without params"
         )
-    model = kind.load(path, env=env, device="cpu")
+    try:
+        model = kind.load(path, env=env, device="cpu")
+        if type(model.policy) not in kind.policy_aliases.values():
+            raise TypeError(f"its policy is a {type(model.policy).__name__}")
+    except Exception as error:  # torch, pickle and stable-baselines3 raise almost anything
+        raise CheckpointError(
+            f"{path}: its record says {algo}, but no {algo} policy can be read from it "
+            f"({error!r}): edited or damaged; copy or train it again"
+        ) from error
     return Checkpoint(model, algo, trained_on, task, seed, record)

@@ -62,7 +62,8 @@ def rollout(
         if len(running) == 0:
             return
         observations = observe(params, state)
-        actions = np.clip(policy(state, observations), -1.0, 1.0)
+        # Copies: a policy may well scale its inputs in place.
+        actions = np.clip(policy(state.copy(), observations.copy()), -1.0, 1.0)
         if actions.shape != (len(running),) or np.isnan(actions).any():
             raise ValueError(
                 f"the policy gave shape {actions.shape} with {np.isnan(actions).sum()} NaN for "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Real
+from typing import Any
 
 from rimless_gym.params import WheelParams
 from trajopt.guesses import leads_for
@@ -70,8 +72,9 @@ def periodic_gait(
 
     Raises:
         NoGaitError: none was found at this speed, or the arguments admit none.
+        TypeError: an argument is of the wrong kind.
     """
-    _validate(speed, steps, guess)
+    speed, steps, starts = _validate(params, speed, steps, starts, guess)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
         known = any(lead.params == params for lead in leads)
@@ -181,15 +184,32 @@ def _solution(
     )
 
 
-def _validate(speed: float, steps: int, guess: Solution | None) -> None:
-    if not (isinstance(speed, (int, float)) and math.isfinite(speed) and speed > 0):
+def _validate(
+    params: Any, speed: Any, steps: Any, starts: Any, guess: Any
+) -> tuple[float, int, int | None]:
+    """Speed, steps and starts as plain numbers."""
+    if not isinstance(params, WheelParams):
+        raise TypeError(f"params = {params!r}: must be a rimless_gym.WheelParams")
+    for name, value in (("speed", speed), ("steps", steps), ("starts", starts)):
+        if value is None and name == "starts":
+            continue
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise TypeError(f"{name} = {value!r}: must be a number")
+    if not (math.isfinite(speed) and speed > 0):
         raise NoGaitError(f"speed = {speed}: must be finite and greater than 0 m/s")
-    if isinstance(steps, bool) or steps != int(steps) or steps < 1:
-        raise NoGaitError(f"steps = {steps}: a stride has at least 1 step")
+    if not (math.isfinite(steps) and steps == int(steps) and steps >= 1):
+        raise NoGaitError(f"steps = {steps}: must be a whole number; a stride has at least 1 step")
+    if starts is not None and not (math.isfinite(starts) and starts == int(starts) and starts >= 0):
+        raise NoGaitError(f"starts = {starts}: must be a whole number of at least 0")
+    if guess is not None and not isinstance(guess, Solution):
+        raise TypeError(
+            f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"
+        )
     if guess is not None and guess.steps != steps:
         raise NoGaitError(
             f"steps = {steps}: the guess has {guess.steps} steps per stride; give one of as many"
         )
+    return float(speed), int(steps), None if starts is None else int(starts)
 
 
 def _obstacle(result: Result, reached: float | None) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
-import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,14 @@ from trajopt.provenance import provenance
 from trajopt.stability import floquet_multipliers
 from trajopt.verify import Verification
 
-FORMAT = "rimless-gym gait 1"
+FORMAT = "rimless-gym gait 2"
+
+#: Entries of a file besides the arrays of its phases.
+HEADER, DIGEST = "header", "digest"
+
+
+class GaitFileError(ValueError):
+    """A file is not a gait that this version saved, or was edited or damaged since."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +40,7 @@ class Optimum:
     found: int
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Solution:
     """A periodic gait with its verification.
 
@@ -56,6 +63,13 @@ class Solution:
     verification: Verification
     optima: tuple[Optimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+
+    def __repr__(self) -> str:
+        verdict = "passed" if self.verification.passed else "FAILED"
+        return (
+            f"Solution({self.steps} steps per stride at {self.speed:.4g} m/s, CoT {self.cot:.4g}, "
+            f"verification {verdict})"
+        )
 
     # -- trajectory ---------------------------------------------------------------------------
 
@@ -160,8 +174,8 @@ class Solution:
     def floquet(self) -> Array:
         """Multipliers of a stride in open loop, largest first, complex, shape (4,).
 
-        Open loop is the voltage played back in time; by the variational equation with saltation
-        at touchdowns (`trajopt.stability`).
+        Open loop is each step's voltage played back in time, switched by the touchdowns; by the
+        variational equation with saltation (`trajopt.stability.monodromy`).
         """
         return floquet_multipliers(self.params, self.phases)
 
@@ -221,7 +235,7 @@ class Solution:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz of plain arrays, everything else in it as JSON text."""
+        """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""
         header = {
             "format": FORMAT,
             "params": self.params.to_dict(),
@@ -236,42 +250,85 @@ class Solution:
             for i, phase in enumerate(self.phases)
             for field in dataclasses.fields(phase)
         }
+        arrays[HEADER] = np.array(json.dumps(header))
+        arrays[DIGEST] = np.array(_digest(arrays))
         with Path(path).open("wb") as file:
-            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+            np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
-        """Read what `save` wrote.
+        """Read what `save` wrote, if it has not changed since.
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: it is not a gait saved by this package.
+            GaitFileError: it is not a gait saved by this version, or was edited or damaged.
         """
-        if not Path(path).is_file():
+        path = Path(path)
+        if path.is_dir():
+            raise GaitFileError(f"{path}: a folder; give the .npz file that Solution.save wrote")
+        if not path.is_file():
             raise FileNotFoundError(f"{path}: no such file; Solution.save writes one")
         try:
-            with np.load(path, allow_pickle=False) as data:
-                header = json.loads(str(data["header"]))
-                if header["format"] != FORMAT:
-                    raise KeyError(header["format"])
-                names = [field.name for field in dataclasses.fields(PhaseTrajectory)]
-                count = sum(key.endswith("_edges") for key in data.files)
-                phases = [
-                    PhaseTrajectory(*(data[f"phase{i}_{name}"] for name in names))
-                    for i in range(count)
-                ]
-        except (KeyError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path}: not a gait saved by Solution.save ({error!r})") from error
-        failures = tuple(header["verification"].pop("failures"))
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+                arrays = {name: data[name] for name in data.files}
+            header = json.loads(str(arrays[HEADER]))
+            form = header["format"]
+        except Exception as error:  # a damaged archive raises almost anything
+            raise GaitFileError(
+                f"{path}: not a gait saved by Solution.save, or damaged ({error!r}); "
+                "copy it again, or solve it again with scripts/solve_gait.py"
+            ) from error
+        if form != FORMAT:
+            raise GaitFileError(
+                f"{path}: format {form!r}, but this version reads {FORMAT!r}; "
+                "solve it again with scripts/solve_gait.py"
+            )
+        if str(arrays.pop(DIGEST, None)) != _digest(arrays):
+            raise GaitFileError(
+                f"{path}: edited or damaged since it was saved (its digest does not fit), so its "
+                "verification says nothing; copy it again, or solve it again with "
+                "scripts/solve_gait.py"
+            )
+        try:
+            return cls._from_file(header, arrays)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise GaitFileError(
+                f"{path}: no valid gait ({error!r}); solve it again with scripts/solve_gait.py"
+            ) from error
+
+    @classmethod
+    def _from_file(cls, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Solution:
+        names = [field.name for field in dataclasses.fields(PhaseTrajectory)]
+        count = sum(key.endswith("_edges") for key in arrays)
+        if count == 0:
+            raise ValueError("it has no phases")
+        phases = tuple(
+            PhaseTrajectory(*(arrays[f"phase{i}_{name}"] for name in names)) for i in range(count)
+        )
+        for name in names:
+            if not all(np.isfinite(getattr(phase, name)).all() for phase in phases):
+                raise ValueError(f"{name} are not all finite")
+        verification = dict(header["verification"])
+        failures = tuple(verification.pop("failures"))
         return cls(
             params=WheelParams(**header["params"]),
-            phases=tuple(phases),
+            phases=phases,
             theta_turns=header["theta_turns"],
             regeneration=header["regeneration"],
-            verification=Verification(**header["verification"], failures=failures),
+            verification=Verification(**verification, failures=failures),
             optima=tuple(Optimum(**o) for o in header["optima"]),
             provenance=header["provenance"],
         )
+
+
+def _digest(arrays: Mapping[str, Any]) -> str:
+    """SHA-256 over names, types, shapes and contents of arrays, the header's text included."""
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
 
 
 def _jsonable(value: Any) -> Any:

@@ -20,15 +20,19 @@ def observations():
     return np.random.default_rng(0).uniform(-1, 1, (50, 6)).astype(np.float32)
 
 
-def with_record(path, target, **changes):
-    """The same checkpoint with another record."""
+def with_parts(path, target, **changes):
+    """The same checkpoint with other parts; None leaves one out."""
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
-            content = old.read(name)
-            if name == RECORD:
-                content = json.dumps(json.loads(content) | changes).encode()
-            new.writestr(name, content)
+            content = changes.get(name, old.read(name))
+            if content is not None:
+                new.writestr(name, content)
     return target
+
+
+def with_record(path, target, **changes):
+    """The same checkpoint with another record."""
+    return with_parts(path, target, **{RECORD: json.dumps(read_record(path) | changes).encode()})
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
@@ -97,6 +101,78 @@ def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, 
         read_record(with_record(path, tmp_path / "v.zip", format_version=99))
     with pytest.raises(CheckpointError, match="incomplete or invalid"):
         load_checkpoint(with_record(path, tmp_path / "m.zip", params={"wheel_mass": -1}))
+
+
+@pytest.fixture
+def saved(tmp_path, new_model):
+    return save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[]", "holds list"),
+        (b"null", "holds NoneType"),
+        (b"3", "holds int"),
+        (b"not JSON", "damaged"),
+        (b"", "damaged"),
+        (b"\xff\xfe\xff", "damaged"),
+        (b"[" * 100_000, "damaged"),
+    ],
+)
+def test_a_record_that_is_no_object_is_refused(tmp_path, saved, text, message):
+    bad = with_parts(saved, tmp_path / "bad.zip", **{RECORD: text})
+    for load in (read_record, load_checkpoint):
+        with pytest.raises(CheckpointError, match=rf"bad\.zip: .*{message}.*train it again"):
+            load(bad)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"algo": "td3"},
+        {"algo": []},
+        {"seed": None},
+        {"seed": float("inf")},
+        {"params": None},
+        {"params": []},
+        {"task": None},
+        {"task": {"value_of_distance": "much"}},
+        {"task": {"price": 1.0}},
+    ],
+)
+def test_a_record_with_an_invalid_entry_is_refused(tmp_path, saved, changes):
+    bad = with_record(saved, tmp_path / "bad.zip", **changes)
+    with pytest.raises(CheckpointError, match=r"bad\.zip: .*incomplete or invalid.*again"):
+        load_checkpoint(bad)
+
+
+@pytest.mark.parametrize(("algo", "other"), [("ppo", "sac"), ("sac", "ppo")])
+def test_a_relabelled_algorithm_is_refused(tmp_path, new_model, algo, other):
+    path = save_checkpoint(tmp_path / "p.zip", new_model(algo), THESIS_PHYSICAL, Task(), 0)
+    bad = with_record(path, tmp_path / "bad.zip", algo=other)
+    with pytest.raises(CheckpointError, match=rf"bad\.zip: its record says {other}.*again"):
+        load_checkpoint(bad)
+
+
+@pytest.mark.parametrize("part", ["data", "policy.pth"])
+def test_a_model_with_parts_missing_is_refused(tmp_path, saved, part):
+    bad = with_parts(saved, tmp_path / "bad.zip", **{part: None})
+    with pytest.raises(CheckpointError, match=rf"bad\.zip: damaged: no {part} in it.*again"):
+        load_checkpoint(bad)
+
+
+@pytest.mark.parametrize("part", ["data", "policy.pth", "policy.optimizer.pth"])
+@pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"garbage", b"\x80\x04garbage" * 9])
+def test_a_model_with_garbage_inside_is_refused(tmp_path, saved, part, content):
+    bad = with_parts(saved, tmp_path / "bad.zip", **{part: content})
+    with pytest.raises(CheckpointError, match=r"bad\.zip: .*no ppo policy can be read.*again"):
+        load_checkpoint(bad)
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(CheckpointError, match=r"a folder.*best\.zip"):
+        load_checkpoint(tmp_path)
 
 
 def test_only_ppo_and_sac_are_saved(tmp_path):

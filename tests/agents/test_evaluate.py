@@ -9,9 +9,9 @@ from agents.evaluate import PROTOCOL, Evaluation, Protocol, evaluate
 from agents.periods import steps_per_period
 from agents.policies import controller_policy
 from agents.rollout import draw_starts, rollout
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym import energy as row
-from rimless_gym.stepping import MODE
+from rimless_gym.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
 SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
@@ -89,12 +89,79 @@ def test_idle_power_is_paid_for_while_walking():
 
 
 def test_a_fallen_start_does_not_count_as_walking():
-    def topple(states, observations):
-        return np.ones(len(states))
-
     result = evaluate(topple, protocol=dataclasses.replace(SMALL, duration=4.0))
     assert result.fallen.any()
     assert not (result.fallen & result.walking).any()
+
+
+class Priced(Task):
+    """Metres less joules, and 7 for a fall."""
+
+    def reward_terms(self, params, distance, energy, failed):
+        return distance, -energy, -7.0 * failed
+
+
+def topple(states, observations):
+    return np.ones(len(states))
+
+
+def test_the_objective_is_the_reward_per_second_falls_included():
+    result = evaluate(topple, protocol=SMALL, task=Priced())
+    starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
+    reward, fallen = 0.0, np.zeros(SMALL.starts, dtype=bool)
+    for index, interval in enumerate(rollout(THESIS_PHYSICAL, topple, starts, 150)):
+        fallen[interval.running] = interval.rows[:, row.FAILURE] != 0
+        if index >= 30:
+            rows = interval.rows
+            reward += rows[:, row.DISTANCE].sum() - rows[:, row.ELECTRICAL_POSITIVE].sum()
+    assert 0 < fallen.sum() < SMALL.starts
+    np.testing.assert_array_equal(result.fallen, fallen)
+    mean = (reward - 7.0 * fallen.sum()) / SMALL.starts
+    assert result.objective == pytest.approx(mean / SMALL.window, rel=1e-12)
+
+
+def rolling(*rates):
+    """Starts in mid-stance with these leg rates, the pendulum level on the side they go to."""
+    starts = np.zeros((len(rates), STATE_SIZE))
+    starts[:, PHI], starts[:, DPHI] = np.pi / 2, rates
+    starts[:, THETA] = np.pi / 2 * np.sign(rates)
+    return starts
+
+
+def test_net_backward_steps_do_not_count_as_walking():
+    starts = rolling(3.0, -3.0)
+    protocol = Protocol(starts=2, seed=0, duration=0.6, window=0.6, alive=0.6)
+    steps = np.zeros(2)
+    for interval in rollout(THESIS_PHYSICAL, rest, starts, 60):
+        steps[interval.running] += interval.rows[:, row.STEPS]
+    assert steps[0] > 0 > steps[1]
+    result = evaluate(rest, protocol=protocol, starts=starts)
+    assert not result.fallen.any()
+    np.testing.assert_array_equal(result.walking, [True, False])
+
+
+def test_a_walk_that_came_to_rest_before_the_end_does_not_count():
+    starts = rolling(3.0)
+    whole = Protocol(starts=1, seed=0, duration=8.0, window=8.0, alive=8.0)
+    end = dataclasses.replace(whole, alive=1.0)
+    assert evaluate(rest, protocol=whole, starts=starts).walking_share == 1.0
+    assert evaluate(rest, protocol=end, starts=starts).walking_share == 0.0
+
+
+def test_a_policy_that_writes_into_its_inputs_changes_nothing_but_its_action():
+    def vandal(states, observations):
+        action = push(states, observations)
+        states[:] = np.nan
+        observations[:] = np.nan
+        return action
+
+    starts = draw_starts(THESIS_PHYSICAL, 6, 1)
+    kept = starts.copy()
+    walks = (rollout(THESIS_PHYSICAL, policy, starts, 40) for policy in (push, vandal))
+    for mine, theirs in zip(*walks, strict=True):
+        for name in mine._fields:
+            np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name), name)
+    np.testing.assert_array_equal(starts, kept)
 
 
 @pytest.mark.parametrize("period", range(1, 7))

@@ -1,8 +1,11 @@
 import json
+import shutil
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3.common.save_util import load_from_pkl
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import train as training
@@ -24,6 +27,10 @@ STEPS = {"ppo": 512, "sac": 160}
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
+    shrink(monkeypatch)
+
+
+def shrink(monkeypatch):
     """Two environments and short roll-outs, all else as published."""
 
     def smaller(algo, imitation):
@@ -129,6 +136,108 @@ def test_a_folder_with_another_training_is_neither_overwritten_nor_resumed(tmp_p
         run(tmp_path / "empty", resume=True)
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A short PPO training that is over; copy it before changing it."""
+    with pytest.MonkeyPatch.context() as patch:
+        shrink(patch)
+        out = tmp_path_factory.mktemp("finished")
+        run(out, timesteps=128)
+    return out
+
+
+@pytest.fixture
+def folder(finished, tmp_path):
+    return shutil.copytree(finished, tmp_path / "training")
+
+
+def test_policies_without_a_record_of_their_training_are_not_overwritten(folder):
+    (folder / "train.json").unlink()
+    before = {name: (folder / name).read_bytes() for name in ("best.zip", "last.zip")}
+    for kept in (("best.zip", "last.zip"), ("best.zip",), ("last.zip",)):
+        for name, content in before.items():
+            (folder / name).unlink(missing_ok=True)
+            if name in kept:
+                (folder / name).write_bytes(content)
+        with pytest.raises(ValueError, match=rf"{' and '.join(kept)} but no train\.json.*--out"):
+            run(folder)
+        assert all((folder / name).read_bytes() == before[name] for name in kept)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "null", "[]", "{}", '{"best_score": "x"}', '{"best_score": NaN}', "\xff"]
+)
+def test_a_damaged_record_of_a_training_is_not_resumed(folder, text):
+    (folder / "train.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"train\.json: damaged.*cannot be resumed.*--out"):
+        run(folder, resume=True)
+
+
+def test_a_record_with_an_entry_missing_is_not_resumed(folder):
+    notes = json.loads((folder / "train.json").read_text())
+    del notes["task"]
+    (folder / "train.json").write_text(json.dumps(notes))
+    with pytest.raises(ValueError, match="task = None"):
+        run(folder, resume=True)
+
+
+def test_a_training_that_never_saved_its_last_policy_says_where_to_go_on(folder):
+    (folder / "last.zip").unlink()
+    with pytest.raises(ValueError, match=r"before last\.zip was saved.*--init .*best\.zip"):
+        run(folder, resume=True)
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("precious")
+    for resume in (False, True):
+        with pytest.raises(ValueError, match=r"is a file: choose a folder"):
+            run(tmp_path / "file", resume=resume)
+    assert (tmp_path / "file").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"seed": -1}, ValueError, "seed = -1: must be at least 0 and at most 4294967295"),
+        ({"seed": np.int64(-3)}, ValueError, "seed = -3"),
+        ({"seed": 2**32}, ValueError, "seed = 4294967296"),
+        ({"seed": 1.0}, TypeError, r"seed = 1\.0: must be an integer"),
+        ({"seed": True}, TypeError, "seed = True"),
+        ({"seed": None}, TypeError, "seed = None"),
+        ({"timesteps": -1}, ValueError, "timesteps = -1"),
+        ({"timesteps": "many"}, TypeError, "timesteps = 'many'"),
+    ],
+)
+def test_seeds_and_numbers_of_steps_out_of_range_are_refused(tmp_path, changes, error, message):
+    with pytest.raises(error, match=message):
+        run(tmp_path / "out", **changes)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_seed_of_numpy_is_as_good(tmp_path, finished):
+    run(tmp_path, seed=np.int64(0), timesteps=np.int32(128))
+    assert json.loads((tmp_path / "train.json").read_text())["seed"] == 0
+    np.testing.assert_array_equal(weights(tmp_path / "last.zip"), weights(finished / "last.zip"))
+
+
+def test_a_resumed_sac_goes_on_with_what_it_experienced(tmp_path):
+    run(tmp_path, "sac", timesteps=100)
+    before = load_from_pkl(tmp_path / "replay.pkl")
+    run(tmp_path, "sac", timesteps=160, resume=True)
+    after = load_from_pkl(tmp_path / "replay.pkl")
+    kept = before.pos
+    assert 50 <= kept < after.pos == 80  # of each of two environments
+    np.testing.assert_array_equal(after.observations[:kept], before.observations[:kept])
+    np.testing.assert_array_equal(after.actions[:kept], before.actions[:kept])
+
+
+def test_a_damaged_replay_buffer_is_named(tmp_path):
+    run(tmp_path, "sac", timesteps=60)
+    (tmp_path / "replay.pkl").write_bytes(b"garbage")
+    with pytest.raises(ValueError, match=r"replay\.pkl: damaged.*delete it"):
+        run(tmp_path, "sac", timesteps=60, resume=True)
+
+
 def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     scores = iter([1.0, 3.0, 2.0, *[0.0] * 20])
     result = run(tmp_path, score=lambda evaluation: next(scores))
@@ -165,6 +274,32 @@ def test_rewards_are_scaled_for_the_learner_only():
     assert large[0] == pytest.approx(100 * small[0])
     terms = ("reward_distance", "reward_energy", "reward_end")
     assert small[0] == pytest.approx(sum(infos[0][name] for name in terms))
+
+
+@pytest.mark.parametrize("voltage", [0.0, 1.0])
+def test_an_episodes_last_observation_and_the_reason_of_its_end_reach_the_learner(voltage):
+    # At rest time runs out, and under full voltage the wheel falls: compared with the plain
+    # environment, which no vector environment resets.
+    vector = training_env(3, THESIS_PHYSICAL, Task(), 4)
+    alone = [gym.make("RimlessWheel-v0", params=THESIS_PHYSICAL, task=Task()) for _ in range(3)]
+    first = np.array([env.reset(seed=4 + i)[0] for i, env in enumerate(alone)])
+    np.testing.assert_array_equal(vector.reset(), first)
+    running, reasons = {0, 1, 2}, []
+    while running:
+        seen, _, dones, infos = vector.step(np.full((3, 1), voltage, dtype=np.float32))
+        for i in sorted(running):
+            last, _, terminated, truncated, _ = alone[i].step(np.array([voltage], np.float32))
+            assert dones[i] == (terminated or truncated)
+            assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
+            if not dones[i]:
+                np.testing.assert_array_equal(seen[i], last)
+                continue
+            np.testing.assert_array_equal(infos[i]["terminal_observation"], last)
+            np.testing.assert_array_equal(seen[i], alone[i].reset()[0])
+            assert not np.array_equal(seen[i], last)
+            reasons.append("time" if truncated else "fall")
+            running.remove(i)
+    assert ("fall" if voltage else "time") in reasons
 
 
 def test_unknown_algorithms_are_refused_with_the_choice():

@@ -1,0 +1,221 @@
+"""Saved gaits: what is refused on loading, and whether the shipped ones are what they say."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL
+from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.gaits import _validate
+from trajopt.guesses import FOLDER, shipped
+from trajopt.solution import DIGEST, FORMAT, HEADER, GaitFileError, _digest
+from trajopt.verify import verify
+
+SHIPPED = sorted(path.name for path in FOLDER.glob("*.npz"))
+
+
+@pytest.fixture
+def path(tmp_path):
+    """A copy of a shipped gait."""
+    copy = tmp_path / "gait.npz"
+    copy.write_bytes((FOLDER / SHIPPED[0]).read_bytes())
+    return copy
+
+
+def rewrite(path, signed=False, header=None, **arrays):
+    """Change a file's arrays (None: leave out) or header; `signed` with a digest that fits."""
+    with np.load(path) as data:
+        content = {name: data[name] for name in data.files} | arrays
+    content = {name: array for name, array in content.items() if array is not None}
+    if header is not None:
+        changed = header(json.loads(str(content[HEADER])))
+        content[HEADER] = np.array(changed if isinstance(changed, str) else json.dumps(changed))
+    if signed:
+        del content[DIGEST]
+        content[DIGEST] = np.array(_digest(content))
+    np.savez_compressed(path, **content)
+
+
+def heavier(header):
+    return header | {"params": header["params"] | {"wheel_mass": 3.0}}
+
+
+def whitewashed(header):
+    return header | {"verification": header["verification"] | {"peak_voltage": 1.0}}
+
+
+def shifted(path):
+    with np.load(path) as data:
+        return {"phase0_states": data["phase0_states"] + 1e-9}
+
+
+def refused(path, match):
+    with pytest.raises(GaitFileError, match=rf"(?s){path.name}: .*{match}.*again"):
+        Solution.load(path)
+
+
+def test_a_shipped_gait_saved_again_is_the_same(path):
+    first = Solution.load(path)
+    first.save(path)
+    second = Solution.load(path)
+    assert second.to_dict() == first.to_dict()
+    t = np.linspace(0, first.duration, 50)
+    np.testing.assert_array_equal(second.state(t), first.state(t))
+
+
+def test_edited_parameters_verdicts_or_states_are_refused(path):
+    content = path.read_bytes()
+    for header in (heavier, whitewashed):
+        rewrite(path, header=header)
+        refused(path, "edited or damaged")
+        path.write_bytes(content)
+    rewrite(path, **shifted(path))
+    refused(path, "edited or damaged")
+    path.write_bytes(content)
+    rewrite(path)  # nothing changed but the compression
+    assert Solution.load(path).verification.passed
+
+
+def test_a_gait_without_a_digest_is_refused(path):
+    rewrite(path, **{DIGEST: None})
+    refused(path, "edited or damaged")
+
+
+def test_a_gait_of_an_earlier_format_is_refused_by_name(path):
+    rewrite(path, header=lambda h: h | {"format": "rimless-gym gait 1"})
+    refused(path, f"gait 1.*{FORMAT}")
+
+
+@pytest.mark.parametrize("name", ["phase0_states", "phase0_controls", "phase0_edges"])
+def test_a_gait_that_is_not_finite_is_refused(path, name):
+    with np.load(path) as data:
+        array = data[name].copy()
+    array.flat[-1] = np.nan
+    rewrite(path, signed=True, **{name: array})
+    refused(path, "not all finite")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda h: {key: value for key, value in h.items() if key != "verification"},
+        lambda h: h | {"verification": None},
+        lambda h: h | {"params": {"wheel_mass": -1}},
+        lambda h: h | {"optima": [3]},
+    ],
+)
+def test_a_header_with_parts_missing_or_wrong_is_refused(path, change):
+    rewrite(path, signed=True, header=change)
+    refused(path, "no valid gait")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "null", "3", "{}", "not JSON", "\ud7ff"])
+def test_a_header_that_is_no_object_is_refused(path, text):
+    rewrite(path, signed=True, header=lambda _: text)
+    refused(path, "not a gait")
+
+
+def test_a_gait_without_phases_is_refused(path):
+    with np.load(path) as data:
+        none = {name: None for name in data.files if name.startswith("phase")}
+    rewrite(path, signed=True, **none)
+    refused(path, "no phases")
+
+
+def test_damage_anywhere_is_refused_or_harmless(path):
+    whole, gait = path.read_bytes(), Solution.load(path)
+    rng = np.random.default_rng(0)
+    refusals = 0
+    for position in rng.integers(0, len(whole), 150):
+        content = bytearray(whole)
+        content[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(content)
+        try:
+            assert Solution.load(path).to_dict() == gait.to_dict()
+        except GaitFileError:
+            refusals += 1
+    assert refusals > 100
+    for length in rng.integers(0, len(whole), 20):
+        path.write_bytes(whole[:length])
+        refused(path, "not a gait")
+
+
+def test_a_folder_and_an_array_are_refused(tmp_path):
+    with pytest.raises(GaitFileError, match="a folder"):
+        Solution.load(tmp_path)
+    with (tmp_path / "array.npz").open("wb") as file:
+        np.save(file, np.zeros(3))
+    refused(tmp_path / "array.npz", "not a gait")
+
+
+# -- shipped gaits, from scratch ------------------------------------------------------------------
+
+
+def check_from_scratch(name):
+    gait = Solution.load(FOLDER / name)
+    found = verify(gait.params, gait.phases, gait.theta_turns)
+    assert found.failures == gait.verification.failures == ()
+    assert found.state_error < 1e-6
+    sums, extremes = ("electrical_positive", "electrical"), ("min_normal_force", "clearance")
+    for figure in (*sums, *extremes):  # extremes are sampled
+        stored = getattr(gait.verification, figure)
+        close = pytest.approx(stored, rel=1e-5 if figure in sums else 1e-3, abs=1e-6)
+        assert getattr(found, figure) == close, figure
+
+
+@pytest.mark.parametrize(
+    "name", ["thesis_physical_1_steps_k-1_0.500.npz", "thesis_physical_2_steps_k0_0.500.npz"]
+)
+def test_the_shipped_gaits_of_half_a_metre_per_second_pass_from_scratch(name):
+    check_from_scratch(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_gait_passes_from_scratch(name):
+    check_from_scratch(name)
+
+
+def test_verification_from_scratch_sees_a_changed_machine():
+    gait = next(s for s in shipped() if s.steps == 1 and abs(s.speed - 0.5) < 1e-9)
+    other = gait.params.replace(wheel_mass=1.01 * gait.params.wheel_mass)
+    assert not verify(other, gait.phases, gait.theta_turns).passed
+
+
+# -- arguments of the search ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"speed": True}, TypeError, "speed = True"),
+        ({"speed": "fast"}, TypeError, "speed = 'fast'"),
+        ({"steps": math.nan}, NoGaitError, "steps = nan"),
+        ({"steps": math.inf}, NoGaitError, "steps = inf"),
+        ({"steps": 1.5}, NoGaitError, r"steps = 1\.5"),
+        ({"steps": None}, TypeError, "steps = None"),
+        ({"steps": True}, TypeError, "steps = True"),
+        ({"starts": -1}, NoGaitError, "starts = -1"),
+        ({"starts": math.inf}, NoGaitError, "starts = inf"),
+        ({"starts": "many"}, TypeError, "starts = 'many'"),
+        ({"guess": "x"}, TypeError, "guess = 'x'.*Solution"),
+        ({"params": None}, TypeError, "params = None.*WheelParams"),
+    ],
+)
+def test_arguments_of_the_wrong_kind_are_named(arguments, error, message):
+    with pytest.raises(error, match=message):
+        periodic_gait(**({"params": THESIS_PHYSICAL} | arguments))
+
+
+def test_numbers_of_other_types_are_as_good():
+    one = next(s for s in shipped() if s.steps == 1 and abs(s.speed - 0.5) < 1e-9)
+    gait = periodic_gait(THESIS_PHYSICAL, np.float32(0.5), 1.0, guess=one, starts=np.int64(0))
+    assert gait.verification.passed
+    assert (gait.speed, gait.steps) == (pytest.approx(0.5, abs=1e-12), 1)
+    json.dumps(gait.provenance)
+    plain = _validate(THESIS_PHYSICAL, np.float32(0.5), np.int64(2), 3.0, None)
+    assert [type(value) for value in plain] == [float, int, int]
