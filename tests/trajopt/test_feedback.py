@@ -60,3 +60,13 @@ def test_it_is_a_function_of_the_state_within_the_voltage_limit(law):
     assert np.array_equal(together, alone)
     assert np.allclose(together, turned)
     assert np.abs(together).max() <= P.voltage_limit
+
+
+def test_on_the_gait_it_plays_the_gaits_voltage_between_the_points_of_its_table_too(law, one_step):
+    t = np.linspace(0.03, one_step.duration - 0.03, 501)
+    s, weights = np.polynomial.legendre.leggauss(16)
+    hold = t[:, None] + 0.5 * law.period * (s + 1)
+    wanted = 0.5 * one_step.control(hold.ravel()).reshape(hold.shape) @ weights
+    error = law(one_step.state(t)) - wanted
+    change = np.abs(np.diff(law.voltages)).max()  # from a point of the table to the next
+    assert np.sqrt(np.mean(error**2)) < 0.03 * change
