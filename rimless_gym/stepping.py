@@ -55,9 +55,9 @@ from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
 # Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
 PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
 
-#: Steps are so short that pole * h and (|phi'| + |theta'|) * h stay below these; measured: energy
+#: Steps are so short that pole * h and turning * h stay below these (see `step_length`): energy
 #: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
-MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.19
+MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.175
 
 #: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
 MAX_POLE = 1e4
