@@ -87,14 +87,14 @@ def over_seeds(evaluations: list[Evaluation]) -> dict[str, Any]:
 def print_table(names: list[str], evaluations: list[Evaluation], summary: dict[str, Any]) -> None:
     """One line a policy, then the summary."""
     width = max(24, *(len(name) for name in names))
-    print(" " * width + "".join(f"{title:>12}" for _, title in COLUMNS))
+    print(" " * width + "".join(f"{title:>14}" for _, title in COLUMNS))
     for name, evaluation in zip(names, evaluations, strict=True):
         figures = [getattr(evaluation, column) for column, _ in COLUMNS]
-        print(f"{name:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))
+        print(f"{name:{width}}" + "".join(f"{figure:14.4g}" for figure in figures))
     if summary:
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
             figures = [summary.get(column, {}).get(key, math.nan) for column, _ in COLUMNS]
-            print(f"{title:{width}}" + "".join(f"{figure:12.4g}" for figure in figures))
+            print(f"{title:{width}}" + "".join(f"{figure:14.4g}" for figure in figures))
 
 
 if __name__ == "__main__":

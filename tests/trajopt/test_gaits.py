@@ -12,7 +12,7 @@ from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.guesses import nearest, repeated, shipped
 from trajopt.search import Candidate, distinct, random_guess
 from trajopt.stability import monodromy
-from trajopt.verify import playback, verify
+from trajopt.verify import verify
 
 MODEL = HybridModel(THESIS_PHYSICAL)
 
