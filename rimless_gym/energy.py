@@ -80,10 +80,6 @@ class Ledger:
         values = dict(zip(names, rows.tolist(), strict=False))
         return cls(**values, idle=params.idle_power * values["time"])
 
-    def __add__(self, other: Ledger) -> Ledger:
-        pairs = zip(dataclasses.astuple(self), dataclasses.astuple(other), strict=True)
-        return Ledger(*(mine + theirs for mine, theirs in pairs))
-
     @property
     def residual(self) -> float:
         """What the energy balance leaves unexplained (J)."""

@@ -10,8 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.equations import equations
+
 MOTOR_MOUNTS = ("wheel", "frame")
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
+
+_eq = equations(np.sin, np.cos)
 
 
 class Constants(NamedTuple):
@@ -140,8 +144,8 @@ class WheelParams:
         if self.total_mass <= 0:
             raise ValueError("wheel_mass + pendulum_mass = 0: one of them must be greater than 0")
         c = self.constants
-        for s in (-1.0, 1.0):  # the determinant is concave in s = sin(phi + theta)
-            m11, m12, m22 = c.Je1 + c.Jr * c.d1, c.Je3 * s + c.Jr * c.d1, c.Je2 + c.Jr
+        for angle in (-math.pi / 2, math.pi / 2):  # the determinant is concave in its sine
+            m11, m12, _, m22 = _eq.mass_matrix(0.0, 0.0, angle, c)
             if m11 * m22 - m12**2 <= 1e-12 * m11 * m22:
                 raise ValueError(
                     "the mass matrix is singular for these masses and inertias: give the pendulum "
@@ -185,9 +189,8 @@ class WheelParams:
     def motor_pole(self) -> float:
         """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
         c = self.constants
-        s = np.linspace(-1.0, 1.0, 201)
-        m11, m12, m22 = c.Je1 + c.Jr * c.d1, c.Je3 * s + c.Jr * c.d1, c.Je2 + c.Jr
-        inverse_inertia = (m22 * c.d1 - 2 * m12 * c.d1 + m11) / (m11 * m22 - m12**2)
+        m11, m12, _, m22 = _eq.mass_matrix(0.0, 0.0, np.arcsin(np.linspace(-1.0, 1.0, 201)), c)
+        inverse_inertia = _eq.relative_rate(*_eq.solve(m11, m12, m22, c.d1, 1.0), c)
         return float((c.K**2 / c.Rm + c.damping) * inverse_inertia.max())
 
     def replace(self, **changes: Any) -> WheelParams:
