@@ -206,6 +206,29 @@ SOURCE_FINGERPRINT = _source_fingerprint()
 advance_kernel = _kernel(SOURCE_FINGERPRINT)
 
 
+def _batch(fingerprint: int) -> Callable[..., None]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def advance_batch(constants, poles, states, voltages, duration, pull, out, work):
+        fingerprint  # noqa: B018  see above
+        x, booked, machine = np.empty(STATE_SIZE), np.empty(row.N_ROWS), np.empty(N_CONSTANTS)
+        shared = constants.shape[1] == 1
+        for i in range(states.shape[1]):
+            c = 0 if shared else i
+            machine[:] = constants[:, c]
+            x[:] = states[:, i]
+            advance_kernel(machine, poles[c], x, voltages[i], duration, pull, booked, work)
+            states[:, i] = x
+            out[:, i] = booked
+
+    return advance_batch
+
+
+#: Compiled: advances N hybrid states `states` (STATE_SIZE, N) in place, at `voltages` (N,), on
+#: one machine for all, `constants` (N_CONSTANTS, 1), or on one each, (N_CONSTANTS, N);
+#: overwrites `out` (energy.N_ROWS, N). `work` is `scratch()`, one per thread.
+advance_batch = _batch(SOURCE_FINGERPRINT)
+
+
 def require_steppable(params: WheelParams) -> None:
     """Refuse machines for which a control interval would take forever.
 
