@@ -199,6 +199,14 @@ def equations(
         _, _, m21, m22 = mass_matrix(phi_old, phi_old, theta, p)
         return dtheta + m21 * dphi / m22
 
+    @compiled
+    def push(phi, theta, dphi, dtheta, jx, jy, p):
+        """Rates after an impulse (jx, jy) in N s on the hub, the stance foot held."""
+        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        turned = p.L1 * (jx * sin(phi) + jy * cos(phi))
+        jump = solve(m11, m12, m22, turned, 0.0)
+        return dphi + jump[0], dtheta + jump[1]
+
     # -- ground ---------------------------------------------------------------------------------
 
     @compiled

@@ -56,6 +56,7 @@ double_stance = eq.double_stance
 lift_off_guards = eq.lift_off_guards
 impact = eq.impact
 stop_on_two_feet = eq.stop_on_two_feet
+push = eq.push
 ground_reaction = eq.ground_reaction
 linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
