@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 import dataclasses
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import yaml
 from torch import nn
 
 FOLDER = Path(__file__).parent / "hyperparams"
-ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "silu": nn.SiLU}
+ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 _WRAPPER = "agents.training_env.ScaledReward"
 
 
@@ -39,7 +40,7 @@ def hyperparameters(algo: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
     """Those of an algorithm, from scratch or from a clone.
 
     Raises:
-        ValueError: there is no such file, entry or activation.
+        ValueError: there is no such file or entry, or `policy_kwargs` is not as rl-zoo3 writes it.
     """
     path, entry = folder / f"{algo}.yml", "RimlessWheel-v0" + "-imitation" * imitation
     if not path.is_file():
@@ -52,22 +53,35 @@ def hyperparameters(algo: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
     values = copy.deepcopy(written)
     n_envs, n_timesteps = int(values.pop("n_envs")), int(values.pop("n_timesteps"))
     scale = 1.0
-    for wrapper in values.pop("env_wrapper", []):
+    for wrapper in values.pop("vec_env_wrapper", []):
         if list(wrapper) != [_WRAPPER]:
-            raise ValueError(f"{path}: env_wrapper {list(wrapper)}: only {_WRAPPER} is known")
+            raise ValueError(f"{path}: vec_env_wrapper {list(wrapper)}: only {_WRAPPER} is known")
         scale = float(wrapper[_WRAPPER]["scale"])
     for name in ("learning_rate", "clip_range"):
         if isinstance(values.get(name), str):
             values[name] = _linear(values[name])
-    kwargs = values.get("policy_kwargs", {})
-    if "activation_fn" in kwargs:
-        if kwargs["activation_fn"] not in ACTIVATIONS:
+    if "policy_kwargs" in values:
+        text = values["policy_kwargs"]
+        try:
+            values["policy_kwargs"] = _written(ast.parse(text, mode="eval").body)
+        except (SyntaxError, TypeError, ValueError) as error:
             raise ValueError(
-                f"{path}: activation_fn {kwargs['activation_fn']!r}: "
-                f"choose from {list(ACTIVATIONS)}"
-            )
-        kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
+                f"{path}: policy_kwargs {text!r}: write dict(name=value, ...) of plain values and "
+                f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"
+            ) from error
     return Hyperparameters(n_envs, n_timesteps, scale, values, written)
+
+
+def _written(node: ast.expr) -> Any:
+    """The value of an expression as rl-zoo3 writes them, which evaluates any; here, only these."""
+    match node:
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=entries) if all(
+            entry.arg for entry in entries
+        ):
+            return {entry.arg: _written(entry.value) for entry in entries}
+        case ast.Attribute(value=ast.Name(id="nn"), attr=name) if name in ACTIVATIONS:
+            return ACTIVATIONS[name]
+    return ast.literal_eval(node)
 
 
 def _linear(text: str) -> Callable[[float], float]:

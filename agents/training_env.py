@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, SupportsFloat
-
-import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 import rimless_gym  # noqa: F401  registers RimlessWheel-v0
 from rimless_gym.params import WheelParams
@@ -37,28 +34,37 @@ class LeanVecEnv(DummyVecEnv):
         )
 
 
-class ScaledReward(gym.RewardWrapper[Any, Any]):
-    """Rewards are metres per 10 ms, a few thousandths; learners like them nearer to 1."""
+class ScaledReward(VecEnvWrapper):
+    """Rewards are metres per 10 ms, a few thousandths; learners like them nearer to 1.
 
-    def __init__(self, env: gym.Env[Any, Any], scale: float) -> None:
-        super().__init__(env)
+    Args:
+        venv: environments; what monitors them below sees the rewards in metres.
+        scale: factor on the rewards.
+    """
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
         self.scale = scale
 
-    def reward(self, reward: SupportsFloat) -> float:
-        """The reward times the scale."""
-        return self.scale * float(reward)
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What the environments give, the rewards times the scale."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self.scale * rewards, dones, infos
 
 
 def training_env(
     n_envs: int, params: WheelParams, task: Task, seed: int, reward_scale: float = 1.0
 ) -> VecEnv:
     """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
-    return make_vec_env(
+    env = make_vec_env(
         "RimlessWheel-v0",
         n_envs=n_envs,
         seed=seed,
         env_kwargs={"params": params, "task": task},
-        wrapper_class=ScaledReward,  # type: ignore[arg-type]  # takes the keyword below
-        wrapper_kwargs={"scale": reward_scale},
         vec_env_cls=LeanVecEnv,
     )
+    return ScaledReward(env, reward_scale)
