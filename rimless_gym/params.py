@@ -224,6 +224,12 @@ class WheelParams:
 
 def shorthand(params: Any) -> Constants:
     """Derived constants of `params` (thesis 3.22-3.25), whose fields may be CasADi symbols."""
+    d1 = 1.0 if params.motor_mount == "wheel" else 0.0
+    return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)))
+
+
+def constants_of(params: Any, d1: Any, law: Any) -> Constants:
+    """`shorthand` of the parameters that are numbers, which numba compiles too."""
     m1, m2, L1, L2 = (
         params.wheel_mass,
         params.pendulum_mass,
@@ -241,7 +247,7 @@ def shorthand(params: Any) -> Constants:
         Je2=m2 * L2**2 + params.pendulum_inertia,
         Je3=m2 * L1 * L2,
         Jr=params.rotor_inertia * params.gear_ratio**2,
-        d1=1.0 if params.motor_mount == "wheel" else 0.0,
+        d1=d1,
         K=params.motor_constant * params.gear_ratio,
         Rm=params.armature_resistance,
         damping=params.hub_damping,
@@ -251,7 +257,7 @@ def shorthand(params: Any) -> Constants:
         alpha=alpha,
         a=(math.pi - alpha) / 2,
         b=(math.pi + alpha) / 2,
-        law=float(IMPACT_LAWS.index(params.impact_law)),
+        law=law,
     )
 
 
