@@ -19,7 +19,7 @@ help:
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
-	@echo "make test-peers  comparisons with Drake, which it installs"
+	@echo "make test-peers  comparison with Drake; rl-zoo3, TorchRL, RLlib train; installs them"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
 
@@ -34,7 +34,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(PEERS): $(INSTALLED)
-	@echo "peers (Drake) into $(VENV)"
+	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib) into $(VENV)"
 	@$(PIP) install -c constraints.txt -e ".[test,peers]"
 	@touch $@
 
