@@ -6,11 +6,13 @@ from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Wheel
 from rimless_gym.simulate import simulate
 from rimless_gym.task import EPISODE_STEPS, Task
 from rimless_gym.trajectory import Trajectory
+from rimless_gym.vector_env import RimlessWheelVectorEnv
 
 __all__ = [
     "PROTOTYPE",
     "THESIS_NOMINAL",
     "THESIS_PHYSICAL",
+    "RimlessWheelVectorEnv",
     "Task",
     "Trajectory",
     "WheelParams",
@@ -21,5 +23,6 @@ __all__ = [
 gymnasium.register(
     id="RimlessWheel-v0",
     entry_point="rimless_gym.env:RimlessWheelEnv",
+    vector_entry_point="rimless_gym.vector_env:RimlessWheelVectorEnv",
     max_episode_steps=EPISODE_STEPS,
 )

@@ -8,44 +8,27 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rimless_gym import energy as row
-from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, FAILURES, MODE_NAMES, RATE_EXCEEDED
+from rimless_gym import options as reset_options
+from rimless_gym.fleet import Fleet
+from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
+from rimless_gym.interval import (
+    BLOCK_SIZE,
+    COMMAND,
+    INFO_NAMES,
+    REWARD,
+    TERMINATED,
+    TIME,
+    VOLTAGE,
+)
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from rimless_gym.stepping import (
-    FOOT,
-    MODE,
-    PHI,
-    STATE_SIZE,
-    THETA,
-    advance_kernel,
-    require_steppable,
-    scratch,
-)
+from rimless_gym.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.symbolic import HybridModel
-from rimless_gym.task import OBSERVATION_BOUND, Task, draw_start, normal_force, observe
-from rimless_gym.trajectory import validated_start
+from rimless_gym.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 
-RESET_OPTIONS = ("state", "mode", "params")
-_INFO_ROWS = (
-    ("distance", row.DISTANCE),
-    ("electrical", row.ELECTRICAL),
-    ("electrical_positive", row.ELECTRICAL_POSITIVE),
-    ("copper", row.COPPER),
-    ("friction", row.FRICTION),
-    ("drag", row.DRAG),
-    ("collision", row.COLLISION),
-    ("shaft", row.SHAFT),
-    ("mechanical_change", row.MECHANICAL_CHANGE),
-    ("force_x", row.FORCE_X),
-    ("force_y", row.FORCE_Y),
-    ("min_normal_force", row.MIN_NORMAL_FORCE),
-    ("friction_demand", row.FRICTION_DEMAND),
-    ("impulse_friction_demand", row.IMPULSE_FRICTION_DEMAND),
-    ("clearance", row.CLEARANCE),
-    ("elapsed", row.TIME),
-)
+_ROW = np.zeros(1, dtype=np.int64)
 
 
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -121,28 +104,20 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: Task | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if not isinstance(params, WheelParams):
-            raise TypeError(
-                f"params = {params!r}: give a WheelParams, e.g. rimless_gym.preset('PROTOTYPE')"
-            )
-        if task is not None and not isinstance(task, Task):
-            raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            modes = self.metadata["render_modes"]
-            raise ValueError(f"render_mode = {render_mode!r}: choose from {modes} or None")
-        require_steppable(params)
-        self.params = params
+        check_arguments(params, task, render_mode, self.metadata["render_modes"])
         self.task = Task() if task is None else task
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
-        self._state: NDArray[np.float64] | None = None
-        self._out = np.zeros(row.N_ROWS)
-        self._scratch = scratch()
-        self._time = 0.0
-        self._voltage = 0.0
-        self._ended = False
+        self._fleet = Fleet([params], self.task)
+        self._block = np.zeros((BLOCK_SIZE, 1))
+        self._ended = True
         self._window: Any = None
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self._fleet.params[0]
 
     @cached_property
     def model(self) -> HybridModel:
@@ -152,9 +127,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def state(self) -> NDArray[np.float64]:
         """A copy of the hybrid state: phi, theta, phi', theta', mode, foot."""
-        if self._state is None:
+        if self._fleet.memory[PHI, 0] == 0.0:
             raise RuntimeError("no episode has begun: call reset() first")
-        return self._state.copy()
+        return self._fleet.states[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -165,30 +140,19 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError: an option is unknown or its value out of range.
         """
         super().reset(seed=seed)
-        options = dict(options or {})
-        for name in options:
-            if name not in RESET_OPTIONS:
-                raise ValueError(f"unknown reset option {name!r}: choose from {RESET_OPTIONS}")
-        params = options.get("params", self.params)
-        if not isinstance(params, WheelParams):
-            raise ValueError(f"params = {params!r}: give a WheelParams")
-        require_steppable(params)
-        if options.get("mode") == "double_stance":
-            options.setdefault("state", (params.constants.a, params.slope, 0.0, 0.0))
-        if "mode" in options and "state" not in options:
-            raise ValueError("reset option 'mode' goes with 'state': give both")
-        if "state" in options:
-            mode = options.get("mode", "single_stance")
-            self._state = _given_start(params, options["state"], mode)
-        else:
-            self._state = draw_start(params, self.np_random)
-        if params is not self.params:
-            self.params = params
+        fleet = self._fleet
+        chosen = reset_options.read(options, fleet.params)
+        if chosen.params is not None:
+            fleet.set_params(chosen.params)
             self.__dict__.pop("model", None)
-        self._time, self._voltage, self._ended = 0.0, 0.0, False
+        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
+        key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
+        self._ended = True
+        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
+        self._ended = False
         if self.render_mode == "human":
             self.render()
-        return observe(self.params, self._state), {"mode": MODE_NAMES[int(self._state[MODE])]}
+        return observation, {"mode": MODE_NAMES[int(fleet.memory[MODE, 0])]}
 
     def step(
         self, action: NDArray[np.float32]
@@ -199,51 +163,32 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError: the action is NaN or not of shape (1,).
             RuntimeError: no episode is running, or the motion left the model's range.
         """
-        if self._state is None or self._ended:
+        if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
         if getattr(action, "shape", None) != (1,) and np.shape(action) != (1,):
             raise ValueError(f"action = {action!r}: must have shape (1,), not {np.shape(action)}")
         command = float(action[0])
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        params, out, state = self.params, self._out, self._state
-        self._voltage = params.voltage_limit * min(max(command, -1.0), 1.0)
-        failure = advance_kernel(
-            params.constants_array,
-            params.motor_pole,
-            state,
-            self._voltage,
-            CONTROL_PERIOD,
-            0.0,
-            out,
-            self._scratch,
-        )
-        terminated = failure in (CONTACT_LOST, RATE_EXCEEDED)
-        if failure and not terminated:
-            raise RuntimeError(
-                f"the motion left the model's range ({FAILURES[failure]}) at t = {self._time} s, "
-                f"state {state}: check the parameters, {params}"
-            )
-        rows = out.tolist()
-        self._time += rows[row.TIME]
-        info: dict[str, Any] = {name: rows[index] for name, index in _INFO_ROWS}
-        info["idle"] = params.idle_power * rows[row.TIME]
-        info["steps"], info["touchdowns"] = int(rows[row.STEPS]), int(rows[row.TOUCHDOWNS])
-        demand = max(info["friction_demand"], info["impulse_friction_demand"])
-        info["slips"] = demand > params.friction
-        info["mode"] = MODE_NAMES[int(state[MODE])]
-        info["failure"] = FAILURES[failure] if terminated else None
-        terms = self.task.reward_terms(
-            params,
-            rows[row.DISTANCE],
-            rows[row.ELECTRICAL_POSITIVE] + info["idle"],
-            float(terminated),
-        )
-        info["reward_distance"], info["reward_energy"], info["reward_end"] = terms
-        self._ended = terminated
+        fleet = self._fleet
+        memory = fleet.memory
+        memory[COMMAND, 0] = command
+        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
+        unusual = fleet.step(self._block, observation)
+        values = self._block.ravel().tolist()
+        info: dict[str, Any] = dict(zip(INFO_NAMES, values, strict=False))
+        info["failure"] = None
+        if unusual:
+            self._ended = True
+            if not values[TERMINATED]:
+                raise fleet.range_left(0, int(values[row.FAILURE]))
+            info["failure"] = FAILURES[int(values[row.FAILURE])]
+        demand = max(values[row.FRICTION_DEMAND], values[row.IMPULSE_FRICTION_DEMAND])
+        info["slips"] = demand > self.params.friction
+        info["mode"] = MODE_NAMES[int(memory[MODE, 0])]
         if self.render_mode == "human":
             self.render()
-        return observe(params, state), terms[0] + terms[1] + terms[2], terminated, False, info
+        return observation, values[REWARD], self._ended, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
@@ -252,14 +197,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         from rimless_gym.rendering import Scene, Window, draw  # pygame only when it is needed
 
-        state = self.state
+        state, memory = self.state, self._fleet.memory
         scene = Scene(
             phi=state[PHI],
             theta=state[THETA],
             mode=int(state[MODE]),
             foot_x=state[FOOT] * self.params.step_length,
-            voltage=self._voltage,
-            time=self._time,
+            voltage=memory[VOLTAGE, 0],
+            time=memory[TIME, 0],
         )
         frame = draw(self.params, scene)
         if self.render_mode == "rgb_array":
@@ -276,13 +221,20 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._window = None
 
 
-def _given_start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
-    state = np.zeros(STATE_SIZE)
-    state[:4], state[MODE] = validated_start(params, x, mode, "state")
-    force = normal_force(params, state)
-    if force <= 0:
-        raise ValueError(
-            f"state = {x!r}: without voltage the ground would have to pull the foot "
-            f"({force:.3g} N); give a slower state"
-        )
-    return state
+def check_arguments(params: Any, task: Any, render_mode: Any, render_modes: list[str]) -> None:
+    """Refuse what neither environment takes.
+
+    Raises:
+        TypeError: `params` or `task` is of another type.
+        ValueError: there is no such render mode.
+    """
+    each = params if isinstance(params, (list, tuple)) else [params]
+    for machine in each:
+        if not isinstance(machine, WheelParams):
+            raise TypeError(
+                f"params = {machine!r}: give a WheelParams, e.g. rimless_gym.preset('PROTOTYPE')"
+            )
+    if task is not None and not isinstance(task, Task):
+        raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
+    if render_mode is not None and render_mode not in render_modes:
+        raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")

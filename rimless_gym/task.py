@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
-from rimless_gym.params import WheelParams
+from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.randomness import between, next_uniform
 from rimless_gym.stepping import (
     DPHI,
     DTHETA,
@@ -75,12 +77,30 @@ class Task:
         return self.value_of_distance * distance, -energy / params.weight, -end * failed
 
 
+@njit(error_model="numpy")
+def observation(phi, theta, dphi, dtheta, mode, leg_scale):
+    """The observation's six numbers; `leg_scale` is 2 / alpha."""
+    return (
+        _within((phi - math.pi / 2) * leg_scale, 1.0),
+        math.sin(theta),
+        math.cos(theta),
+        _within(dphi / LEG_RATE_SCALE, MAX_RATE / LEG_RATE_SCALE),
+        _within(dtheta / PENDULUM_RATE_SCALE, MAX_RATE / PENDULUM_RATE_SCALE),
+        mode,
+    )
+
+
+@njit(error_model="numpy")
+def _within(value, bound):
+    return min(max(value, -bound), bound)
+
+
 def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.float32]:
     """Observations of hybrid states (..., STATE_SIZE): a new float32 array (..., 6)."""
     observations = np.empty((*states.shape[:-1], OBSERVATION_SIZE), dtype=np.float32)
     _observe(
         states.reshape(-1, STATE_SIZE),
-        params.leg_angle,
+        2 / params.leg_angle,
         observations.reshape(-1, OBSERVATION_SIZE),
     )
     return observations
@@ -88,18 +108,12 @@ def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.floa
 
 def _observation_kernel(fingerprint: int) -> Callable[..., None]:
     @njit(error_model="numpy", cache=True)
-    def observe_rows(states, alpha, observations):
+    def observe_rows(states, leg_scale, observations):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
-        for x, observation in zip(states, observations):  # noqa: B905  numba knows no strict
-            observation[0] = (x[PHI] - math.pi / 2) * (2 / alpha)
-            observation[1] = math.sin(x[THETA])
-            observation[2] = math.cos(x[THETA])
-            observation[3] = x[DPHI] / LEG_RATE_SCALE
-            observation[4] = x[DTHETA] / PENDULUM_RATE_SCALE
-            observation[5] = x[MODE]
+        for x, seen in zip(states, observations):  # noqa: B905  numba knows no strict
+            values = observation(x[PHI], x[THETA], x[DPHI], x[DTHETA], x[MODE], leg_scale)
             for i in range(OBSERVATION_SIZE):
-                bound = OBSERVATION_BOUND[i]
-                observation[i] = min(max(observation[i], -bound), bound)
+                seen[i] = values[i]
 
     return observe_rows
 
@@ -109,41 +123,77 @@ _observe = _observation_kernel(SOURCE_FINGERPRINT)
 
 #: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.
 REST_SHARE = 0.25
-REST_ANGLE, REST_RATE = 0.5, 1.0  # |theta| (rad), |theta'| (rad/s)
+REST_ANGLE, REST_RATE = 0.5, 1.0  # |theta| from hanging (rad), |theta'| (rad/s)
 MOVING_LEG_RATE = (0.0, 2.0)  # phi' (rad/s)
 MOVING_PENDULUM_RATE = 3.0  # |theta'| (rad/s), at any angle theta
+LEAST_FORCE = 0.05  # of the foot on the ground, in weights, where the wheel moves
+DRAWS = 1000  # before giving up
+
+NO_START = (
+    "no start found in which the foot presses on the ground: the pendulum is too heavy or too "
+    "long for this wheel, or the slope too steep; give reset(options={'state': ...})"
+)
+
+
+@njit(error_model="numpy")
+def foot_force(mode, phi, theta, dphi, dtheta, voltage, p):
+    """Fy (N) on the foot, or on both feet together."""
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, voltage, p)
+    return hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
+
+
+@njit(error_model="numpy")
+def draw_state(slope, weight, p, streams, i):
+    """A random start from stream i: (found, mode, phi, theta, phi', theta')."""
+    for _ in range(DRAWS):
+        if next_uniform(streams, i) < REST_SHARE:
+            theta = slope + between(-REST_ANGLE, REST_ANGLE, streams, i)
+            dtheta = between(-REST_RATE, REST_RATE, streams, i)
+            if hybrid.both_feet_press(theta, dtheta, 0.0, p):
+                return True, DOUBLE, p.a, theta, 0.0, dtheta
+        else:
+            phi = between(p.a, p.b, streams, i)
+            theta = between(-math.pi, math.pi, streams, i)
+            dphi = between(MOVING_LEG_RATE[0], MOVING_LEG_RATE[1], streams, i)
+            dtheta = between(-MOVING_PENDULUM_RATE, MOVING_PENDULUM_RATE, streams, i)
+            if foot_force(SINGLE, phi, theta, dphi, dtheta, 0.0, p) > LEAST_FORCE * weight:
+                return True, SINGLE, phi, theta, dphi, dtheta
+    return False, SINGLE, p.a, 0.0, 0.0, 0.0
 
 
 def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.float64]:
     """A random hybrid state (STATE_SIZE,) in which, without voltage, the feet press.
 
+    It takes one 64-bit number from `rng`, and is the start of the environment whose generator
+    that is.
+
     Raises:
         RuntimeError: 1000 draws found none (the parameters hardly hold the wheel down).
     """
-    p = params.constants
-    for _ in range(1000):
-        state = np.zeros(STATE_SIZE)
-        if rng.random() < REST_SHARE:
-            state[MODE], state[PHI] = DOUBLE, p.a
-            state[THETA] = p.gamma + rng.uniform(-REST_ANGLE, REST_ANGLE)
-            state[DTHETA] = rng.uniform(-REST_RATE, REST_RATE)
-            if hybrid.both_feet_press(state[THETA], state[DTHETA], 0.0, p):
-                return state
-        else:
-            state[MODE], state[PHI] = SINGLE, rng.uniform(p.a, p.b)
-            state[THETA] = rng.uniform(-math.pi, math.pi)
-            state[DPHI] = rng.uniform(*MOVING_LEG_RATE)
-            state[DTHETA] = rng.uniform(-MOVING_PENDULUM_RATE, MOVING_PENDULUM_RATE)
-            if normal_force(params, state) > 0.05 * params.weight:
-                return state
-    raise RuntimeError(
-        "no start found in which the foot presses on the ground: the pendulum is too heavy or too "
-        "long for this wheel, or the slope too steep; give reset(options={'state': ...})"
-    )
+    streams = np.array([rng.bit_generator.random_raw()], dtype=np.uint64)
+    state = np.zeros(STATE_SIZE)
+    if not _draw(params.constants_array, params.slope, params.weight, streams, state):
+        raise RuntimeError(NO_START)
+    return state
+
+
+def _draw_kernel(fingerprint: int) -> Callable[..., bool]:
+    @njit(error_model="numpy", cache=True)
+    def draw(constants, slope, weight, streams, state):
+        fingerprint  # noqa: B018  as above
+        p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+        found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
+            slope, weight, p, streams, 0
+        )
+        return found
+
+    return draw
+
+
+_draw = _draw_kernel(SOURCE_FINGERPRINT)
 
 
 def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
     """Fy (N) on the foot, or on both feet together, of a hybrid state (STATE_SIZE,)."""
-    p, x = params.constants, tuple(float(value) for value in state[:4])
-    accelerations = hybrid.accelerations(int(state[MODE]), *x, voltage, p)
-    return float(hybrid.ground_reaction(*x, *accelerations, p)[1])
+    x = tuple(float(value) for value in state[:4])
+    return float(foot_force(int(state[MODE]), *x, voltage, params.constants))

@@ -49,8 +49,9 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
     rng = np.random.default_rng(1)
     env.reset(seed=1)
     ends = 0
-    for _ in range(3000):
-        action = rng.uniform(-1, 1, 1).astype(np.float32)
+    for i in range(3000):
+        if i % 25 == 0:  # held so long that the wheel falls now and then
+            action = rng.uniform(-1, 1, 1).astype(np.float32)
         _, reward, ended, truncated, info = env.step(action)
         terms = info["reward_distance"], info["reward_energy"], info["reward_end"]
         assert reward == terms[0] + terms[1] + terms[2]

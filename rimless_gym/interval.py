@@ -1,0 +1,178 @@
+"""One control interval of many rows: the stepping kernel between a command and its reward.
+
+Every array is field-major: a quantity's values over the rows lie side by side, so that these
+loops and the kernel's run over several rows at once. A row's results are the same however many
+rows there are and however they are divided among calls: the single environment is one row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from rimless_gym import energy as row
+from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, OK, RATE_EXCEEDED
+from rimless_gym.stepping import (
+    DPHI,
+    DTHETA,
+    MODE,
+    PHI,
+    SOURCE_FINGERPRINT,
+    STATE_SIZE,
+    THETA,
+    advance_batch,
+)
+from rimless_gym.task import OBSERVATION_SIZE, observation
+
+# What is remembered of each row from step to step, `memory` (MEMORY_SIZE, N): the hybrid state
+# (`rimless_gym.stepping`), where the episode is, and what task and machine ask for.
+(
+    COMMAND,  # last one given, voltage in units of the limit
+    VOLTAGE,  # held over the interval (V)
+    TIME,  # since the episode began (s)
+    COUNT,  # intervals since then
+    DELAY,  # intervals from command to voltage
+    VOLTAGE_LIMIT,
+    IDLE_POWER,
+    FRICTION,
+    WEIGHT,
+    SLOPE,
+    LEG_SCALE,  # of the observed leg angle
+    VALUE_OF_DISTANCE,
+    END_CHARGE,  # what an early end costs
+    MEMORY_SIZE,
+) = range(STATE_SIZE, STATE_SIZE + 14)
+
+# What an interval gives, `block` (BLOCK_SIZE, N): the kernel's rows (`rimless_gym.energy`), then
+IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, TERMINATED, BLOCK_SIZE = range(
+    row.N_ROWS, row.N_ROWS + 8
+)
+
+#: What `info` calls the first rows of a block; "failure" is a code there.
+INFO_NAMES = (
+    *("elapsed", "distance", "electrical", "electrical_positive", "copper", "friction", "drag"),
+    *("collision", "shaft", "mechanical_change", "steps", "touchdowns", "min_normal_force"),
+    *("friction_demand", "impulse_friction_demand", "clearance", "force_x", "force_y", "failure"),
+    *("idle", "push", "reward_distance", "reward_energy", "reward_end"),
+)
+
+
+@njit(error_model="numpy")
+def _hold(commands, limits, voltages):
+    for i in range(len(voltages)):
+        voltages[i] = limits[i] * min(max(commands[i], -1.0), 1.0)
+
+
+@njit(error_model="numpy")
+def _clocks(elapsed, times, counts):
+    for i in range(len(times)):
+        times[i] += elapsed[i]
+        counts[i] += 1.0
+
+
+@njit(error_model="numpy")
+def _terminate(failures, terminated):
+    unusual = 0
+    for i in range(len(failures)):
+        failure = failures[i]
+        unusual += failure != OK
+        terminated[i] = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+    return unusual
+
+
+@njit(error_model="numpy")
+def _idle(elapsed, powers, energies):
+    for i in range(len(energies)):
+        energies[i] = powers[i] * elapsed[i]
+
+
+@njit(error_model="numpy")
+def _pay_distance(distances, values, terms):
+    for i in range(len(terms)):
+        terms[i] = values[i] * distances[i]
+
+
+@njit(error_model="numpy")
+def _pay_energy(drawn, idle, weights, terms):
+    for i in range(len(terms)):
+        terms[i] = -(drawn[i] + idle[i]) / weights[i]
+
+
+@njit(error_model="numpy")
+def _pay_end(terminated, charges, terms):
+    for i in range(len(terms)):
+        terms[i] = -charges[i] * terminated[i]
+
+
+@njit(error_model="numpy")
+def _sum(first, second, third, rewards):
+    for i in range(len(rewards)):
+        rewards[i] = first[i] + second[i] + third[i]
+
+
+@njit(error_model="numpy")
+def observe_row(memory, observations, i):
+    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers a row."""
+    values = observation(
+        memory[PHI, i],
+        memory[THETA, i],
+        memory[DPHI, i],
+        memory[DTHETA, i],
+        memory[MODE, i],
+        memory[LEG_SCALE, i],
+    )
+    for k in range(OBSERVATION_SIZE):
+        observations[i * OBSERVATION_SIZE + k] = values[k]
+
+
+@njit(error_model="numpy")
+def _advance_part(constants, poles, memory, block, first, last, work):
+    """The kernel on rows first to last: on a copy of them, for it takes whole arrays."""
+    states, out = memory[:STATE_SIZE, first:last].copy(), np.empty((row.N_ROWS, last - first))
+    if constants.shape[1] > 1:
+        constants, poles = constants[:, first:last].copy(), poles[first:last]
+    _advance(constants, poles, states, memory[VOLTAGE, first:last], out, work)
+    memory[:STATE_SIZE, first:last] = states
+    block[: row.N_ROWS, first:last] = out
+
+
+@njit(error_model="numpy")
+def _advance(constants, poles, states, voltages, out, work):
+    advance_batch(constants, poles, states, voltages, CONTROL_PERIOD, 0.0, out, work)
+
+
+def _step_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def step_rows(observations, block, memory, constants, poles, work, first, last):
+        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
+        here = slice(first, last)
+        _hold(memory[COMMAND, here], memory[VOLTAGE_LIMIT, here], memory[VOLTAGE, here])
+        if last - first == memory.shape[1]:
+            out = block[: row.N_ROWS]
+            _advance(constants, poles, memory[:STATE_SIZE], memory[VOLTAGE], out, work)
+        else:
+            _advance_part(constants, poles, memory, block, first, last, work)
+        elapsed, terminated = block[row.TIME, here], block[TERMINATED, here]
+        _clocks(elapsed, memory[TIME, here], memory[COUNT, here])
+        unusual = _terminate(block[row.FAILURE, here], terminated)
+        idle, drawn = block[IDLE, here], block[row.ELECTRICAL_POSITIVE, here]
+        pay = block[REWARD_DISTANCE, here], block[REWARD_ENERGY, here], block[REWARD_END, here]
+        _idle(elapsed, memory[IDLE_POWER, here], idle)
+        _pay_distance(block[row.DISTANCE, here], memory[VALUE_OF_DISTANCE, here], pay[0])
+        _pay_energy(drawn, idle, memory[WEIGHT, here], pay[1])
+        _pay_end(terminated, memory[END_CHARGE, here], pay[2])
+        _sum(pay[0], pay[1], pay[2], block[REWARD, here])
+        block[PUSH, here] = 0.0
+        for i in range(first, last):
+            observe_row(memory, observations, i)
+        return unusual
+
+    return step_rows
+
+
+#: Compiled: (observations, block, memory, constants, poles, work, first, last) -> how many of the
+#: rows `first` to `last` failed in any way. Holds `memory[COMMAND]` for one interval: advances
+#: `memory`, overwrites `block` and `observations` (float32, flat).
+step_rows = _step_kernel(SOURCE_FINGERPRINT)

@@ -1,0 +1,309 @@
+"""The native vector environment: many rows of the single one, stepped together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym import energy as row
+from rimless_gym import options as reset_options
+from rimless_gym.env import RimlessWheelEnv, check_arguments
+from rimless_gym.fleet import Fleet
+from rimless_gym.interval import (
+    BLOCK_SIZE,
+    COMMAND,
+    COUNT,
+    FRICTION,
+    INFO_NAMES,
+    REWARD,
+    TERMINATED,
+)
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.starts import DRAWN
+from rimless_gym.stepping import MODE
+from rimless_gym.task import EPISODE_STEPS, OBSERVATION_SIZE, Task
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Observations = NDArray[np.float32]
+
+_NO_STATES = np.empty((0, MODE + 1))
+
+
+class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """Many actuated rimless wheels, stepped together by one compiled call.
+
+    ## Description
+    Row i is `RimlessWheelEnv`, bit for bit: seeded with `seed`, it goes through the very episodes
+    of the single environment seeded with `seed + i`, whatever `num_envs`, `num_threads` and the
+    other rows do. Make it with `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
+
+    ## Action Space
+    `Box(-1, 1, (num_envs, 1), float32)`, as in the single environment; a NaN raises `ValueError`
+    naming its row.
+
+    ## Observation Space
+    `Box` of shape (num_envs, 6), float32. Every call returns new arrays.
+
+    ## Rewards
+    Those of the single environment, float64 (num_envs,).
+
+    ## Starting State
+    `reset(seed=...)` takes a number (row i gets seed + i), a list of one or None per row, or None.
+    `reset(options=...)` takes the single environment's options, each for all rows or as a list of
+    one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and only
+    their seeds and options count.
+
+    ## Episode End
+    Terminates as the single environment; truncates after `max_episode_steps`. Then, by
+    `autoreset_mode`:
+
+    - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0;
+      its `info` is zero there (`info["elapsed"]` is 0 in no other case).
+    - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold what
+      the episode ended with, for the rows marked in `info["_final_obs"]` and
+      `info["_final_info"]`.
+    - `DISABLED`: the caller resets with `reset_mask`; stepping an ended row raises.
+
+    A motion that leaves the model's range raises `RuntimeError` naming the row; all rows have then
+    been stepped, and that one has ended.
+
+    ## Arguments
+    - `num_envs`: N.
+    - `params`: the machine of all rows, or a list of one per row.
+    - `task`: as in the single environment.
+    - `max_episode_steps`: default 2000 (20 s); None for no limit.
+    - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
+    - `num_threads`: that share a step; pays from some thousand rows on.
+
+    `info` holds the single environment's entries as arrays (num_envs,), new ones every step;
+    `mode` and `failure` are codes there: `rimless_gym.hybrid.MODE_NAMES[mode]`, and 0 or a key of
+    `rimless_gym.hybrid.FAILURES`.
+
+    ## Version History
+    - v0: first version, unreleased.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
+        "render_modes": [],
+        "render_fps": RimlessWheelEnv.metadata["render_fps"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        params: WheelParams | Sequence[WheelParams] = THESIS_PHYSICAL,
+        task: Task | None = None,
+        *,
+        max_episode_steps: int | None = EPISODE_STEPS,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_threads: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        check_arguments(params, task, render_mode, self.metadata["render_modes"])
+        for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
+            if value != int(value) or value < 1:
+                raise ValueError(f"{name} = {value}: must be an integer of at least 1")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(
+                f"max_episode_steps = {max_episode_steps}: must be at least 1, or None"
+            )
+        self.num_envs = num_envs
+        self.task = Task() if task is None else task
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.max_episode_steps = max_episode_steps
+        single = RimlessWheelEnv(task=self.task)
+        self.single_action_space = single.action_space
+        self.single_observation_space = single.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        machines = reset_options.machines(params, num_envs)
+        self._fleet = Fleet(machines, self.task, num_threads)
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+
+    @property
+    def params(self) -> tuple[WheelParams, ...]:
+        """The machine of each row."""
+        return tuple(self._fleet.params)
+
+    @property
+    def states(self) -> Floats:
+        """A copy of the hybrid states (num_envs, 6): phi, theta, phi', theta', mode, foot."""
+        return self._fleet.states
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each row."""
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each row."""
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._seeds)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start episodes, see "Starting State".
+
+        Returns:
+            Observations and `{"mode": codes}` of all rows, those not reset as they are.
+
+        Raises:
+            ValueError: a seed or option is unknown or out of range; nothing has changed then.
+        """
+        fleet = self._fleet
+        options = dict(options or {})
+        rows = self._masked(options.pop("reset_mask", None))
+        chosen = reset_options.read(options, [fleet.params[i] for i in rows])
+        self._seed(seed, rows)
+        if chosen.params is not None:
+            machines = list(fleet.params)
+            for i, machine in zip(rows, chosen.params, strict=True):
+                machines[i] = machine
+            fleet.set_params(machines)
+        observations = fleet.observe()
+        self._begin(rows, observations, chosen.kind, chosen.given)
+        return observations, {"mode": fleet.memory[MODE].astype(np.int8)}
+
+    def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
+        """Hold a voltage in every row for 10 ms; see the class for what comes back.
+
+        Raises:
+            ValueError: an action is NaN, or their shape is not (num_envs, 1).
+            RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
+                motion left the model's range.
+        """
+        fleet = self._fleet
+        again = np.flatnonzero(fleet.ended)
+        if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not self._generators):
+            raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
+        self._command(actions, again)
+        block = np.empty((BLOCK_SIZE, self.num_envs))
+        observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        unusual = fleet.step(block, observations.reshape(-1))
+        terminated = block[TERMINATED] != 0.0
+        limit = np.inf if self.max_episode_steps is None else self.max_episode_steps
+        truncated = fleet.memory[COUNT] >= limit
+        if len(again):
+            block[:, again] = 0.0
+            terminated[again] = truncated[again] = False
+        ended = terminated | truncated
+        fleet.ended |= ended
+        if unusual:
+            self._require_range(block[row.FAILURE], terminated)
+        info = self._info(block)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            again = np.flatnonzero(ended)
+            if len(again):
+                info |= _final(again, observations, info)
+        if len(again):
+            self._begin(again, observations, DRAWN, _NO_STATES)
+            info["mode"][again] = fleet.memory[MODE, again]
+        return observations, block[REWARD], terminated, truncated, info
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let the threads go."""
+        self._fleet.close()
+
+    def _masked(self, mask: Any) -> NDArray[np.int64]:
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
+            raise TypeError(f"reset_mask = {mask!r}: must be a NumPy array of bool")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"reset_mask = {mask}: must have shape ({self.num_envs},) and mark a row"
+            )
+        return np.flatnonzero(mask)
+
+    def _seed(self, seed: int | Sequence[int | None] | None, rows: NDArray[np.int64]) -> None:
+        n = self.num_envs
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * n
+        elif isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + i for i in range(n)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != n:
+            raise ValueError(f"seed: {len(seeds)} seeds for {n} rows, must be one per row")
+        if not self._generators:
+            generators = [seeding.np_random(each) for each in seeds]
+            self._generators = [generator for generator, _ in generators]
+            self._seeds = [used for _, used in generators]
+            return
+        for i in rows:
+            if seeds[i] is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+
+    def _begin(
+        self, rows: NDArray[np.int64], observations: Observations, kind: int, given: Floats
+    ) -> None:
+        draws = [self._generators[i].bit_generator.random_raw() for i in rows.tolist()]
+        keys = np.array(draws, dtype=np.uint64)
+        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
+
+    def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs, 1):
+            raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
+        bad = np.isnan(given[:, 0])
+        if bad.any():
+            bad[ignored] = False
+            if bad.any():
+                raise ValueError(
+                    f"actions of rows {np.flatnonzero(bad).tolist()} are NaN: must be numbers in "
+                    "[-1, 1]; check the policy's output"
+                )
+        self._fleet.memory[COMMAND] = given[:, 0]
+
+    def _require_range(self, failures: Floats, terminated: Bools) -> None:
+        lost = np.flatnonzero((failures != 0.0) & ~terminated)
+        if len(lost):
+            self._fleet.ended[lost] = True
+            raise self._fleet.range_left(int(lost[0]), int(failures[lost[0]]))
+
+    def _info(self, block: Floats) -> dict[str, Any]:
+        memory = self._fleet.memory
+        info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
+        demand = np.maximum(block[row.FRICTION_DEMAND], block[row.IMPULSE_FRICTION_DEMAND])
+        info["slips"] = demand > memory[FRICTION]
+        info["mode"] = memory[MODE].astype(np.int8)
+        info["failure"] = block[row.FAILURE].astype(np.int8)
+        return info
+
+
+def _final(
+    rows: NDArray[np.int64], observations: Observations, info: dict[str, Any]
+) -> dict[str, Any]:
+    """What the episodes of `rows` ended with, in Gymnasium's form."""
+    mask = np.zeros(len(observations), dtype=np.bool_)
+    mask[rows] = True
+    last = np.zeros_like(observations)
+    last[rows] = observations[rows]
+    final: dict[str, Any] = {}
+    for name, values in info.items():
+        final[name] = np.zeros_like(values)
+        final[name][rows] = values[rows]
+        final[f"_{name}"] = mask.copy()
+    return {
+        "final_obs": last,
+        "_final_obs": mask,
+        "final_info": final,
+        "_final_info": mask.copy(),
+    }
