@@ -2,6 +2,7 @@
 
 import gymnasium
 
+from rimless_gym.disturbances import Disturbances, Pushes, Ranges, SensorNoise
 from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, preset
 from rimless_gym.simulate import simulate
 from rimless_gym.task import EPISODE_STEPS, Task
@@ -12,7 +13,11 @@ __all__ = [
     "PROTOTYPE",
     "THESIS_NOMINAL",
     "THESIS_PHYSICAL",
+    "Disturbances",
+    "Pushes",
+    "Ranges",
     "RimlessWheelVectorEnv",
+    "SensorNoise",
     "Task",
     "Trajectory",
     "WheelParams",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -12,19 +13,19 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym import options as reset_options
+from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.fleet import Fleet
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
 from rimless_gym.interval import (
     BLOCK_SIZE,
     COMMAND,
+    FRICTION,
     INFO_NAMES,
     REWARD,
     TERMINATED,
-    TIME,
-    VOLTAGE,
 )
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from rimless_gym.stepping import FOOT, MODE, PHI, THETA
+from rimless_gym.stepping import MODE, PHI
 from rimless_gym.symbolic import HybridModel
 from rimless_gym.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 
@@ -103,21 +104,24 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         params: WheelParams = THESIS_PHYSICAL,
         task: Task | None = None,
         render_mode: str | None = None,
+        *,
+        ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
+        disturbances: Disturbances | None = None,
     ) -> None:
         check_arguments(params, task, render_mode, self.metadata["render_modes"])
         self.task = Task() if task is None else task
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
-        self._fleet = Fleet([params], self.task)
+        self._fleet = fleet_of([params], self.task, ranges, disturbances)
         self._block = np.zeros((BLOCK_SIZE, 1))
         self._ended = True
         self._window: Any = None
 
     @property
     def params(self) -> WheelParams:
-        """The machine."""
-        return self._fleet.params[0]
+        """The machine, as drawn if there are ranges."""
+        return self._fleet.machine(0)
 
     @cached_property
     def model(self) -> HybridModel:
@@ -139,11 +143,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             ValueError: an option is unknown or its value out of range.
         """
-        super().reset(seed=seed)
         fleet = self._fleet
-        chosen = reset_options.read(options, fleet.params)
-        if chosen.params is not None:
-            fleet.set_params(chosen.params)
+        chosen = reset_options.read(options, fleet, _ROW)
+        super().reset(seed=seed)
+        chosen.apply(fleet)
+        if chosen.params is not None or fleet.ranges.bounds:
             self.__dict__.pop("model", None)
         observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
@@ -184,7 +188,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
                 raise fleet.range_left(0, int(values[row.FAILURE]))
             info["failure"] = FAILURES[int(values[row.FAILURE])]
         demand = max(values[row.FRICTION_DEMAND], values[row.IMPULSE_FRICTION_DEMAND])
-        info["slips"] = demand > self.params.friction
+        info["slips"] = bool(demand > memory[FRICTION, 0])
         info["mode"] = MODE_NAMES[int(memory[MODE, 0])]
         if self.render_mode == "human":
             self.render()
@@ -195,24 +199,44 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make()")
             return None
-        from rimless_gym.rendering import Scene, Window, draw  # pygame only when it is needed
+        from rimless_gym.rendering import Window  # pygame only when it is needed
+        from rimless_gym.views import frame_of
 
-        state, memory = self.state, self._fleet.memory
-        scene = Scene(
-            phi=state[PHI],
-            theta=state[THETA],
-            mode=int(state[MODE]),
-            foot_x=state[FOOT] * self.params.step_length,
-            voltage=memory[VOLTAGE, 0],
-            time=memory[TIME, 0],
-        )
-        frame = draw(self.params, scene)
+        if self._fleet.memory[PHI, 0] == 0.0:
+            raise RuntimeError("no episode has begun: call reset() first")
+        frame = frame_of(self._fleet, 0)
         if self.render_mode == "rgb_array":
             return frame
         if self._window is None:
             self._window = Window((frame.shape[1], frame.shape[0]), self.metadata["render_fps"])
         self._window.show(frame)
         return None
+
+    def get_state(self) -> dict[str, Any]:
+        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+
+        It can be pickled, and taken up by another environment of the same task. A `TimeLimit`
+        around the environment counts its steps by itself.
+        """
+        self._fleet.ended[0] = self._ended
+        generator = self.np_random.bit_generator.state
+        return {"fleet": self._fleet.get_state(), "generators": [generator]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to a snapshot of `get_state`.
+
+        Raises:
+            ValueError: it is that of more than one row, or of another task.
+        """
+        self._fleet.set_state(state["fleet"])
+        self.np_random.bit_generator.state = state["generators"][0]
+        self._ended = bool(self._fleet.ended[0])
+        self.__dict__.pop("model", None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = self.__dict__ | {"_window": None}
+        state.pop("model", None)
+        return state
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -238,3 +262,22 @@ def check_arguments(params: Any, task: Any, render_mode: Any, render_modes: list
         raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
+
+
+def fleet_of(
+    params: Sequence[WheelParams],
+    task: Task,
+    ranges: Ranges | Mapping[str, tuple[float, float]] | None,
+    disturbances: Disturbances | None,
+    num_threads: int = 1,
+) -> Fleet:
+    """The rows of an environment, its arguments validated.
+
+    Raises:
+        TypeError: an argument is of another type.
+        ValueError: a machine cannot be stepped, or not with the ends of the ranges.
+    """
+    drawn = as_ranges(ranges)
+    machines = reset_options.machines(list(params), len(params))
+    reset_options.require_valid(drawn, machines)
+    return Fleet(machines, task, drawn, as_disturbances(disturbances), num_threads)

@@ -6,6 +6,8 @@ compiled functions, with the same results, however many rows there are.
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,54 +15,62 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.hybrid import FAILURES
-from rimless_gym.interval import (
-    END_CHARGE,
-    FRICTION,
-    IDLE_POWER,
-    LEG_SCALE,
-    MEMORY_SIZE,
-    SLOPE,
-    TIME,
-    VALUE_OF_DISTANCE,
-    VOLTAGE_LIMIT,
-    WEIGHT,
-    step_rows,
-)
+from rimless_gym.disturbances import Disturbances, Ranges
+from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
+from rimless_gym.interval import MEMORY_SIZE, TIME, step_rows
 from rimless_gym.params import WheelParams
-from rimless_gym.starts import observe_rows, start_rows
-from rimless_gym.stepping import STATE_SIZE, require_steppable, scratch
-from rimless_gym.task import NO_START, OBSERVATION_SIZE, Task
+from rimless_gym.perturbation import account_rows, disturb_rows
+from rimless_gym.starts import FIELDS, NO_MACHINE, set_terms, start_rows
+from rimless_gym.stepping import STATE_SIZE, scratch
+from rimless_gym.task import NO_START, Task
 
 #: Rows that a thread takes at least; fewer are not worth waking it.
 LEAST_ROWS = 256
 
+#: What a snapshot copies; all else is made of it, or lasts.
+_SNAPSHOT = (
+    *("memory", "streams", "held", "constants", "poles", "fields", "ended"),
+    *("params", "ranges", "disturbances"),
+)
+
 
 class Fleet:
-    """N rows.
+    """N rows, one wheel each.
 
     Args:
         params: the machine of each row.
         task: what is paid for.
+        ranges: what is drawn anew of each machine when an episode begins.
+        disturbances: what disturbs every episode.
         num_threads: that share a step.
 
     Attributes:
-        params: the machine of each row, a list of N.
-        memory: what is remembered of each row, `rimless_gym.interval`.
+        params: the machine of each row before anything of it is drawn, a list of N.
+        memory: what is remembered of each row, see `rimless_gym.interval`.
+        fields: the parameters that are numbers as they are now, (N_FIELDS, N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
     """
 
-    def __init__(self, params: Sequence[WheelParams], task: Task, num_threads: int = 1) -> None:
+    def __init__(
+        self,
+        params: Sequence[WheelParams],
+        task: Task,
+        ranges: Ranges,
+        disturbances: Disturbances,
+        num_threads: int = 1,
+    ) -> None:
         n = len(params)
+        self.num_threads = num_threads
         self.task = task
         self.memory = np.zeros((MEMORY_SIZE, n))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
-        self.num_threads = num_threads
-        self.params: list[WheelParams] = []
-        self._pool: ThreadPoolExecutor | None = None
+        self._prices = tuple(float(price) for price in dataclasses.astuple(task))
         self._works = [scratch() for _ in range(num_threads)]
-        self.set_params(params)
+        self._pool: ThreadPoolExecutor | None = None
+        self.fields, self.constants, self.poles = np.zeros((3, 1, 1))
+        self.set_machines(params, ranges, np.arange(n))
+        self.set_disturbances(disturbances)
 
     def __len__(self) -> int:
         return self.memory.shape[1]
@@ -70,20 +80,41 @@ class Fleet:
         """A copy of the hybrid states, (N, STATE_SIZE)."""
         return self.memory[:STATE_SIZE].T.copy()
 
-    def set_params(self, params: Sequence[WheelParams]) -> None:
-        """Give each row its machine; rows whose machine changes should begin a new episode."""
-        different = {each: k for k, each in enumerate(dict.fromkeys(params))}
-        for each in different:
-            require_steppable(each)
-        self.params = list(params)
-        which = [different[each] for each in params]
-        rows = [_machine_rows(each, self.task) for each in different]
-        for name in rows[0]:
-            self.memory[name] = np.array([values[name] for values in rows])[which]
-        shared = len(different) == 1
-        machines = list(different) if shared else params
-        self.constants = np.stack([each.constants_array for each in machines], axis=1)
-        self.poles = np.array([each.motor_pole for each in machines])
+    def set_machines(
+        self, params: Sequence[WheelParams], ranges: Ranges, rows: NDArray[np.int64]
+    ) -> None:
+        """Give each row its machine; `rows` begin a new episode with it, the others keep theirs."""
+        kept = np.setdiff1d(np.arange(len(self)), rows)
+        before = [a + np.zeros(len(self)) for a in (self.fields, self.constants, self.poles)]
+        different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
+        which = [different[machine] for machine in params]
+        columns = [[getattr(machine, name) for name in FIELDS] for machine in different]
+        self.fields = np.array(columns, dtype=np.float64).T[:, which].copy()
+        self.constants = np.stack([machine.constants_array for machine in different], axis=1)
+        self.poles = np.array([machine.motor_pole for machine in different])
+        if len(different) > 1 or ranges.bounds:  # else one column serves all rows
+            self.constants, self.poles = self.constants[:, which].copy(), self.poles[which]
+            now = self.fields, self.constants, self.poles
+            for array, values in zip(now, before, strict=True):
+                array[..., kept] = values[..., kept]
+        self.params, self.ranges = list(params), ranges
+        self._ranged = np.array([FIELDS.index(name) for name in ranges.bounds], dtype=np.int64)
+        self._bounds = np.array(list(ranges.bounds.values()), dtype=np.float64).reshape(-1, 2)
+        set_terms(self.fields, self._prices, self.memory)
+
+    def set_disturbances(self, disturbances: Disturbances) -> None:
+        """Disturb all episodes from now on; they should begin anew."""
+        self.disturbances = disturbances
+        self._settings = disturbances.settings(CONTROL_PERIOD)
+        self._disturbed = disturbances != Disturbances()
+        self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
+
+    def machine(self, i: int) -> WheelParams:
+        """Row i's machine as it is now, what has been drawn included."""
+        if not self.ranges.bounds:
+            return self.params[i]
+        drawn = {name: self.fields[FIELDS.index(name), i] for name in self.ranges.bounds}
+        return self.params[i].replace(**drawn)
 
     def begin(
         self,
@@ -99,42 +130,85 @@ class Fleet:
             RuntimeError: a row found no start.
         """
         self.ended[rows] = True
-        failed = start_rows(
-            observations, rows, keys, kind, given, self.memory, self.streams, self.constants
+        failed, outcome = start_rows(
+            *(observations, rows, keys, kind, given, self.memory, self.streams, self.held),
+            *(self.constants, self.poles, self.fields, self._ranged, self._bounds),
+            *(self._prices, self._settings),
         )
         if failed >= 0:
-            raise RuntimeError(f"row {failed}: {NO_START}")
+            self._refuse(failed, outcome)
         self.ended[rows] = False
 
-    def observe(self) -> NDArray[np.float32]:
-        """The observations of all rows, (N, OBSERVATION_SIZE)."""
-        observations = np.empty((len(self), OBSERVATION_SIZE), dtype=np.float32)
-        observe_rows(observations.reshape(-1), self.memory)
-        return observations
+    def _refuse(self, i: int, outcome: int) -> None:
+        if outcome == NO_MACHINE:
+            drawn = {name: float(self.fields[FIELDS.index(name), i]) for name in self.ranges.bounds}
+            raise RuntimeError(
+                f"row {i}: no machine with {drawn} can be stepped (its mass matrix is singular, or "
+                "its motor too stiff): narrow the ranges"
+            )
+        raise RuntimeError(f"row {i}: {NO_START}")
 
     def step(self, block: NDArray[np.float64], observations: NDArray[np.float32]) -> int:
         """Hold the commands in `memory` for one interval; returns how many rows failed anyhow."""
-        arguments = observations, block, self.memory, self.constants, self.poles
         n = len(self)
         parts = min(self.num_threads, n // LEAST_ROWS)
         if parts < 2:
-            return step_rows(*arguments, self._works[0], 0, n)
+            return self._step_part(block, observations, self._works[0], 0, n)
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.num_threads)
         cuts = [n * k // parts for k in range(parts + 1)]
         jobs = [
-            self._pool.submit(step_rows, *arguments, work, first, last)
+            self._pool.submit(self._step_part, block, observations, work, first, last)
             for work, first, last in zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
         ]
         return sum(job.result() for job in jobs)
+
+    def _step_part(
+        self,
+        block: NDArray[np.float64],
+        observations: NDArray[np.float32],
+        work: NDArray[np.float64],
+        first: int,
+        last: int,
+    ) -> int:
+        memory, constants, poles = self.memory, self.constants, self.poles
+        if not self._disturbed:
+            return step_rows(observations, block, memory, constants, poles, work, first, last)
+        streams, settings = self.streams, self._settings
+        disturb_rows(memory, constants, streams, self.held, settings, first, last)
+        failed = step_rows(observations, block, memory, constants, poles, work, first, last)
+        account_rows(observations, block, memory, streams, settings, first, last)
+        return failed
 
     def range_left(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""
         return RuntimeError(
             f"row {i}: the motion left the model's range ({FAILURES[code]}) at t = "
             f"{self.memory[TIME, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
-            f"parameters, {self.params[i]}"
+            f"parameters, {self.machine(i)}"
         )
+
+    def get_state(self) -> dict[str, Any]:
+        """All that the future depends on but the generators, in copies."""
+        return {name: copy.copy(getattr(self, name)) for name in _SNAPSHOT} | {"task": self.task}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to what `get_state` returned, here or in another fleet of as many rows.
+
+        Raises:
+            ValueError: it has another number of rows, or another task.
+        """
+        n = state["memory"].shape[1]
+        if n != len(self) or state["task"] != self.task:
+            raise ValueError(
+                f"the state is of {n} rows and {state['task']}, not of {len(self)} and {self.task}"
+            )
+        if (state["params"], state["ranges"]) != (self.params, self.ranges):
+            self.set_machines(state["params"], state["ranges"], np.arange(n))
+        if state["disturbances"] != self.disturbances:
+            self.set_disturbances(state["disturbances"])
+        for name in _SNAPSHOT:
+            setattr(self, name, copy.copy(state[name]))
 
     def close(self) -> None:
         """Let the threads go."""
@@ -144,17 +218,3 @@ class Fleet:
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_pool": None}
-
-
-def _machine_rows(params: WheelParams, task: Task) -> dict[int, float]:
-    _, _, end = task.reward_terms(params, 0.0, 0.0, 1.0)
-    return {
-        VOLTAGE_LIMIT: params.voltage_limit,
-        IDLE_POWER: params.idle_power,
-        FRICTION: params.friction,
-        WEIGHT: params.weight,
-        SLOPE: params.slope,
-        LEG_SCALE: 2 / params.leg_angle,
-        VALUE_OF_DISTANCE: task.value_of_distance,
-        END_CHARGE: -end,
-    }

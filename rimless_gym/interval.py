@@ -42,8 +42,10 @@ from rimless_gym.task import OBSERVATION_SIZE, observation
     LEG_SCALE,  # of the observed leg angle
     VALUE_OF_DISTANCE,
     END_CHARGE,  # what an early end costs
+    PUSH_WORK,  # of a push before the interval (J)
+    PUSH_SHIFT,  # legs by which it moved the stance foot
     MEMORY_SIZE,
-) = range(STATE_SIZE, STATE_SIZE + 14)
+) = range(STATE_SIZE, STATE_SIZE + 16)
 
 # What an interval gives, `block` (BLOCK_SIZE, N): the kernel's rows (`rimless_gym.energy`), then
 IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, TERMINATED, BLOCK_SIZE = range(

@@ -3,57 +3,94 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
+from rimless_gym.fleet import Fleet
 from rimless_gym.params import WheelParams
 from rimless_gym.starts import DRAWN, GIVEN, HANGING
 from rimless_gym.stepping import MODE, STATE_SIZE, require_steppable
 from rimless_gym.task import normal_force
 from rimless_gym.trajectory import validated_start
 
-NAMES = ("state", "mode", "params")
+NAMES = ("state", "mode", "params", "ranges", "disturbances")
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Reset options, one value per row that is reset.
+    """What the next episodes of some rows are to be like.
 
     Attributes:
-        params: the machines, or None where they stay.
+        rows: those that begin an episode, K of N.
+        params: the machines of all rows, or None where they and the ranges stay.
+        ranges: of all rows.
+        disturbances: of all rows, or None where they stay.
         kind: of start, see `rimless_gym.starts`.
         given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
     """
 
+    rows: NDArray[np.int64]
     params: list[WheelParams] | None
+    ranges: Ranges
+    disturbances: Disturbances | None
     kind: int
     given: NDArray[np.float64]
 
+    def apply(self, fleet: Fleet) -> None:
+        """Set up the fleet for them."""
+        if self.params is not None:
+            fleet.set_machines(self.params, self.ranges, self.rows)
+        if self.disturbances is not None:
+            fleet.set_disturbances(self.disturbances)
 
-def read(options: dict[str, Any] | None, current: Sequence[WheelParams]) -> Options:
-    """The options for the rows whose machines are `current`.
+
+def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64]) -> Options:
+    """The options for `rows` of a fleet, none of which has changed yet.
 
     Raises:
-        ValueError: an option is unknown or its value out of range.
+        TypeError: a value is of another type.
+        ValueError: an option is unknown or its value out of range, or ranges or disturbances, which
+            hold for all rows, are given for some.
     """
     options = options or {}
     for name in options:
         if name not in NAMES:
             raise ValueError(f"unknown reset option {name!r}: choose from {NAMES}")
-    params = machines(options["params"], len(current)) if "params" in options else None
+        if name in ("ranges", "disturbances") and len(rows) < len(fleet):
+            raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
+    params = list(fleet.params)
+    if "params" in options:
+        for i, machine in zip(rows, machines(options["params"], len(rows)), strict=True):
+            params[i] = machine
+    ranges = as_ranges(options["ranges"]) if "ranges" in options else fleet.ranges
+    same = "params" not in options and "ranges" not in options
+    if not same:
+        require_valid(ranges, params)
+    disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
+    kind, given = DRAWN, np.empty((0, STATE_SIZE - 1))
     if "state" in options:
         modes = options.get("mode", "single_stance")
-        given = _states(options["state"], modes, params or current)
-        return Options(params, GIVEN, given)
-    nothing = np.empty((0, STATE_SIZE - 1))
-    if "mode" not in options:
-        return Options(params, DRAWN, nothing)
-    if options["mode"] != "double_stance":
-        raise ValueError("reset option 'mode' goes with 'state', unless it is 'double_stance'")
-    return Options(params, HANGING, nothing)
+        kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
+    elif "mode" in options:
+        if options["mode"] != "double_stance":
+            raise ValueError("reset option 'mode' goes with 'state', unless it is 'double_stance'")
+        kind = HANGING
+    return Options(rows, None if same else params, ranges, disturbances, kind, given)
+
+
+def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
+    """Refuse ranges whose ends one of the machines cannot have.
+
+    Raises:
+        ValueError: see `WheelParams`.
+    """
+    if ranges.bounds:
+        for machine in dict.fromkeys(params):
+            ranges.require_valid(machine)
 
 
 def machines(params: Any, n: int) -> list[WheelParams]:

@@ -1,35 +1,112 @@
-"""Where episodes begin, compiled for many rows.
+"""Compiled: how episodes begin, for many rows. Machine, state, delay, first observation.
 
 All of an episode's randomness comes from one key per row; see `rimless_gym.randomness`.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections import namedtuple
 from collections.abc import Callable
 
+import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from rimless_gym import hybrid
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.interval import COMMAND, COUNT, SLOPE, TIME, VOLTAGE, WEIGHT, observe_row
-from rimless_gym.params import N_CONSTANTS, Constants
-from rimless_gym.stepping import DPHI, DTHETA, FOOT, MODE, PHI, SOURCE_FINGERPRINT, THETA
+from rimless_gym.interval import (
+    COMMAND,
+    COUNT,
+    DELAY,
+    END_CHARGE,
+    FRICTION,
+    IDLE_POWER,
+    LEG_SCALE,
+    SLOPE,
+    TIME,
+    VALUE_OF_DISTANCE,
+    VOLTAGE,
+    VOLTAGE_LIMIT,
+    WEIGHT,
+    observe_row,
+)
+from rimless_gym.params import Constants, WheelParams, constants_of
+from rimless_gym.perturbation import (
+    GREATEST_DELAY,
+    LEAST_DELAY,
+    is_noisy,
+    machine,
+    observe_noisily,
+)
+from rimless_gym.randomness import between, next_uniform
+from rimless_gym.stepping import DPHI, DTHETA, FOOT, MAX_POLE, MODE, PHI, SOURCE_FINGERPRINT, THETA
 from rimless_gym.task import draw_state, foot_force
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
+STARTED, NO_STATE, NO_MACHINE = range(3)  # what comes of it
+
+#: The parameters that are numbers, in the order of the arrays `fields` (N_FIELDS, N).
+FIELDS = tuple(
+    field.name
+    for field in dataclasses.fields(WheelParams)
+    if field.name not in ("motor_mount", "impact_law")
+)
+N_FIELDS = len(FIELDS)
+Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
+
+_D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
+_solve = hybrid.eq.solve
+_constants_of = njit(error_model="numpy")(constants_of)
+_SINES = np.linspace(-1.0, 1.0, 201)
 
 
 @njit(error_model="numpy")
-def _machine(constants, i):
-    column = constants[:, i if constants.shape[1] > 1 else 0]
-    return Constants(*to_fixed_tuple(column, N_CONSTANTS))
+def _set_terms(fields, prices, memory, i):
+    """What the task needs of row i's machine; `prices` are the fields of a `Task`."""
+    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
+    value_of_distance, fall_distance, horizon = prices
+    weight = (f.wheel_mass + f.pendulum_mass) * f.gravity
+    memory[VOLTAGE_LIMIT, i], memory[IDLE_POWER, i] = f.voltage_limit, f.idle_power
+    memory[FRICTION, i], memory[WEIGHT, i], memory[SLOPE, i] = f.friction, weight, f.slope
+    memory[LEG_SCALE, i] = 2 / (2 * math.pi / f.n_legs)
+    memory[VALUE_OF_DISTANCE, i] = value_of_distance
+    memory[END_CHARGE, i] = value_of_distance * fall_distance + f.idle_power * horizon / weight
 
 
 @njit(error_model="numpy")
-def _start(kind, given, k, p, memory, streams, i):
+def _motor_pole(p):
+    """As `WheelParams.motor_pole`; infinite where the mass matrix is singular."""
+    fastest = 0.0
+    for sine in _SINES:
+        m11, m12, _, m22 = hybrid.mass_matrix(0.0, 0.0, math.asin(sine), p)
+        if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
+            return math.inf
+        rates = _solve(m11, m12, m22, p.d1, 1.0)
+        fastest = max(fastest, hybrid.relative_rate(rates[0], rates[1], p))
+    return (p.K * p.K / p.Rm + p.damping) * fastest
+
+
+@njit(error_model="numpy")
+def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
+    """Draw row i's machine; False if it cannot be stepped."""
+    for k in range(len(ranged)):
+        fields[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
+    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
+    p = _constants_of(f, constants[_D1, i], constants[_LAW, i])
+    for k, value in enumerate(p):
+        constants[k, i] = value
+    poles[i] = _motor_pole(p)
+    _set_terms(fields, prices, memory, i)
+    return poles[i] <= MAX_POLE
+
+
+@njit(error_model="numpy")
+def _set_state(kind, given, k, p, memory, streams, i):
     """Write the state in which row i starts; False if the ground would have to pull there."""
     if kind == DRAWN:
-        found, mode, phi, theta, dphi, dtheta = draw_state(
+        pressed, mode, phi, theta, dphi, dtheta = draw_state(
             memory[SLOPE, i], memory[WEIGHT, i], p, streams, i
         )
     else:
@@ -38,45 +115,75 @@ def _start(kind, given, k, p, memory, streams, i):
         else:
             phi, theta, dphi, dtheta = given[k, 0], given[k, 1], given[k, 2], given[k, 3]
             mode = int(given[k, 4])
-        found = foot_force(mode, phi, theta, dphi, dtheta, 0.0, p) > 0.0
+        pressed = foot_force(mode, phi, theta, dphi, dtheta, 0.0, p) > 0.0
     memory[PHI, i], memory[THETA, i], memory[DPHI, i] = phi, theta, dphi
     memory[DTHETA, i], memory[MODE, i], memory[FOOT, i] = dtheta, mode, 0.0
-    return found
+    return pressed
 
 
-def _start_kernel(fingerprint: int) -> Callable[..., int]:
+def _start_kernel(fingerprint: int) -> Callable[..., tuple[int, int]]:
     @njit(error_model="numpy", cache=True)
-    def start_rows(observations, rows, keys, kind, given, memory, streams, constants):
+    def start_rows(
+        observations,
+        rows,
+        keys,
+        kind,
+        given,
+        memory,
+        streams,
+        held,
+        constants,
+        poles,
+        fields,
+        ranged,
+        bounds,
+        prices,
+        settings,
+    ):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
-        failed = -1
+        failed, outcome = -1, STARTED
+        noisy = is_noisy(settings)
         for k in range(len(rows)):
             i = rows[k]
             streams[i] = keys[k]
-            p = _machine(constants, i)
-            if not _start(kind, given, k, p, memory, streams, i) and failed < 0:
-                failed = i
+            if len(ranged) and not _draw_machine(
+                ranged, bounds, fields, prices, constants, poles, memory, streams, i
+            ):
+                failed, outcome = i, NO_MACHINE
+                continue
+            if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
+                failed, outcome = i, NO_STATE
+                continue
             memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
-            observe_row(memory, observations, i)
-        return failed
+            memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
+            choices = settings[GREATEST_DELAY] - settings[LEAST_DELAY] + 1.0
+            if choices > 1.0:
+                memory[DELAY, i] += math.floor(choices * next_uniform(streams, i))
+            if noisy:
+                observe_noisily(memory, streams, settings, observations, i)
+            else:
+                observe_row(memory, observations, i)
+        return failed, outcome
 
     return start_rows
 
 
-#: Compiled: (observations, rows, keys, kind, given, memory, streams, constants) -> the first row
-#: that found no start, or -1. Starts the episodes of `rows`, each with the randomness of its key,
-#: at a start of `kind`: drawn, or the states `given` (one per row: phi, theta, phi', theta', mode).
+#: Compiled: begins the episodes of `rows`, each with the randomness of its key, at a start of
+#: `kind`: drawn, or the states `given` (one per row: phi, theta, phi', theta', mode). The fields
+#: `ranged` of each machine are drawn between `bounds`. Returns a row that found no start, or -1,
+#: and why.
 start_rows = _start_kernel(SOURCE_FINGERPRINT)
 
 
-def _observe_kernel(fingerprint: int) -> Callable[..., None]:
+def _terms_kernel(fingerprint: int) -> Callable[..., None]:
     @njit(error_model="numpy", cache=True)
-    def observe_rows(observations, memory):
+    def set_terms(fields, prices, memory):
         fingerprint  # noqa: B018  as above
         for i in range(memory.shape[1]):
-            observe_row(memory, observations, i)
+            _set_terms(fields, prices, memory, i)
 
-    return observe_rows
+    return set_terms
 
 
-#: Compiled: (observations, memory): overwrites `observations` (float32, flat).
-observe_rows = _observe_kernel(SOURCE_FINGERPRINT)
+#: Compiled: (fields, prices, memory): what the task needs of each row's machine.
+set_terms = _terms_kernel(SOURCE_FINGERPRINT)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -13,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym import energy as row
 from rimless_gym import options as reset_options
-from rimless_gym.env import RimlessWheelEnv, check_arguments
-from rimless_gym.fleet import Fleet
+from rimless_gym.disturbances import Disturbances, Ranges
+from rimless_gym.env import RimlessWheelEnv, check_arguments, fleet_of
 from rimless_gym.interval import (
     BLOCK_SIZE,
     COMMAND,
@@ -32,6 +33,8 @@ from rimless_gym.task import EPISODE_STEPS, OBSERVATION_SIZE, Task
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Observations = NDArray[np.float32]
+
+GRID_ROWS = 9  # that a picture shows
 
 _NO_STATES = np.empty((0, MODE + 1))
 
@@ -91,7 +94,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
-        "render_modes": [],
+        "render_modes": ["rgb_array", "rgb_array_list"],
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -102,6 +105,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         params: WheelParams | Sequence[WheelParams] = THESIS_PHYSICAL,
         task: Task | None = None,
         *,
+        ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
+        disturbances: Disturbances | None = None,
         max_episode_steps: int | None = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
@@ -127,14 +132,15 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = reset_options.machines(params, num_envs)
-        self._fleet = Fleet(machines, self.task, num_threads)
+        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads)
+        self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
 
     @property
     def params(self) -> tuple[WheelParams, ...]:
-        """The machine of each row."""
-        return tuple(self._fleet.params)
+        """The machine of each row, as drawn if there are ranges."""
+        return tuple(self._fleet.machine(i) for i in range(self.num_envs))
 
     @property
     def states(self) -> Floats:
@@ -170,15 +176,12 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         fleet = self._fleet
         options = dict(options or {})
         rows = self._masked(options.pop("reset_mask", None))
-        chosen = reset_options.read(options, [fleet.params[i] for i in rows])
+        chosen = reset_options.read(options, fleet, rows)
         self._seed(seed, rows)
-        if chosen.params is not None:
-            machines = list(fleet.params)
-            for i, machine in zip(rows, chosen.params, strict=True):
-                machines[i] = machine
-            fleet.set_params(machines)
-        observations = fleet.observe()
+        chosen.apply(fleet)
+        observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given)
+        self._seen[:] = observations
         return observations, {"mode": fleet.memory[MODE].astype(np.int8)}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
@@ -215,7 +218,48 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
             info["mode"][again] = fleet.memory[MODE, again]
+        self._seen[:] = observations
         return observations, block[REWARD], terminated, truncated, info
+
+    def render(self) -> Any:
+        """The rows' frames, by render mode; see the class.
+
+        Raises:
+            RuntimeError: no episode has begun.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode: give one to gym.make_vec()")
+            return None
+        from rimless_gym.views import CELL, frame_of, grid  # pygame only when it is needed
+
+        if not self._generators:
+            raise RuntimeError("no episode has begun: call reset() first")
+        if self.render_mode == "rgb_array_list":
+            return [frame_of(self._fleet, i) for i in range(self.num_envs)]
+        return grid([frame_of(self._fleet, i, CELL) for i in range(min(self.num_envs, GRID_ROWS))])
+
+    def get_state(self) -> dict[str, Any]:
+        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+
+        It can be pickled, and taken up by another environment of as many rows and the same task.
+        """
+        generators = [generator.bit_generator.state for generator in self.np_random]
+        return {
+            "fleet": self._fleet.get_state(),
+            "generators": generators,
+            "seen": self._seen.copy(),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to a snapshot of `get_state`.
+
+        Raises:
+            ValueError: it has another number of rows, or another task.
+        """
+        self._fleet.set_state(state["fleet"])
+        for generator, saved in zip(self.np_random, state["generators"], strict=True):
+            generator.bit_generator.state = saved
+        self._seen[:] = state["seen"]
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
