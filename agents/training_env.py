@@ -2,36 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 import rimless_gym  # noqa: F401  registers RimlessWheel-v0
+from agents.sb3_vec_env import Sb3VecEnv
 from rimless_gym.params import WheelParams
 from rimless_gym.task import Task
-
-
-class LeanVecEnv(DummyVecEnv):
-    """DummyVecEnv without its deep copy of all infos, which costs more than the physics."""
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """Step all environments; their infos are new dictionaries on every step."""
-        for i, env in enumerate(self.envs):
-            observation, reward, terminated, truncated, info = env.step(self.actions[i])
-            self.buf_rews[i], self.buf_dones[i] = reward, terminated or truncated
-            info["TimeLimit.truncated"] = truncated and not terminated
-            if self.buf_dones[i]:
-                info["terminal_observation"] = observation
-                observation, self.reset_infos[i] = env.reset()
-            self.buf_infos[i] = info
-            self._save_obs(i, observation)
-        return (
-            self._obs_from_buf(),
-            np.copy(self.buf_rews),
-            np.copy(self.buf_dones),
-            list(self.buf_infos),
-        )
 
 
 class ScaledReward(VecEnvWrapper):
@@ -60,11 +39,13 @@ def training_env(
     n_envs: int, params: WheelParams, task: Task, seed: int, reward_scale: float = 1.0
 ) -> VecEnv:
     """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
-    env = make_vec_env(
+    native = gym.make_vec(
         "RimlessWheel-v0",
-        n_envs=n_envs,
-        seed=seed,
-        env_kwargs={"params": params, "task": task},
-        vec_env_cls=LeanVecEnv,
+        num_envs=n_envs,
+        params=params,
+        task=task,
+        autoreset_mode=AutoresetMode.SAME_STEP,
     )
-    return ScaledReward(env, reward_scale)
+    env = Sb3VecEnv(native)
+    env.seed(seed)
+    return ScaledReward(VecMonitor(env), reward_scale)
