@@ -1,0 +1,51 @@
+"""The hyperparameter files, which rl-zoo3 reads too."""
+
+import pytest
+import yaml
+from torch import nn
+
+from agents.hyperparameters import FOLDER, hyperparameters
+
+ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
+
+
+def read(folder, **changes):
+    (folder / "ppo.yml").write_text(yaml.safe_dump({"RimlessWheel-v0": ENTRY | changes}))
+    return hyperparameters("ppo", False, folder)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("imitation", [False, True])
+def test_policy_kwargs_are_what_rl_zoo3_makes_of_them(algo, imitation):
+    settings = hyperparameters(algo, imitation)
+    text = settings.written["policy_kwargs"]
+    assert isinstance(text, str)  # rl-zoo3 evaluates text only, and so knows activations
+    assert settings.algorithm["policy_kwargs"] == eval(text, {"nn": nn})
+    assert issubclass(settings.algorithm["policy_kwargs"]["activation_fn"], nn.Module)
+    assert settings.reward_scale == 100.0
+
+
+def test_policy_kwargs_hold_plain_values_at_any_depth(tmp_path):
+    text = "dict(a=dict(b=[1, -2.5], c=None), activation_fn=nn.SiLU, d='x')"
+    kwargs = read(tmp_path, policy_kwargs=text).algorithm["policy_kwargs"]
+    assert kwargs == {"a": {"b": [1, -2.5], "c": None}, "activation_fn": nn.SiLU, "d": "x"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("dict(a=open('x'))", "nn.Linear", "__import__('os')", "dict(", "dict(**{'a': 1})"),
+        *("dict([('a', 1)])", "dict(activation_fn=tanh)", {"activation_fn": "tanh"}),
+    ],
+)
+def test_policy_kwargs_that_are_anything_else_are_not_evaluated(tmp_path, text):
+    with pytest.raises(ValueError, match=r"ppo\.yml: policy_kwargs .*write dict.*nn\.Tanh"):
+        read(tmp_path, policy_kwargs=text)
+
+
+def test_other_wrappers_and_schedules_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"vec_env_wrapper \['gym\.Other'\]: only"):
+        read(tmp_path, vec_env_wrapper=[{"gym.Other": {}}])
+    with pytest.raises(ValueError, match="schedule 'cos_1': write a number"):
+        read(tmp_path, learning_rate="cos_1")
+    assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}
