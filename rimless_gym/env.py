@@ -11,19 +11,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rimless_gym import energy as row
+from rimless_gym import interval
 from rimless_gym import options as reset_options
 from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.fleet import Fleet
-from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
-from rimless_gym.interval import (
-    BLOCK_SIZE,
-    COMMAND,
-    FRICTION,
-    INFO_NAMES,
-    REWARD,
-    TERMINATED,
-)
+from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.info import StepInfo
+from rimless_gym.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.stepping import MODE, PHI
 from rimless_gym.symbolic import HybridModel
@@ -169,30 +163,28 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
-        if getattr(action, "shape", None) != (1,) and np.shape(action) != (1,):
-            raise ValueError(f"action = {action!r}: must have shape (1,), not {np.shape(action)}")
-        command = float(action[0])
+        if action.__class__ is not np.ndarray or action.shape != (1,):
+            action = _as_action(action)
+        command = action.item()
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        fleet = self._fleet
-        memory = fleet.memory
-        memory[COMMAND, 0] = command
+        fleet, block = self._fleet, self._block
+        fleet.memory[COMMAND, 0] = command
         observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
-        unusual = fleet.step(self._block, observation)
-        values = self._block.ravel().tolist()
-        info: dict[str, Any] = dict(zip(INFO_NAMES, values, strict=False))
-        info["failure"] = None
-        if unusual:
-            self._ended = True
-            if not values[TERMINATED]:
-                raise fleet.range_left(0, int(values[row.FAILURE]))
-            info["failure"] = FAILURES[int(values[row.FAILURE])]
-        demand = max(values[row.FRICTION_DEMAND], values[row.IMPULSE_FRICTION_DEMAND])
-        info["slips"] = bool(demand > memory[FRICTION, 0])
-        info["mode"] = MODE_NAMES[int(memory[MODE, 0])]
+        if fleet.step(block, observation):
+            self._end()
+        info = StepInfo()
+        info.block = block.tobytes()
         if self.render_mode == "human":
             self.render()
-        return observation, values[REWARD], self._ended, False, info
+        return observation, block.item(REWARD), self._ended, False, info
+
+    def _end(self) -> None:
+        """End the episode, by an error if the model does not say how it ends."""
+        self._ended = True
+        marks = interval.marks(self._block)
+        if not marks[TERMINATED, 0]:
+            raise self._fleet.range_left(0, int(marks[FAILURE_MARK, 0]))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
@@ -243,6 +235,18 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def _as_action(action: Any) -> NDArray[Any]:
+    """An action given as something else than an array of its shape.
+
+    Raises:
+        ValueError: it has another shape.
+    """
+    array = np.asarray(action)
+    if array.shape != (1,):
+        raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
+    return array
 
 
 def check_arguments(params: Any, task: Any, render_mode: Any, render_modes: list[str]) -> None:

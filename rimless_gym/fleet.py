@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -148,17 +149,19 @@ class Fleet:
             )
         raise RuntimeError(f"row {i}: {NO_START}")
 
-    def step(self, block: NDArray[np.float64], observations: NDArray[np.float32]) -> int:
-        """Hold the commands in `memory` for one interval; returns how many rows failed anyhow."""
-        n = len(self)
+    def step(
+        self, block: NDArray[np.float64], observations: NDArray[np.float32], limit: float = math.inf
+    ) -> int:
+        """Hold the commands in `memory` for one interval, see `step_rows`."""
+        n = self.memory.shape[1]
         parts = min(self.num_threads, n // LEAST_ROWS)
         if parts < 2:
-            return self._step_part(block, observations, self._works[0], 0, n)
+            return self._step_part(block, observations, self._works[0], limit, 0, n)
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.num_threads)
         cuts = [n * k // parts for k in range(parts + 1)]
         jobs = [
-            self._pool.submit(self._step_part, block, observations, work, first, last)
+            self._pool.submit(self._step_part, block, observations, work, limit, first, last)
             for work, first, last in zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
         ]
         return sum(job.result() for job in jobs)
@@ -168,17 +171,20 @@ class Fleet:
         block: NDArray[np.float64],
         observations: NDArray[np.float32],
         work: NDArray[np.float64],
+        limit: float,
         first: int,
         last: int,
     ) -> int:
         memory, constants, poles = self.memory, self.constants, self.poles
         if not self._disturbed:
-            return step_rows(observations, block, memory, constants, poles, work, first, last)
+            return step_rows(
+                observations, block, memory, constants, poles, work, limit, first, last
+            )
         streams, settings = self.streams, self._settings
         disturb_rows(memory, constants, streams, self.held, settings, first, last)
-        failed = step_rows(observations, block, memory, constants, poles, work, first, last)
+        unusual = step_rows(observations, block, memory, constants, poles, work, limit, first, last)
         account_rows(observations, block, memory, streams, settings, first, last)
-        return failed
+        return unusual
 
     def range_left(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""

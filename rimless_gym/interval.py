@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, OK, RATE_EXCEEDED
@@ -48,9 +49,12 @@ from rimless_gym.task import OBSERVATION_SIZE, observation
 ) = range(STATE_SIZE, STATE_SIZE + 16)
 
 # What an interval gives, `block` (BLOCK_SIZE, N): the kernel's rows (`rimless_gym.energy`), then
-IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, TERMINATED, BLOCK_SIZE = range(
+IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, MARKS, BLOCK_SIZE = range(
     row.N_ROWS, row.N_ROWS + 8
 )
+
+# and, in the bytes of the row MARKS, what takes a byte: `marks(block)`, int8 (8, N).
+TERMINATED, TRUNCATED, SLIPS, MODE_MARK, FAILURE_MARK, N_MARKS = 0, 1, 2, 3, 4, 8
 
 #: What `info` calls the first rows of a block; "failure" is a code there.
 INFO_NAMES = (
@@ -59,6 +63,14 @@ INFO_NAMES = (
     *("friction_demand", "impulse_friction_demand", "clearance", "force_x", "force_y", "failure"),
     *("idle", "push", "reward_distance", "reward_energy", "reward_end"),
 )
+
+
+def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
+    """The marks in a block, (N_MARKS, N); a view."""
+    return block[MARKS].view(np.int8).reshape(N_MARKS, -1)
+
+
+_marks = njit(error_model="numpy")(marks)
 
 
 @njit(error_model="numpy")
@@ -75,43 +87,17 @@ def _clocks(elapsed, times, counts):
 
 
 @njit(error_model="numpy")
-def _terminate(failures, terminated):
-    unusual = 0
-    for i in range(len(failures)):
-        failure = failures[i]
-        unusual += failure != OK
-        terminated[i] = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
-    return unusual
+def _pay(distances, values, idle, elapsed, powers, for_distance):
+    for i in range(len(for_distance)):
+        for_distance[i] = values[i] * distances[i]
+        idle[i] = powers[i] * elapsed[i]
 
 
 @njit(error_model="numpy")
-def _idle(elapsed, powers, energies):
-    for i in range(len(energies)):
-        energies[i] = powers[i] * elapsed[i]
-
-
-@njit(error_model="numpy")
-def _pay_distance(distances, values, terms):
-    for i in range(len(terms)):
-        terms[i] = values[i] * distances[i]
-
-
-@njit(error_model="numpy")
-def _pay_energy(drawn, idle, weights, terms):
-    for i in range(len(terms)):
-        terms[i] = -(drawn[i] + idle[i]) / weights[i]
-
-
-@njit(error_model="numpy")
-def _pay_end(terminated, charges, terms):
-    for i in range(len(terms)):
-        terms[i] = -charges[i] * terminated[i]
-
-
-@njit(error_model="numpy")
-def _sum(first, second, third, rewards):
+def _charge(drawn, idle, weights, for_distance, for_energy, rewards):
     for i in range(len(rewards)):
-        rewards[i] = first[i] + second[i] + third[i]
+        for_energy[i] = -(drawn[i] + idle[i]) / weights[i]
+        rewards[i] = for_distance[i] + for_energy[i]
 
 
 @njit(error_model="numpy")
@@ -147,7 +133,7 @@ def _advance(constants, poles, states, voltages, out, work):
 
 def _step_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True, nogil=True)
-    def step_rows(observations, block, memory, constants, poles, work, first, last):
+    def step_rows(observations, block, memory, constants, poles, work, limit, first, last):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
         here = slice(first, last)
         _hold(memory[COMMAND, here], memory[VOLTAGE_LIMIT, here], memory[VOLTAGE, here])
@@ -156,25 +142,52 @@ def _step_kernel(fingerprint: int) -> Callable[..., int]:
             _advance(constants, poles, memory[:STATE_SIZE], memory[VOLTAGE], out, work)
         else:
             _advance_part(constants, poles, memory, block, first, last, work)
-        elapsed, terminated = block[row.TIME, here], block[TERMINATED, here]
+        elapsed, idle, pay = block[row.TIME, here], block[IDLE, here], block[REWARD_DISTANCE, here]
+        drawn, distances = block[row.ELECTRICAL_POSITIVE, here], block[row.DISTANCE, here]
+        values, powers = memory[VALUE_OF_DISTANCE, here], memory[IDLE_POWER, here]
         _clocks(elapsed, memory[TIME, here], memory[COUNT, here])
-        unusual = _terminate(block[row.FAILURE, here], terminated)
-        idle, drawn = block[IDLE, here], block[row.ELECTRICAL_POSITIVE, here]
-        pay = block[REWARD_DISTANCE, here], block[REWARD_ENERGY, here], block[REWARD_END, here]
-        _idle(elapsed, memory[IDLE_POWER, here], idle)
-        _pay_distance(block[row.DISTANCE, here], memory[VALUE_OF_DISTANCE, here], pay[0])
-        _pay_energy(drawn, idle, memory[WEIGHT, here], pay[1])
-        _pay_end(terminated, memory[END_CHARGE, here], pay[2])
-        _sum(pay[0], pay[1], pay[2], block[REWARD, here])
-        block[PUSH, here] = 0.0
+        _pay(distances, values, idle, elapsed, powers, pay)
+        weights, rewards = memory[WEIGHT, here], block[REWARD, here]
+        _charge(drawn, idle, weights, pay, block[REWARD_ENERGY, here], rewards)
+        bits, unusual = _marks(block), 0
         for i in range(first, last):
+            failure = int(block[row.FAILURE, i])
+            ended = failure in (CONTACT_LOST, RATE_EXCEEDED)
+            block[PUSH, i] = 0.0
+            block[REWARD_END, i] = -memory[END_CHARGE, i] if ended else 0.0
+            block[REWARD, i] += block[REWARD_END, i]
+            bits[TERMINATED, i] = ended
+            bits[TRUNCATED, i] = memory[COUNT, i] >= limit
+            demand = max(block[row.FRICTION_DEMAND, i], block[row.IMPULSE_FRICTION_DEMAND, i])
+            bits[SLIPS, i] = demand > memory[FRICTION, i]
+            bits[MODE_MARK, i] = int(memory[MODE, i])
+            bits[FAILURE_MARK, i] = failure
+            unusual += failure != OK or memory[COUNT, i] >= limit
             observe_row(memory, observations, i)
         return unusual
 
     return step_rows
 
 
-#: Compiled: (observations, block, memory, constants, poles, work, first, last) -> how many of the
-#: rows `first` to `last` failed in any way. Holds `memory[COMMAND]` for one interval: advances
-#: `memory`, overwrites `block` and `observations` (float32, flat).
+#: Compiled: (observations, block, memory, constants, poles, work, limit, first, last) -> how many
+#: of the rows `first` to `last` failed in any way or reached `limit`, the greatest COUNT. Holds
+#: `memory[COMMAND]` for one interval: advances `memory`, overwrites `block` and `observations`
+#: (float32, flat).
 step_rows = _step_kernel(SOURCE_FINGERPRINT)
+
+
+def _command_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True)
+    def take_commands(actions, memory):
+        fingerprint  # noqa: B018  as above
+        wrong = 0
+        for i in range(len(actions)):
+            memory[COMMAND, i] = actions[i, 0]
+            wrong += actions[i, 0] != actions[i, 0]
+        return wrong
+
+    return take_commands
+
+
+#: Compiled: (actions, memory) -> how many of the actions (N, 1), copied to `memory`, are NaN.
+take_commands = _command_kernel(SOURCE_FINGERPRINT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,18 +13,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym import energy as row
+from rimless_gym import interval
 from rimless_gym import options as reset_options
 from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.env import RimlessWheelEnv, check_arguments, fleet_of
 from rimless_gym.interval import (
     BLOCK_SIZE,
-    COMMAND,
-    COUNT,
-    FRICTION,
+    FAILURE_MARK,
     INFO_NAMES,
+    MARKS,
+    MODE_MARK,
     REWARD,
+    SLIPS,
     TERMINATED,
+    TRUNCATED,
+    take_commands,
 )
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.starts import DRAWN
@@ -126,6 +130,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = max_episode_steps
+        self._limit = math.inf if max_episode_steps is None else float(max_episode_steps)
         single = RimlessWheelEnv(task=self.task)
         self.single_action_space = single.action_space
         self.single_observation_space = single.observation_space
@@ -193,27 +198,24 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
                 motion left the model's range.
         """
         fleet = self._fleet
-        again = np.flatnonzero(fleet.ended)
+        again = fleet.ended.nonzero()[0]
         if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not self._generators):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._command(actions, again)
         block = np.empty((BLOCK_SIZE, self.num_envs))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
-        unusual = fleet.step(block, observations.reshape(-1))
-        terminated = block[TERMINATED] != 0.0
-        limit = np.inf if self.max_episode_steps is None else self.max_episode_steps
-        truncated = fleet.memory[COUNT] >= limit
+        unusual = fleet.step(block, observations.reshape(-1), self._limit)
+        marks = interval.marks(block)
         if len(again):
-            block[:, again] = 0.0
-            terminated[again] = truncated[again] = False
-        ended = terminated | truncated
-        fleet.ended |= ended
+            block[:MARKS, again] = 0.0
+            marks[:, again] = 0
+        terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
+        info = _info(block, marks)
         if unusual:
-            self._require_range(block[row.FAILURE], terminated)
-        info = self._info(block)
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            again = np.flatnonzero(ended)
-            if len(again):
+            fleet.ended |= terminated | truncated
+            self._require_range(marks)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                again = fleet.ended.nonzero()[0]
                 info |= _final(again, observations, info)
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
@@ -303,33 +305,32 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
 
     def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
-        given = np.asarray(actions)
+        given = np.ascontiguousarray(actions)
         if given.shape != (self.num_envs, 1):
             raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
-        bad = np.isnan(given[:, 0])
-        if bad.any():
-            bad[ignored] = False
-            if bad.any():
+        if given.dtype != np.float32:
+            given = given.astype(np.float64)
+        if take_commands(given, self._fleet.memory):
+            wrong = np.isnan(given[:, 0])
+            wrong[ignored] = False
+            if wrong.any():
                 raise ValueError(
-                    f"actions of rows {np.flatnonzero(bad).tolist()} are NaN: must be numbers in "
+                    f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
                     "[-1, 1]; check the policy's output"
                 )
-        self._fleet.memory[COMMAND] = given[:, 0]
 
-    def _require_range(self, failures: Floats, terminated: Bools) -> None:
-        lost = np.flatnonzero((failures != 0.0) & ~terminated)
+    def _require_range(self, marks: NDArray[np.int8]) -> None:
+        lost = np.flatnonzero((marks[FAILURE_MARK] != 0) & (marks[TERMINATED] == 0))
         if len(lost):
             self._fleet.ended[lost] = True
-            raise self._fleet.range_left(int(lost[0]), int(failures[lost[0]]))
+            raise self._fleet.range_left(int(lost[0]), int(marks[FAILURE_MARK, lost[0]]))
 
-    def _info(self, block: Floats) -> dict[str, Any]:
-        memory = self._fleet.memory
-        info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
-        demand = np.maximum(block[row.FRICTION_DEMAND], block[row.IMPULSE_FRICTION_DEMAND])
-        info["slips"] = demand > memory[FRICTION]
-        info["mode"] = memory[MODE].astype(np.int8)
-        info["failure"] = block[row.FAILURE].astype(np.int8)
-        return info
+
+def _info(block: Floats, marks: NDArray[np.int8]) -> dict[str, Any]:
+    info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
+    info["slips"] = marks[SLIPS].view(np.bool_)
+    info["mode"], info["failure"] = marks[MODE_MARK], marks[FAILURE_MARK]
+    return info
 
 
 def _final(
