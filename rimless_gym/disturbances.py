@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.params import WheelParams
+from rimless_gym.stepping import require_steppable
 
 MAX_DELAY = 100  # control intervals
 
@@ -144,11 +145,11 @@ class Ranges:
         """Refuse ranges with ends that a machine cannot have, the rest being those of `params`.
 
         Raises:
-            ValueError: see `WheelParams`.
+            ValueError: see `WheelParams` and `require_steppable`.
         """
         for end in (0, 1):
             for name, bounds in self.bounds.items():
-                params.replace(**{name: bounds[end]})
+                require_steppable(params.replace(**{name: bounds[end]}))
             params.replace(**{name: bounds[end] for name, bounds in self.bounds.items()})
 
 

@@ -6,7 +6,6 @@ compiled functions, with the same results, however many rows there are.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -28,11 +27,8 @@ from rimless_gym.task import NO_START, Task
 #: Rows that a thread takes at least; fewer are not worth waking it.
 LEAST_ROWS = 256
 
-#: What a snapshot copies; all else is made of it, or lasts.
-_SNAPSHOT = (
-    *("memory", "streams", "held", "constants", "poles", "fields", "ended"),
-    *("params", "ranges", "disturbances"),
-)
+#: What a snapshot copies; the rest of it never changes.
+_SNAPSHOT = ("memory", "streams", "held", "constants", "poles", "fields", "ended", "params")
 
 
 class Fleet:
@@ -144,8 +140,8 @@ class Fleet:
         if outcome == NO_MACHINE:
             drawn = {name: float(self.fields[FIELDS.index(name), i]) for name in self.ranges.bounds}
             raise RuntimeError(
-                f"row {i}: no machine with {drawn} can be stepped (its mass matrix is singular, or "
-                "its motor too stiff): narrow the ranges"
+                f"row {i}: a machine with {drawn} cannot be stepped (its mass matrix is singular, "
+                "or its motor too stiff): narrow the ranges"
             )
         raise RuntimeError(f"row {i}: {NO_START}")
 
@@ -196,7 +192,11 @@ class Fleet:
 
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on but the generators, in copies."""
-        return {name: copy.copy(getattr(self, name)) for name in _SNAPSHOT} | {"task": self.task}
+        return {name: getattr(self, name).copy() for name in _SNAPSHOT} | {
+            "ranges": self.ranges,
+            "disturbances": self.disturbances,
+            "task": self.task,
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to what `get_state` returned, here or in another fleet of as many rows.
@@ -214,7 +214,7 @@ class Fleet:
         if state["disturbances"] != self.disturbances:
             self.set_disturbances(state["disturbances"])
         for name in _SNAPSHOT:
-            setattr(self, name, copy.copy(state[name]))
+            setattr(self, name, state[name].copy())
 
     def close(self) -> None:
         """Let the threads go."""

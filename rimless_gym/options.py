@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.fleet import Fleet
@@ -117,14 +117,21 @@ def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[n
         raise ValueError(f"state: {len(states)} states for {n} rows, must be one per row")
     if not isinstance(modes, str) and len(modes) != n:
         raise ValueError(f"mode: {len(modes)} modes for {n} rows, must be one per row")
-    given = np.empty((n, STATE_SIZE - 1))
-    for i, machine in enumerate(params):
-        x, mode = states[i] if many else states, modes if isinstance(modes, str) else modes[i]
-        given[i, :4], given[i, MODE] = validated_start(machine, x, mode, "state")
-        force = normal_force(machine, given[i])
-        if force <= 0:
-            raise ValueError(
-                f"state = {x!r}: without voltage the ground would have to pull the foot "
-                f"({force:.3g} N); give a slower state"
-            )
-    return given
+    if many or not isinstance(modes, str):
+        each = states if many else [states] * n
+        named = [modes] * n if isinstance(modes, str) else modes
+        return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
+    starts = {machine: _start(machine, states, modes) for machine in dict.fromkeys(params)}
+    return np.array([starts[machine] for machine in params])
+
+
+def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
+    start = np.empty(STATE_SIZE - 1)
+    start[:4], start[MODE] = validated_start(params, x, mode, "state")
+    force = normal_force(params, start)
+    if force <= 0:
+        raise ValueError(
+            f"state = {x!r}: without voltage the ground would have to pull the foot "
+            f"({force:.3g} N); give a slower state"
+        )
+    return start

@@ -195,5 +195,17 @@ _draw = _draw_kernel(SOURCE_FINGERPRINT)
 
 def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
     """Fy (N) on the foot, or on both feet together, of a hybrid state (STATE_SIZE,)."""
-    x = tuple(float(value) for value in state[:4])
-    return float(foot_force(int(state[MODE]), *x, voltage, params.constants))
+    return _force(params.constants_array, state, voltage)
+
+
+def _force_kernel(fingerprint: int) -> Callable[..., float]:
+    @njit(error_model="numpy", cache=True)
+    def force(constants, x, voltage):
+        fingerprint  # noqa: B018  as above
+        p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+        return foot_force(int(x[MODE]), x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
+
+    return force
+
+
+_force = _force_kernel(SOURCE_FINGERPRINT)

@@ -212,11 +212,12 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
         info = _info(block, marks)
         if unusual:
-            fleet.ended |= terminated | truncated
+            ended = terminated | truncated
+            fleet.ended |= ended
             self._require_range(marks)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                again = fleet.ended.nonzero()[0]
-                info |= _final(again, observations, info)
+                info |= _final(ended, observations, info)
+                again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
             info["mode"][again] = fleet.memory[MODE, again]
@@ -333,22 +334,21 @@ def _info(block: Floats, marks: NDArray[np.int8]) -> dict[str, Any]:
     return info
 
 
-def _final(
-    rows: NDArray[np.int64], observations: Observations, info: dict[str, Any]
-) -> dict[str, Any]:
-    """What the episodes of `rows` ended with, in Gymnasium's form."""
-    mask = np.zeros(len(observations), dtype=np.bool_)
-    mask[rows] = True
+def _final(ended: Bools, observations: Observations, info: dict[str, Any]) -> dict[str, Any]:
+    """What the episodes that ended, if any, ended with, in Gymnasium's form."""
+    rows = ended.nonzero()[0]
+    if not len(rows):
+        return {}
     last = np.zeros_like(observations)
     last[rows] = observations[rows]
     final: dict[str, Any] = {}
     for name, values in info.items():
         final[name] = np.zeros_like(values)
         final[name][rows] = values[rows]
-        final[f"_{name}"] = mask.copy()
+        final[f"_{name}"] = ended.copy()
     return {
         "final_obs": last,
-        "_final_obs": mask,
+        "_final_obs": ended.copy(),
         "final_info": final,
-        "_final_info": mask.copy(),
+        "_final_info": ended.copy(),
     }
