@@ -1,0 +1,88 @@
+#!/usr/bin/env python
+"""Measure the speed of ours and of the peers in one run, interleaved, and write the table.
+
+Peers run in virtual environments of their own, made the first time (a minute or two); one that
+cannot be installed is a row that says so. Ctrl-C keeps what was measured. Nothing else should
+run on the machine meanwhile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.benchmarks.cases import CASES
+from scripts.benchmarks.driver import measure_all
+from scripts.benchmarks.page import page
+from trajopt.provenance import provenance
+
+ROOT = Path(__file__).resolve().parents[1]
+
+#: Where virtual environments and recordings are kept for the next run.
+KEPT = ROOT / "runs" / "bench"
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    keys = [case.key for case in CASES]
+    parser.add_argument("--rounds", type=int, default=7, help="rounds over all rows")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
+    parser.add_argument(
+        "--only", nargs="+", metavar="ROW", choices=keys, help=f"of {', '.join(keys)}; None: all"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=KEPT,
+        help="folder for benchmark.md and benchmark.json; make bench writes to docs",
+    )
+    parser.add_argument("--json", action="store_true", help="print everything, as JSON")
+    arguments = parser.parse_args()
+    if arguments.rounds < 1 or not arguments.seconds > 0:
+        parser.error("--rounds must be at least 1 and --seconds greater than 0")
+    cases = [case for case in CASES if arguments.only is None or case.key in arguments.only]
+    run = {
+        "rounds": arguments.rounds,
+        "seconds": arguments.seconds,
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "machine": machine(),
+        **provenance(),
+    }
+    run["results"] = measure_all(cases, arguments.rounds, arguments.seconds, KEPT)
+    text = page(run)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "benchmark.json").write_text(json.dumps(run, indent=1) + "\n")
+    (arguments.out / "benchmark.md").write_text(text)
+    print(json.dumps(run, indent=1) if arguments.json else text)
+    return 0
+
+
+def machine() -> dict[str, Any]:
+    """What it was measured on."""
+    cpu = platform.processor() or platform.machine()
+    described = Path("/proc/cpuinfo")
+    if described.exists():
+        models = [line for line in described.read_text().splitlines() if "model name" in line]
+        cpu = models[0].split(":")[1].strip() if models else cpu
+    return {
+        "cpu": cpu,
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "load": os.getloadavg()[0],
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

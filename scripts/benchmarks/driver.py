@@ -1,0 +1,169 @@
+"""Workers kept alive side by side, and asked in turn."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from scripts.benchmarks.cases import Case
+from scripts.benchmarks.environments import OURS, UnavailableError, interpreter
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Where the worker programs are.
+MODULES = "scripts.benchmarks.workers."
+
+#: The longest that a worker may take to answer (s): compiling everything, or a long training.
+PATIENCE = 300.0
+
+
+class WorkerError(RuntimeError):
+    """A worker that gave no answer, or said what went wrong."""
+
+
+class Worker:
+    """A running worker program.
+
+    Args:
+        case: what it measures.
+        python: interpreter that runs it.
+        folder: where it may keep files for the next run.
+
+    Raises:
+        WorkerError: it could not set itself up.
+    """
+
+    def __init__(self, case: Case, python: Path, folder: Path) -> None:
+        settings = case.settings | {"one_core": case.one_core, "folder": str(folder.resolve())}
+        module = MODULES + case.worker
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115  closed by close()
+        self._process = subprocess.Popen(
+            [str(python), "-m", module, json.dumps(settings)],
+            cwd=ROOT,  # which is how peers' interpreters find the module
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._complaints,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for us to handle
+        )
+        try:
+            self.about = self._hear()
+        except BaseException:
+            self.close()
+            raise
+
+    def measure(self, seconds: float) -> dict[str, Any]:
+        """Measure once for about so long.
+
+        Raises:
+            WorkerError: it gave no answer, or said what went wrong.
+        """
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{seconds}\n")
+            self._process.stdin.flush()
+        except OSError as error:
+            raise WorkerError(self._last_words()) from error
+        return self._hear()
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End it, and the processes that it started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._process.communicate()
+        self._complaints.close()
+
+    def _hear(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        ready, _, _ = select.select([self._process.stdout], [], [], PATIENCE)
+        if not ready:
+            raise WorkerError(f"no answer within {PATIENCE:.0f} s")
+        line = self._process.stdout.readline()
+        if not line:
+            raise WorkerError(self._last_words())
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise WorkerError(answer["error"])
+        return answer
+
+    def _last_words(self) -> str:
+        self._process.wait(5)
+        self._complaints.seek(0)
+        lines = self._complaints.read().strip().splitlines()
+        return lines[-1] if lines else f"ended with exit code {self._process.returncode}"
+
+
+def measure_all(
+    cases: Sequence[Case], rounds: int, seconds: float, folder: Path, progress: bool = True
+) -> list[dict[str, Any]]:
+    """Measure all cases once in each round; every other round goes backwards.
+
+    A case that fails keeps what it has and says why. Ctrl-C ends the measuring, not the results.
+
+    Returns:
+        For each case its fields, `about` (what the worker says of itself), `answers` (one of each
+        round) and `error`, None if all went well.
+    """
+    results = [_blank(case) for case in cases]
+    turns = len(cases) + sum(min(rounds, case.most) for case in cases)
+    workers: dict[str, Worker] = {}
+    bar = tqdm(total=turns, unit="turn", disable=not progress)
+    try:
+        for case, result in zip(cases, results, strict=True):
+            bar.set_description(f"start {case.key}")
+            if case.environment != OURS:
+                bar.set_postfix_str(f"installing {case.environment} the first time")
+            try:
+                python = interpreter(case.environment, folder / "venvs")
+                workers[case.key] = Worker(case, python, folder)
+                result["about"] = workers[case.key].about
+            except (UnavailableError, WorkerError) as error:
+                result["error"] = str(error)
+            bar.set_postfix_str("")
+            bar.update()
+        for turn in range(rounds):
+            order = list(zip(cases, results, strict=True))[:: 1 if turn % 2 == 0 else -1]
+            for case, result in order:
+                if turn >= case.most:
+                    continue
+                bar.set_description(f"round {turn + 1}/{rounds} {case.key}")
+                if result["error"] is None:
+                    try:
+                        answer = workers[case.key].measure(seconds)
+                        result["answers"].append({"round": turn} | answer)
+                    except WorkerError as error:
+                        result["error"] = str(error)
+                bar.update()
+    except KeyboardInterrupt:
+        bar.write("interrupted: what was measured so far is kept")
+        for result in results:
+            if result["error"] is None and not result["answers"]:
+                result["error"] = "interrupted before it was measured"
+    finally:
+        bar.close()
+        for worker in workers.values():
+            worker.close()
+    return results
+
+
+def _blank(case: Case) -> dict[str, Any]:
+    fields = {name: getattr(case, name) for name in ("key", "group", "title", "physics")}
+    fields |= {"settings": case.settings, "one_core": case.one_core}
+    return fields | {"about": {}, "answers": [], "error": None}

@@ -1,0 +1,47 @@
+"""Virtual environments of the peers, so that none of their pins touch ours."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+REQUIREMENTS = Path(__file__).parent / "requirements"
+
+#: The environment that this program itself runs in.
+OURS = "ours"
+
+
+class UnavailableError(RuntimeError):
+    """A peer that cannot be installed here."""
+
+
+def interpreter(name: str, folder: Path) -> Path:
+    """The Python of an environment; it is made in `folder` first where it is not there yet.
+
+    Raises:
+        UnavailableError: its packages cannot be installed.
+    """
+    if name == OURS:
+        return Path(sys.executable)
+    wanted = (REQUIREMENTS / f"{name}.txt").read_bytes()
+    home = folder / f"{name}-{hashlib.sha256(wanted).hexdigest()[:8]}"
+    python, ready = home / "bin" / "python", home / "ready"
+    if not ready.exists():
+        shutil.rmtree(home, ignore_errors=True)
+        quiet = ["-qq", "--disable-pip-version-check"]
+        requirements = str(REQUIREMENTS / f"{name}.txt")
+        _run([sys.executable, "-m", "venv", str(home)])
+        _run([str(python), "-m", "pip", "install", *quiet, "-r", requirements])
+        ready.touch()
+    return python
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        complaints = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+        reason = (complaints or done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise UnavailableError(f"cannot be installed here: {reason.removeprefix('ERROR: ')}")

@@ -1,0 +1,200 @@
+"""The results as a page of Markdown: a pure function of the JSON that the benchmark writes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from scripts.benchmarks.cases import ACCURACY, PROCESS, SINGLE, TRAINING, VECTOR
+from scripts.benchmarks.goals import GOALS
+from scripts.benchmarks.results import Result, by_key, middle, rates, values
+
+_INTRODUCTION = """\
+# Speed, ours and the peers'
+
+Written by `make bench`: do not edit. **The peers have other physics**: ours walks, with impacts
+located to rounding error and every joule booked; theirs swing or balance, in fewer and larger
+steps. What is compared is what a step of a small environment costs its user.
+
+All were measured in one run on one machine, in turn, {rounds} rounds of {seconds:g} s each: rates
+are medians, with the slowest and the fastest round behind them, and ratios are medians of ratios
+within a round. Ours replays the actions that an LQR took on an optimal gait, from {starts} states
+of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown, and replays end
+within {replay} of the states recorded. Peers get random actions. Actions are drawn and single
+episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
+
+
+def page(run: dict[str, Any]) -> str:
+    """The whole page."""
+    results = run["results"]
+    found = by_key(results)
+    tables = [
+        _introduction(run, found),
+        "## Goals",
+        goals_table(found),
+        "## One environment, through `gym.make` with its default wrappers, on one core",
+        speed_table(_of(results, SINGLE), found, "ours"),
+        "## Many environments",
+        speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),
+        "## Training: time spent in environments and adapter",
+        training_table(_of(results, TRAINING)),
+        "## A fresh process",
+        process_table(_of(results, PROCESS)),
+        *(_accuracy(result) for result in _of(results, ACCURACY)),
+        _machine(run),
+    ]
+    return "\n\n".join(tables) + "\n"
+
+
+def goals_table(found: dict[str, Result]) -> str:
+    """Every goal with what was measured."""
+    lines = []
+    for goal in GOALS:
+        figure = goal.measured(found)
+        bounds = [goal.bound] + ([goal.stretch] if goal.stretch is not None else [])
+        wanted = goal.form.format(bounds[0])
+        wanted = ("<= " if goal.at_most else ">= ") + wanted
+        if goal.stretch is not None:
+            wanted += f", stretch {goal.form.format(goal.stretch)}"
+        if figure is None:
+            lines.append((goal.title, wanted, "-", "not measured"))
+            continue
+        verdict = "**missed**"
+        if goal.reached(figure, goal.bound):
+            verdict = "reached"
+        if goal.stretch is not None and goal.reached(figure, goal.stretch):
+            verdict = "stretch reached"
+        lines.append((goal.title, wanted, goal.form.format(figure), verdict))
+    return _table(("goal", "wanted", "measured", ""), lines)
+
+
+def speed_table(
+    results: Sequence[Result], found: dict[str, Result], reference: str, sizes: bool = False
+) -> str:
+    """Rates of one group, each beside how many times as long it takes as ours."""
+    ours = middle(list(rates(found[reference]).values())) if reference in found else None
+    lines = []
+    for result in results:
+        title = result["title"]
+        name = [title, _size(result)] if sizes else [title]
+        if not result["answers"]:
+            lines.append((*name, f"- ({result['error']})", "", "", result["physics"]))
+            continue
+        figures = list(rates(result).values())
+        rate = middle(figures)
+        spread = f"{_count(min(figures))} to {_count(max(figures))}"
+        note = f" (stopped: {result['error']})" if result["error"] else ""
+        share = f"{rate / ours:.3g}" if ours else "-"
+        lines.append((*name, _count(rate) + note, spread, share, result["physics"]))
+    size = ("environments",) if sizes else ()
+    ours_is = "rate, ours = 1" + (" (N = 1024)" if sizes else "")
+    return _table(("", *size, "steps/s", "spread", ours_is, "one step is"), lines)
+
+
+def training_table(results: Sequence[Result]) -> str:
+    """Shares of a learner's time."""
+    lines = []
+    for result in results:
+        if not result["answers"]:
+            lines.append((result["title"], f"- ({result['error']})", "", ""))
+            continue
+        shares = values(result, "share")
+        spread = f"{min(shares):.1%} to {max(shares):.1%}"
+        speed = _count(middle(list(rates(result).values())))
+        lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
+    return _table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+
+
+def process_table(results: Sequence[Result]) -> str:
+    """Seconds to start, and memory."""
+    lines = []
+    for result in results:
+        if not result["answers"]:
+            lines.append((result["title"], f"- ({result['error']})"))
+        elif "traced" in result["answers"][-1]:
+            lines.append((result["title"], _memory(result)))
+        else:
+            seconds = values(result, "seconds")
+            figure = f"{middle(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})"
+            lines.append((result["title"], figure))
+    return _table(("", "median (spread)"), lines)
+
+
+def _memory(result: Result) -> str:
+    answer = result["answers"][-1]
+    traced, resident = answer["traced"] / 1024, answer["resident"] / 1024
+    return f"{traced:.3g} KiB allocated, {resident:.3g} KiB resident ({answer['envs']} made)"
+
+
+def _accuracy(result: Result) -> str:
+    heading = "## Accuracy of what was timed\n\n"
+    if not result["answers"]:
+        return heading + f"Not measured: {result['error']}."
+    state, event, drift = (
+        max(values(result, name)) for name in ("state_error", "event_error", "event_drift")
+    )
+    pieces = sum(values(result, "steps"))
+    return f"""{heading}Against the reference simulator over {pieces} pieces of 2 s of the walk:
+states within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the
+reference's state at the start of their control interval, within {drift:.0e} s when both walk on
+their own for the 2 s: without feedback a gait magnifies rounding errors, whoever integrates it."""
+
+
+def _introduction(run: dict[str, Any], found: dict[str, Result]) -> str:
+    ours = [r for key, r in found.items() if key.startswith(("ours", "kernel"))]
+    shares = [r["about"]["touchdown_share"] for r in ours if "touchdown_share" in r["about"]]
+    starts = [r["about"]["starts"] for r in ours if "starts" in r["about"]]
+    replay = [error for r in ours for error in values(r, "replay_error")]
+    return _INTRODUCTION.format(
+        rounds=run["rounds"],
+        seconds=run["seconds"],
+        starts=max(starts, default="some"),
+        touchdowns=f"{shares[0]:.1%} " if shares else "",
+        replay=f"{max(replay):.0e}" if replay else "-",
+    )
+
+
+def _machine(run: dict[str, Any]) -> str:
+    about = [result["about"] for result in run["results"] if result["about"]]
+    versions = sorted({v for a in about for k, v in a.items() if k.endswith("version")})
+    chosen = [
+        f"- {r['title']}{'' if r['one_core'] else ', all cores'}: {r['about']['settings']}"
+        for r in run["results"]
+        if "settings" in r["about"]
+    ]
+    waits = [a for r in run["results"] for a in r["answers"] if a.get("idle", 0) > 0.1]
+    idle = max((a["idle_cpu"] / a["idle"] for a in waits), default=0.0)
+    machine, ours = run["machine"], run["versions"]
+    return f"""## Machine and versions
+
+{machine["cpu"]}, {machine["cores"]} cores, {machine["system"]}; load before {machine["load"]:.2f};
+{run["date"]}; revision {run["git_revision"]}.
+
+{", ".join(versions)}; numba {ours["numba"]}, numpy {ours["numpy"]}, Python {machine["python"]}.
+
+Settings that the peers' workers found best, of those that each tried beforehand:
+
+{chr(10).join(chosen) or "- none"}
+
+A worker that waited for its turn used at most {idle:.1%} of a core."""
+
+
+def _of(results: Sequence[Result], group: str) -> list[Result]:
+    return [result for result in results if result["group"] == group]
+
+
+def _size(result: Result) -> str:
+    n = result["settings"].get("n", result["about"].get("n", "-"))
+    return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
+
+
+def _count(rate: float) -> str:
+    for size, unit in ((1e6, " M"), (1e3, " k")):
+        if rate >= size:
+            return f"{rate / size:.3g}{unit}"
+    return f"{rate:.3g}"
+
+
+def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    rows = [head, ["---"] * len(head), *lines]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)

@@ -1,0 +1,63 @@
+"""Figures from answers: medians over rounds, and ratios within rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from statistics import median
+from typing import Any
+
+Result = dict[str, Any]
+
+
+def by_key(results: Sequence[Result]) -> dict[str, Result]:
+    """The results that were measured, by their names."""
+    return {result["key"]: result for result in results if result["answers"]}
+
+
+def rates(result: Result) -> dict[int, float]:
+    """Steps per second of each round."""
+    return {a["round"]: a["steps"] / a["seconds"] for a in result["answers"]}
+
+
+def values(result: Result, name: str) -> list[float]:
+    """One figure of each round's answer."""
+    return [answer[name] for answer in result["answers"]]
+
+
+def middle(figures: Sequence[float]) -> float:
+    """The median."""
+    return float(median(figures))
+
+
+def ratio(ours: Result, theirs: Result) -> float:
+    """How many times as fast: the median of the ratios within rounds that have both.
+
+    Within a round, because the machine may be slower in another.
+    """
+    mine, other = rates(ours), rates(theirs)
+    common = sorted(mine.keys() & other.keys())
+    if not common:
+        raise ValueError(f"{ours['key']} and {theirs['key']} have no round in common")
+    return middle([mine[i] / other[i] for i in common])
+
+
+def slowest_ratio(ours: str, theirs: Sequence[str]) -> Callable[[dict[str, Result]], float | None]:
+    """The smallest ratio to some peers, None where ours or all of them are missing."""
+
+    def measured(found: dict[str, Result]) -> float | None:
+        peers = [found[key] for key in theirs if key in found]
+        if ours not in found or not peers:
+            return None
+        return min(ratio(found[ours], peer) for peer in peers)
+
+    return measured
+
+
+def typical(key: str, name: str) -> Callable[[dict[str, Result]], float | None]:
+    """The median of a figure, None where it was not measured."""
+    return lambda found: middle(values(found[key], name)) if key in found else None
+
+
+def worst(key: str, name: str) -> Callable[[dict[str, Result]], float | None]:
+    """The largest of a figure, None where it was not measured."""
+    return lambda found: max(values(found[key], name)) if key in found else None

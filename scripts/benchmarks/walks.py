@@ -1,0 +1,155 @@
+"""Walks to replay: states of an optimal gait held by LQR, and the actions that follow them.
+
+Replaying recorded actions times the simulator alone, on the motion that matters. A gait is
+unstable without its feedback, so replays are short: after 2 s simulators that agree to rounding
+error still walk alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym import THESIS_PHYSICAL, WheelParams
+from rimless_gym import energy as row
+from rimless_gym.stepping import MODE, SOURCE_FINGERPRINT, STATE_SIZE
+from rimless_gym.task import normal_force, observe
+
+Floats = NDArray[np.float64]
+
+PARAMS: WheelParams = THESIS_PHYSICAL
+SPEED, STEPS = 0.5, 1
+WALKS, SETTLING, RECORDED = 128, 1000, 2000
+
+#: Control intervals of one replay, 2 s.
+WINDOW = 200
+
+#: States of a replay may differ from the recorded ones by so much; a missed or wrong touchdown
+#: is off by more than a tenth.
+TOLERANCE = 1e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Walks:
+    """M pieces of walks, each `WINDOW` control intervals long.
+
+    Attributes:
+        starts: phi, theta, phi', theta', (M, 4).
+        modes: stance modes at the start, (M,), as `rimless_gym.hybrid` numbers them.
+        actions: as the environment takes them, (WINDOW, M) float32.
+        ends: states (M, 4) after the last interval.
+        touchdowns: share of the control intervals with at least one.
+    """
+
+    starts: Floats
+    modes: NDArray[np.int64]
+    actions: NDArray[np.float32]
+    ends: Floats
+    touchdowns: float
+
+    def take(self, n: int) -> Walks:
+        """The first n pieces, repeated where there are fewer."""
+        return self.pieces(np.arange(n) % len(self.starts))
+
+    def piece(self, i: int) -> Walks:
+        """Piece i alone."""
+        return self.pieces(np.array([i]))
+
+    def pieces(self, index: NDArray[np.int64]) -> Walks:
+        """Some of the pieces."""
+        return Walks(
+            self.starts[index],
+            self.modes[index],
+            np.ascontiguousarray(self.actions[:, index]),
+            self.ends[index],
+            self.touchdowns,
+        )
+
+    def about(self) -> dict[str, float]:
+        """What to say of them beside a rate."""
+        return {"starts": len(np.unique(self.starts, axis=0)), "touchdown_share": self.touchdowns}
+
+    def check(self, states: Floats) -> float:
+        """The largest difference (rad, rad/s) of states (M, 4) from the recorded ends.
+
+        Raises:
+            RuntimeError: it is so large that the replay was no walk.
+        """
+        difference = float(np.abs(states - self.ends).max())
+        if not difference <= TOLERANCE:
+            raise RuntimeError(f"the replay left the recorded walk by {difference:.3g}")
+        return difference
+
+    def check_observations(self, observations: NDArray[np.float32]) -> float:
+        """The same on observations (M, 6), in their own units, for whoever hides the states.
+
+        Raises:
+            RuntimeError: as above.
+        """
+        states = np.zeros((len(self.ends), STATE_SIZE))
+        states[:, :4] = self.ends  # in single stance, as every piece ends
+        difference = float(np.abs(observations - observe(PARAMS, states)).max())
+        if not difference <= TOLERANCE:
+            raise RuntimeError(f"the replay left the recorded walk by {difference:.3g}")
+        return difference
+
+
+def load_walks(folder: Path) -> Walks:
+    """The walks of this version of the physics, recorded if they are not in the folder yet."""
+    path = folder / f"walks-{SOURCE_FINGERPRINT:x}.npz"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part.npz")
+        np.savez(part, **dataclasses.asdict(record_walks()))
+        os.replace(part, path)
+    with np.load(path, allow_pickle=False) as arrays:
+        values = {name: arrays[name] for name in arrays.files}
+    return Walks(**values | {"touchdowns": float(values["touchdowns"])})
+
+
+def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = RECORDED) -> Walks:
+    """Let the LQR walk from the protocol's starts; keep what comes after it has settled.
+
+    Raises:
+        RuntimeError: a walk fell.
+    """
+    from agents.evaluate import PROTOCOL
+    from agents.expert import gait_expert
+    from agents.policies import controller_policy
+    from agents.rollout import draw_starts, rollout
+    from trajopt.guesses import nearest
+
+    gait = nearest(PARAMS, SPEED, STEPS)[0]
+    law = controller_policy(PARAMS, gait_expert(gait))
+
+    def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+        return law(states, observations).astype(np.float32).astype(np.float64)
+
+    starts = draw_starts(PARAMS, walks, PROTOCOL.seed)
+    states, actions, touchdowns = [], [], []
+    for i, interval in enumerate(rollout(PARAMS, policy, starts, settling + recorded)):
+        if i < settling:
+            continue
+        states.append(interval.states)
+        actions.append(interval.actions.astype(np.float32))
+        touchdowns.append(interval.rows[:, row.TOUCHDOWNS] > 0)
+        last = interval.after
+    if len(last) < walks:
+        raise RuntimeError(f"only {len(last)} of {walks} walks lasted")
+    states.append(last)
+    edges = np.array(states[::WINDOW])  # (windows + 1, walks, STATE_SIZE)
+    pieces = np.array(actions).reshape(-1, WINDOW, walks).swapaxes(0, 1)
+    first, end = edges[:-1].reshape(-1, STATE_SIZE), edges[1:].reshape(-1, STATE_SIZE)
+    whole = Walks(
+        first[:, :4],
+        first[:, MODE].astype(np.int64),
+        pieces.reshape(WINDOW, -1),
+        end[:, :4],
+        float(np.mean(touchdowns)),
+    )
+    # reset() takes only states in which the foot presses before there is a voltage.
+    return whole.pieces(np.flatnonzero([normal_force(PARAMS, state) > 0 for state in first]))

@@ -1,0 +1,1 @@
+"""Programs that each measure one simulator; those of peers run in the peers' own interpreters."""

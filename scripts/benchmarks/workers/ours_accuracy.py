@@ -1,0 +1,89 @@
+"""How far our stepping is from the reference simulator over 2 s of the walking gait."""
+
+from __future__ import annotations
+
+import time
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rimless_gym import energy as row
+from rimless_gym import simulate
+from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.stepping import MODE, STATE_SIZE, advance
+from scripts.benchmarks.protocol import Measure, serve
+from scripts.benchmarks.walks import PARAMS, Floats, Walks, load_walks
+
+
+def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
+    """A measurement compares some pieces of walks and tells the largest errors."""
+    walks = load_walks(Path(settings["folder"]))
+    pieces = count()
+
+    def measure(seconds: float) -> dict[str, Any]:
+        begin = time.perf_counter()
+        errors: list[dict[str, float]] = []
+        while time.perf_counter() - begin < seconds or not errors:
+            errors.append(compare(walks.piece(37 * next(pieces) % len(walks.starts))))
+        return {
+            "steps": len(errors),
+            "seconds": time.perf_counter() - begin,
+            **{name: max(error[name] for error in errors) for name in errors[0]},
+        }
+
+    return measure, {"version": "rimless-gym"}
+
+
+def compare(walk: Walks) -> dict[str, float]:
+    """Largest errors of one piece of 2 s.
+
+    Returns:
+        `state_error`: of the states (rad, rad/s) at the control instants, the two having known
+        nothing of each other since the start. `event_error`: of the touchdowns' times (s), each
+        from the reference's state at the start of its control interval. `event_drift`: of the
+        same times, but since the start like the states: a gait without its feedback turns
+        rounding errors at its start into touchdowns that are off, whoever locates them.
+
+    Raises:
+        RuntimeError: the two see another number of touchdowns.
+    """
+    volts = PARAMS.voltage_limit * walk.actions[:, 0].astype(np.float64)
+    mode = MODE_NAMES[walk.modes[0]]
+    reference = simulate(PARAMS, walk.starts[0], volts, CONTROL_PERIOD * len(volts), mode=mode)
+    state = np.zeros((1, STATE_SIZE))
+    state[0, :4], state[0, MODE] = walk.starts[0], walk.modes[0]
+    located: list[float] = []
+    drifted: list[float] = []
+    error = 0.0
+    for i, u in enumerate(volts):
+        begin, before = CONTROL_PERIOD * i, state.copy()
+        theirs = np.array([[*reference.state(begin), *state[0, 4:]]])
+        touchdowns = int(advance(PARAMS, state, np.array([u]))[0, row.TOUCHDOWNS])
+        for number in range(1, touchdowns + 1):
+            located.append(begin + touchdown_time(theirs, u, number))
+            drifted.append(begin + touchdown_time(before, u, number))
+        after = reference.state(begin + CONTROL_PERIOD)
+        error = max(error, float(np.abs(state[0, :4] - after).max()))
+    times = [event.time for event in reference.touchdowns]
+    if len(times) != len(located):
+        raise RuntimeError(f"{len(located)} touchdowns, {len(times)} by the reference")
+    return {
+        "state_error": error,
+        "event_error": float(np.abs(np.subtract(located, times)).max(initial=0.0)),
+        "event_drift": float(np.abs(np.subtract(drifted, times)).max(initial=0.0)),
+    }
+
+
+def touchdown_time(state: Floats, u: float, number: int) -> float:
+    """When in the interval the kernel sees its touchdown of that number: by bisection."""
+    early, late = 0.0, CONTROL_PERIOD
+    while early < (middle := (early + late) / 2) < late:
+        rows = advance(PARAMS, state.copy(), np.array([u]), middle)
+        early, late = (early, middle) if rows[0, row.TOUCHDOWNS] >= number else (middle, late)
+    return late
+
+
+if __name__ == "__main__":
+    serve(setup)

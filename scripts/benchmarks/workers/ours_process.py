@@ -1,0 +1,110 @@
+"""What a fresh process pays: its imports, its first steps, and memory for each environment."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from typing import Any
+
+from scripts.benchmarks.protocol import Measure, serve
+
+# The first make() compiles and loads what all share; tracing would add to what is resident.
+_MEMORY = """
+import gc, json, resource, time, tracemalloc
+import gymnasium, rimless_gym
+def resident():
+    gc.collect()
+    pages = int(open("/proc/self/statm").read().split()[1])
+    return resource.getpagesize() * pages
+def make(n):{make}
+begin, shared = time.perf_counter(), make(2)
+before = resident()
+kept = make({n})
+grown = resident() - before
+tracemalloc.start()
+more = make({n})
+traced = tracemalloc.get_traced_memory()[0]
+print(json.dumps({{
+    "steps": 1,
+    "seconds": time.perf_counter() - begin,
+    "envs": {n},
+    "traced": traced / {n},
+    "resident": grown / {n},
+}}))
+"""
+
+#: Each prints a JSON object. `seconds` counts from the first import of ours.
+PROGRAMS = {
+    "import": """
+import json, time
+begin = time.perf_counter()
+import rimless_gym
+print(json.dumps({"steps": 1, "seconds": time.perf_counter() - begin}))
+""",
+    "single": """
+import json, time
+begin = time.perf_counter()
+import gymnasium, rimless_gym
+env = gymnasium.make("RimlessWheel-v0")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(json.dumps({"steps": 1, "seconds": time.perf_counter() - begin}))
+""",
+    "vector": """
+import json, time
+begin = time.perf_counter()
+import gymnasium, rimless_gym
+env = gymnasium.make_vec("RimlessWheel-v0", num_envs=64)
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(json.dumps({"steps": 1, "seconds": time.perf_counter() - begin}))
+""",
+    "memory-vector": _MEMORY.format(
+        n=16384,
+        make="""
+    env = gymnasium.make_vec("RimlessWheel-v0", num_envs=n)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    return env
+""",
+    ),
+    "memory-single": _MEMORY.format(
+        n=1000,
+        make="""
+    envs = [gymnasium.make("RimlessWheel-v0") for _ in range(n)]
+    for env in envs:
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+    return envs
+""",
+    ),
+}
+
+
+def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
+    """A measurement is one fresh process, however long it takes."""
+    program = PROGRAMS[settings["program"]]
+
+    def measure(seconds: float) -> dict[str, Any]:
+        with tempfile.TemporaryDirectory() as empty:
+            cold = {"NUMBA_CACHE_DIR": empty} if settings.get("cold") else {}
+            run = subprocess.run(
+                [sys.executable, "-c", program],
+                env=os.environ | cold,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        if run.returncode:
+            raise RuntimeError(run.stderr.strip().splitlines()[-1])
+        answer: dict[str, Any] = json.loads(run.stdout)
+        return answer
+
+    return measure, {"version": "rimless-gym"}
+
+
+if __name__ == "__main__":
+    serve(setup)
