@@ -8,11 +8,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rimless_gym.hybrid import FAILURES, MODE_NAMES
+from rimless_gym.info import NAMES
 
 Columns = Mapping[str, NDArray[Any]]
-
-#: What stable-baselines3 asks every row for on every step; no column has such a name.
-_ASKED = frozenset({"episode", "is_success", "terminal_observation", "TimeLimit.truncated"})
 
 
 def row_of(columns: Columns, row: int) -> dict[str, Any]:
@@ -45,7 +43,7 @@ class RowInfo(dict[str, Any]):
 
     def get(self, name: str, default: Any = None) -> Any:
         """The entry, or the default where there is none."""
-        if name not in _ASKED:
+        if name in NAMES:
             self.fill()
         return dict.get(self, name, default)
 
