@@ -64,6 +64,7 @@ def _fresh(program: str, title: str, **more: Any) -> Case:
 
 CASES = (
     Case("ours", SINGLE, "**rimless-gym**", OURS, "ours_single", physics=_OUR_PHYSICS),
+    Case("ours-info", SINGLE, "the same, reading `info`", OURS, "ours_single", {"read_info": True}),
     Case("kernel", SINGLE, "its kernel alone, called from Python", OURS, "ours_kernel", {"n": 1}),
     _gymnasium("CartPole-v1", _CARTPOLE),
     _gymnasium("Pendulum-v1", "pendulum, one Euler step of 50 ms"),

@@ -8,6 +8,7 @@ import os
 import select
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 from tqdm import tqdm
 
 from scripts.benchmarks.cases import Case
-from scripts.benchmarks.environments import OURS, UnavailableError, interpreter
+from scripts.benchmarks.environments import UnavailableError, interpreter
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -125,18 +126,19 @@ def measure_all(
     turns = len(cases) + sum(min(rounds, case.most) for case in cases)
     workers: dict[str, Worker] = {}
     bar = tqdm(total=turns, unit="turn", disable=not progress)
+
+    def say(text: str) -> None:
+        bar.write(text, file=sys.stderr)  # what is printed is the results
+
     try:
         for case, result in zip(cases, results, strict=True):
             bar.set_description(f"start {case.key}")
-            if case.environment != OURS:
-                bar.set_postfix_str(f"installing {case.environment} the first time")
             try:
-                python = interpreter(case.environment, folder / "venvs")
+                python = interpreter(case.environment, folder / "venvs", say)
                 workers[case.key] = Worker(case, python, folder)
                 result["about"] = workers[case.key].about
             except (UnavailableError, WorkerError) as error:
                 result["error"] = str(error)
-            bar.set_postfix_str("")
             bar.update()
         for turn in range(rounds):
             order = list(zip(cases, results, strict=True))[:: 1 if turn % 2 == 0 else -1]
@@ -152,7 +154,7 @@ def measure_all(
                         result["error"] = str(error)
                 bar.update()
     except KeyboardInterrupt:
-        bar.write("interrupted: what was measured so far is kept")
+        say("interrupted: what was measured so far is kept")
         for result in results:
             if result["error"] is None and not result["answers"]:
                 result["error"] = "interrupted before it was measured"

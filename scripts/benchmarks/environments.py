@@ -6,6 +6,7 @@ import hashlib
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 REQUIREMENTS = Path(__file__).parent / "requirements"
@@ -18,7 +19,7 @@ class UnavailableError(RuntimeError):
     """A peer that cannot be installed here."""
 
 
-def interpreter(name: str, folder: Path) -> Path:
+def interpreter(name: str, folder: Path, say: Callable[[str], None]) -> Path:
     """The Python of an environment; it is made in `folder` first where it is not there yet.
 
     Raises:
@@ -30,6 +31,7 @@ def interpreter(name: str, folder: Path) -> Path:
     home = folder / f"{name}-{hashlib.sha256(wanted).hexdigest()[:8]}"
     python, ready = home / "bin" / "python", home / "ready"
     if not ready.exists():
+        say(f"installing {name} into an environment of its own, once")
         shutil.rmtree(home, ignore_errors=True)
         quiet = ["-qq", "--disable-pip-version-check"]
         requirements = str(REQUIREMENTS / f"{name}.txt")

@@ -20,7 +20,7 @@ All were measured in one run on one machine, in turn, {rounds} rounds of {second
 are medians, with the slowest and the fastest round behind them, and ratios are medians of ratios
 within a round. Ours replays the actions that an LQR took on an optimal gait, from {starts} states
 of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown, and replays end
-within {replay} of the states recorded. Peers get random actions. Actions are drawn and single
+{replay} the states recorded. Peers get random actions. Actions are drawn and single
 episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
 
 
@@ -51,9 +51,7 @@ def goals_table(found: dict[str, Result]) -> str:
     lines = []
     for goal in GOALS:
         figure = goal.measured(found)
-        bounds = [goal.bound] + ([goal.stretch] if goal.stretch is not None else [])
-        wanted = goal.form.format(bounds[0])
-        wanted = ("<= " if goal.at_most else ">= ") + wanted
+        wanted = ("<= " if goal.at_most else ">= ") + goal.form.format(goal.bound)
         if goal.stretch is not None:
             wanted += f", stretch {goal.form.format(goal.stretch)}"
         if figure is None:
@@ -150,7 +148,7 @@ def _introduction(run: dict[str, Any], found: dict[str, Result]) -> str:
         seconds=run["seconds"],
         starts=max(starts, default="some"),
         touchdowns=f"{shares[0]:.1%} " if shares else "",
-        replay=f"{max(replay):.0e}" if replay else "-",
+        replay=f"within {max(replay):.0e} of" if max(replay, default=0.0) > 0 else "exactly at",
     )
 
 

@@ -46,7 +46,7 @@ def _replayer(walks: Walks) -> Callable[[], tuple[int, float, float]]:
         x = _states(walks)
         begin = time.perf_counter()
         for u in voltages:
-            advance_batch(constants, poles, x, u, CONTROL_PERIOD, 0.0, out, work)
+            advance_batch(constants, poles, x, u, 0, len(u), CONTROL_PERIOD, 0.0, out, work)
         return x.shape[1] * WINDOW, time.perf_counter() - begin, walks.check(x[:4].T)
 
     return replay
