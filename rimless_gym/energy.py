@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rimless_gym.params import WheelParams
 
 # Rows of the array that the stepping kernel fills; the first of them are a Ledger's fields.
+# TOUCHDOWN_TIME is when in the interval the last touchdown was (s), or -1.
 (
     TIME,
     DISTANCE,
@@ -39,8 +40,9 @@ from rimless_gym.params import WheelParams
     FORCE_X,
     FORCE_Y,
     FAILURE,
+    TOUCHDOWN_TIME,
     N_ROWS,
-) = range(20)
+) = range(21)
 
 
 @dataclasses.dataclass(frozen=True)

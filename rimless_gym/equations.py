@@ -45,6 +45,14 @@ def equations(
     # -- geometry ---------------------------------------------------------------------------
 
     @compiled
+    def angle_sum(phi, theta):
+        """Sine and cosine of phi + theta, from the four that nearly every equation shares."""
+        return (
+            sin(phi) * cos(theta) + cos(phi) * sin(theta),
+            cos(phi) * cos(theta) - sin(phi) * sin(theta),
+        )
+
+    @compiled
     def hub_position(phi, p):
         """Hub from the stance foot, (x, y) in m."""
         return -p.L1 * cos(phi), p.L1 * sin(phi)
@@ -62,30 +70,36 @@ def equations(
     # -- energies ---------------------------------------------------------------------------
 
     @compiled
-    def mass_matrix(phi_new, phi_old, theta, p):
+    def coupling(phi, theta, p):
+        """The mass matrix's M12 (3.41), rotor included."""
+        return p.Je3 * angle_sum(phi, theta)[0] + p.Jr * p.d1
+
+    @compiled
+    def mass_matrix(phi, theta, p):
+        """(3.41), rotor included, as (M11, M12, M22)."""
+        return p.Je1 + p.Jr * p.d1, coupling(phi, theta, p), p.Je2 + p.Jr
+
+    @compiled
+    def touchdown_matrix(phi_new, phi_old, theta, p):
         """M(+, -) between two stance poses, as (M11, M12, M21, M22); (3.41) when they are equal.
 
         M(+,+) v+ = M(+,-) v- is the plastic touchdown: angular momentum about the new foot, and
         of the pendulum about the hub.
         """
-        m11 = p.I1 + (p.m1 + p.m2) * p.L1**2 * cos(phi_new - phi_old) + p.Jr * p.d1
-        m12 = p.Je3 * sin(phi_new + theta) + p.Jr * p.d1
-        m21 = p.Je3 * sin(phi_old + theta) + p.Jr * p.d1
-        m22 = p.Je2 + p.Jr
-        return m11, m12, m21, m22
+        m11 = p.I1 + (p.Je1 - p.I1) * cos(phi_new - phi_old) + p.Jr * p.d1
+        return m11, coupling(phi_new, theta, p), coupling(phi_old, theta, p), p.Je2 + p.Jr
 
     @compiled
     def kinetic_energy(phi, theta, dphi, dtheta, p):
         """(3.27), rotor included (J)."""
-        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        m11, m12, m22 = mass_matrix(phi, theta, p)
         return 0.5 * m11 * dphi**2 + m12 * dphi * dtheta + 0.5 * m22 * dtheta**2
 
     @compiled
     def potential_energy(phi, theta, p):
         """(3.26) on a slope, measured from the stance foot (J)."""
-        return p.g * (
-            p.L1 * (p.m1 + p.m2) * sin(phi + p.gamma) - p.L2 * p.m2 * cos(theta - p.gamma)
-        )
+        wheel = p.S1 * (p.gy * sin(phi) + p.gx * cos(phi))
+        return wheel - p.S2 * (p.gy * cos(theta) + p.gx * sin(theta))
 
     @compiled
     def mechanical_energy(phi, theta, dphi, dtheta, p):
@@ -97,7 +111,7 @@ def equations(
     @compiled
     def motor_current(dpsi, u, p):
         """Armature current (A) at voltage u; no inductance."""
-        return (u - p.K * dpsi) / p.Rm
+        return (u - p.K * dpsi) * p.G
 
     @compiled
     def motor_torque(dpsi, u, p):
@@ -110,10 +124,15 @@ def equations(
         return u * motor_current(dpsi, u, p)
 
     @compiled
+    def air_drag(dphi, p):
+        """Torque of the air's drag on the hub about the foot (N m), against phi'."""
+        return p.Cd * abs(dphi) * dphi
+
+    @compiled
     def losses(dphi, dpsi, u, p):
         """Powers lost (W): copper, hub friction, air drag."""
         copper = p.Rm * motor_current(dpsi, u, p) ** 2
-        return copper, p.damping * dpsi**2, p.drag * p.L1**3 * abs(dphi) * dphi**2
+        return copper, p.damping * dpsi**2, air_drag(dphi, p) * dphi
 
     # -- equations of motion (3.40-3.46) --------------------------------------------------------
 
@@ -122,34 +141,29 @@ def equations(
         """Right-hand side of M v' = Q: motor, friction, drag, centrifugal forces and gravity."""
         dpsi = relative_rate(dphi, dtheta, p)
         hub = motor_torque(dpsi, u, p) - p.damping * dpsi
-        c = p.Je3 * cos(phi + theta)
-        q1 = (
-            p.d1 * hub
-            - c * dtheta**2
-            - (p.m1 + p.m2) * p.g * p.L1 * cos(phi + p.gamma)
-            - p.drag * p.L1**3 * abs(dphi) * dphi
-        )
-        q2 = hub - c * dphi**2 - p.m2 * p.g * p.L2 * sin(theta - p.gamma)
-        return q1, q2
+        c = p.Je3 * angle_sum(phi, theta)[1]
+        wheel = p.S1 * (p.gy * cos(phi) - p.gx * sin(phi))
+        pendulum = p.S2 * (p.gy * sin(theta) - p.gx * cos(theta))
+        q1 = p.d1 * hub - c * dtheta**2 - wheel - air_drag(dphi, p)
+        return q1, hub - c * dphi**2 - pendulum
 
     @compiled
     def solve(m11, m12, m22, r1, r2):
         """The symmetric 2 x 2 system with right-hand side (r1, r2)."""
-        det = m11 * m22 - m12 * m12
-        return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det
+        inverse = 1 / (m11 * m22 - m12 * m12)
+        return (m22 * r1 - m12 * r2) * inverse, (m11 * r2 - m12 * r1) * inverse
 
     @compiled
     def single_stance(phi, theta, dphi, dtheta, u, p):
         """Accelerations (phi'', theta'') on one foot."""
         q1, q2 = forces(phi, theta, dphi, dtheta, u, p)
-        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        m11, m12, m22 = mass_matrix(phi, theta, p)
         return solve(m11, m12, m22, q1, q2)
 
     @compiled
-    def double_stance(theta, dtheta, u, p):
-        """Acceleration theta'' with the wheel at rest on two feet."""
-        _, q2 = forces(p.a, theta, 0.0, dtheta, u, p)
-        return q2 / (p.Je2 + p.Jr)
+    def double_stance(phi, theta, dphi, dtheta, u, p):
+        """Acceleration theta'' with the wheel held at rest on two feet: dphi must be 0."""
+        return forces(phi, theta, dphi, dtheta, u, p)[1] * p.mobility
 
     @compiled
     def lift_off_guards(theta, dtheta, u, p):
@@ -167,13 +181,13 @@ def equations(
     @compiled
     def impact(phi_new, phi_old, theta, dphi, dtheta, p):
         """Rates after the stance leg changes from phi_old to phi_new, by the law in `p`."""
-        m11, m12, _, m22 = mass_matrix(phi_new, phi_new, theta, p)
-        n11, n12, n21, n22 = mass_matrix(phi_new, phi_old, theta, p)
+        m11, m12, m22 = mass_matrix(phi_new, theta, p)
+        n11, n12, n21, n22 = touchdown_matrix(phi_new, phi_old, theta, p)
         if p.law == RELABEL:
             return dphi, dtheta
         if p.law == THESIS:  # (3.75-3.82) as printed
             h1, h2 = p.Je3 * sin(phi_new + theta), p.Je2
-            h3, h4 = h1 - p.Je1 - p.I1, p.Je2 + p.m2 * p.L2**2 * (sin(phi_new + theta) - 2)
+            h3, h4 = h1 - p.Je1 - p.I1, p.Je2 + p.S2 * p.L2 * (sin(phi_new + theta) - 2)
             h1_old = p.Je3 * sin(phi_old + theta)
             h5, h6 = h1_old - p.I1, p.Je3 * cos(phi_old + theta) + p.Je2
             r1, r2 = h1_old * dphi + p.Je2 * dtheta, h5 * dphi + h6 * dtheta
@@ -196,13 +210,12 @@ def equations(
     @compiled
     def stop_on_two_feet(phi_old, theta, dphi, dtheta, p):
         """theta' after an impact that leaves the wheel at rest: the pendulum's momentum alone."""
-        _, _, m21, m22 = mass_matrix(phi_old, phi_old, theta, p)
-        return dtheta + m21 * dphi / m22
+        return dtheta + coupling(phi_old, theta, p) * dphi * p.mobility
 
     @compiled
     def push(phi, theta, dphi, dtheta, jx, jy, p):
         """Rates after an impulse (jx, jy) in N s on the hub, the stance foot held."""
-        m11, m12, _, m22 = mass_matrix(phi, phi, theta, p)
+        m11, m12, m22 = mass_matrix(phi, theta, p)
         turned = p.L1 * (jx * sin(phi) + jy * cos(phi))
         jump = solve(m11, m12, m22, turned, 0.0)
         return dphi + jump[0], dtheta + jump[1]
@@ -215,24 +228,21 @@ def equations(
 
         In double stance (dphi = ddphi = 0) it is the sum over both feet.
         """
-        speed = p.L1 * dphi
-        hub_x = p.L1 * (ddphi * sin(phi) + dphi**2 * cos(phi))
-        hub_y = p.L1 * (ddphi * cos(phi) - dphi**2 * sin(phi))
-        rod_x = p.L2 * (ddtheta * cos(theta) - dtheta**2 * sin(theta))
-        rod_y = p.L2 * (ddtheta * sin(theta) + dtheta**2 * cos(theta))
-        drag_x = p.drag * abs(speed) * speed * sin(phi)
-        drag_y = p.drag * abs(speed) * speed * cos(phi)
+        leg_x = ddphi * sin(phi) + dphi**2 * cos(phi)
+        leg_y = ddphi * cos(phi) - dphi**2 * sin(phi)
+        rod_x = ddtheta * cos(theta) - dtheta**2 * sin(theta)
+        rod_y = ddtheta * sin(theta) + dtheta**2 * cos(theta)
+        air = air_drag(dphi, p) / p.L1
         mass = p.m1 + p.m2
-        fx = mass * hub_x + p.m2 * rod_x - mass * p.g * sin(p.gamma) + drag_x
-        fy = mass * hub_y + p.m2 * rod_y + mass * p.g * cos(p.gamma) + drag_y
+        fx = p.S1 * leg_x + p.S2 * rod_x - mass * p.gx + air * sin(phi)
+        fy = p.S1 * leg_y + p.S2 * rod_y + mass * p.gy + air * cos(phi)
         return fx, fy
 
     @compiled
     def linear_momentum(phi, theta, dphi, dtheta, p):
         """Momentum (x, y) of the whole machine (N s); its jump is the touchdown's impulse."""
-        mass = p.m1 + p.m2
-        px = mass * p.L1 * dphi * sin(phi) + p.m2 * p.L2 * dtheta * cos(theta)
-        py = mass * p.L1 * dphi * cos(phi) + p.m2 * p.L2 * dtheta * sin(theta)
+        px = p.S1 * dphi * sin(phi) + p.S2 * dtheta * cos(theta)
+        py = p.S1 * dphi * cos(phi) + p.S2 * dtheta * sin(theta)
         return px, py
 
     return SimpleNamespace(**{k: v for k, v in locals().items() if k not in _ARGUMENTS})

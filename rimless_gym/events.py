@@ -1,11 +1,22 @@
-"""Locating events inside an integration step, on the quintic through the step's ends."""
+"""Where within a step an event is: the attempt at the step is judged, and shortened if need be.
+
+A touchdown is located on the quintic through the step's ends, stepped to, and corrected until the
+leg is on its guard; loss of contact and lift-off likewise, on the forces. Every correction is
+another attempt at the same step.
+"""
 
 from __future__ import annotations
 
 from numba import njit
 
-from rimless_gym.hybrid import accelerations, ground_reaction, lift_off_guards
-from rimless_gym.integration import rk8
+from rimless_gym.hybrid import (
+    DIVERGED,
+    MAX_RATE,
+    SINGLE,
+    accelerations,
+    ground_reaction,
+    lift_off_guards,
+)
 from rimless_gym.interpolation import (
     derivative,
     negative,
@@ -14,12 +25,36 @@ from rimless_gym.interpolation import (
     upward_root,
     value,
 )
+from rimless_gym.tile import (
+    ACC,
+    ATTEMPT,
+    BEFORE,
+    CUT,
+    FAILURE,
+    GOAL,
+    HIGH,
+    LANES,
+    LOW,
+    MISS_BEFORE,
+    MODE,
+    NEXT,
+    NEXT_ACC,
+    STATE,
+    STEP,
+    TRIES,
+    VOLTAGE,
+    get_pair,
+    get_state,
+    machine,
+)
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
 GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
 
-#: What may cut a step short; the first two are also the directions of a touchdown.
+#: What a step may end on; the first two are also the directions of a touchdown.
 FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = 1, -1, 0, 2, 3
+
+_AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
 
 
 @njit(error_model="numpy")
@@ -77,30 +112,6 @@ def touchdown_crossing(y0, acc0, y1, acc1, h, p):
 
 
 @njit(error_model="numpy")
-def step_to_touchdown(direction, s, s_past, mode, y, acc, u, h, p, k):
-    """Step to the touchdown near s h, before s_past h, corrected until phi is on its guard.
-
-    Newton's method along phi' on re-stepped states, kept within its bracket by bisection.
-    Returns (time, state on the guard, the two integrals of `rk8`).
-    """
-    bound = p.b if direction > 0 else p.a
-    tau, low, high = s * h, 0.0, s_past * h
-    after, q, d = rk8(mode, y, acc, u, tau, p, k)
-    for _ in range(60):
-        miss = direction * (after[0] - bound)
-        if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16:
-            break
-        if miss > 0.0:
-            high = tau
-        else:
-            low = tau
-        newton = tau - miss / (direction * after[2])
-        tau = newton if low < newton < high else 0.5 * (low + high)
-        after, q, d = rk8(mode, y, acc, u, tau, p, k)
-    return tau, (bound, after[1], after[2], after[3]), q, d
-
-
-@njit(error_model="numpy")
 def reversal(y0, acc0, y1, acc1, h):
     """Fraction of a step at which phi' changes sign, given that it does."""
     rate = derivative(quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h))
@@ -130,12 +141,82 @@ def force_guard(kind, mode, y, u, pull, p):
 
 
 @njit(error_model="numpy")
-def step_to_force_event(kind, mode, y, acc, end, h, u, pull, p, k):
-    """Step to where a force guard turns positive, given a state `end` after h where it is so.
+def judge(tile, lane, pull):
+    """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
+    y, acc = get_state(tile, STATE, lane), get_pair(tile, ACC, lane)
+    end, acc_end = get_state(tile, NEXT, lane), get_pair(tile, NEXT_ACC, lane)
+    mode, u, h = tile[MODE + lane], tile[VOLTAGE + lane], tile[STEP + lane]
+    goal, cut, p = int(tile[GOAL + lane]), int(tile[CUT + lane]), machine(tile, lane)
+    if not max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE:
+        tile[FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
+        return False
+    if goal == NOTHING:
+        if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
+            tile[CUT + lane] = _AT_REVERSAL
+            tile[ATTEMPT + lane] = h * reversal(y, acc, end, acc_end, h)
+            return False
+        if mode == SINGLE:
+            if cut < _AT_TURN:
+                s = turning_cut(y, acc, end, acc_end, h, p)
+                if s < 1.0:
+                    tile[CUT + lane] = _AT_TURN
+                    tile[ATTEMPT + lane] = s * h
+                    return False
+            event, s, s_past = touchdown_crossing(y, acc, end, acc_end, h, p)
+            if event != NOTHING:
+                tile[GOAL + lane] = event
+                tile[HIGH + lane] = s_past * h
+                tile[ATTEMPT + lane] = s * h
+                return False
+        elif force_guard(LIFT_OFF, mode, end, u, pull, p) > 0.0:
+            _aim_at_force(tile, lane, LIFT_OFF, end, h, pull)
+            return False
+    elif not (_lands(tile, lane, goal, h) if abs(goal) == 1 else _lets_go(tile, lane, goal, pull)):
+        return False
+    if goal != RELEASE and h > 0.0:
+        end = get_state(tile, NEXT, lane)
+        for s in (0.5, 1.0):
+            there = between(y, acc, end, acc_end, h, s) if s < 1.0 else end
+            if force_guard(RELEASE, mode, there, u, pull, p) > 0.0:
+                _aim_at_force(tile, lane, RELEASE, there, s * h, pull)
+                return False
+    return True
 
-    Bisection on the quintics brings it near, two secant steps on the re-stepped state onto it.
-    Returns (time, state, the two integrals of `rk8`).
+
+@njit(error_model="numpy")
+def _lands(tile, lane, direction, tau):
+    """Whether an attempt of length tau ends on the guard; else Newton's method along phi'.
+
+    It is kept within its bracket by bisection.
     """
+    p = machine(tile, lane)
+    bound = p.b if direction > 0 else p.a
+    phi, dphi = tile[NEXT + lane], tile[NEXT + 2 * LANES + lane]
+    low, high, tries = tile[LOW + lane], tile[HIGH + lane], tile[TRIES + lane]
+    miss = direction * (phi - bound)
+    if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16 or tries >= 60:
+        tile[NEXT + lane] = bound
+        return True
+    if miss > 0.0:
+        high = tau
+    else:
+        low = tau
+    newton = tau - miss / (direction * dphi)
+    tile[ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
+    tile[LOW + lane] = low
+    tile[HIGH + lane] = high
+    tile[TRIES + lane] = tries + 1
+    return False
+
+
+@njit(error_model="numpy")
+def _aim_at_force(tile, lane, kind, end, h, pull):
+    """Aim at where a force guard turns positive, given a state `end` after h where it is so.
+
+    Bisection on the quintics brings the first attempt near.
+    """
+    y, acc = get_state(tile, STATE, lane), get_pair(tile, ACC, lane)
+    mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
     acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
     low, high = 0.0, 1.0
     while high - low > 1e-15:
@@ -144,15 +225,26 @@ def step_to_force_event(kind, mode, y, acc, end, h, u, pull, p, k):
             high = middle
         else:
             low = middle
-    tau, tau_before = high * h, h
-    miss_before = force_guard(kind, mode, end, u, pull, p)
-    after, q, d = rk8(mode, y, acc, u, tau, p, k)
-    for _ in range(2):
-        miss = force_guard(kind, mode, after, u, pull, p)
-        if miss == miss_before or miss == 0.0:
-            break
-        correction = miss * (tau - tau_before) / (miss - miss_before)
-        tau_before, miss_before = tau, miss
-        tau = min(max(tau - correction, 0.0), h)
-        after, q, d = rk8(mode, y, acc, u, tau, p, k)
-    return tau, after, q, d
+    tile[GOAL + lane] = kind
+    tile[ATTEMPT + lane] = high * h
+    tile[HIGH + lane] = h
+    tile[BEFORE + lane] = h
+    tile[MISS_BEFORE + lane] = force_guard(kind, mode, end, u, pull, p)
+    tile[TRIES + lane] = 0.0
+
+
+@njit(error_model="numpy")
+def _lets_go(tile, lane, kind, pull):
+    """Whether an attempt ends where a force guard turns positive; else one of two secant steps."""
+    end, tau = get_state(tile, NEXT, lane), tile[STEP + lane]
+    mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
+    miss, tries = force_guard(kind, mode, end, u, pull, p), tile[TRIES + lane]
+    before, miss_before = tile[BEFORE + lane], tile[MISS_BEFORE + lane]
+    if tries >= 2 or miss in (0.0, miss_before):
+        return True
+    corrected = tau - miss * (tau - before) / (miss - miss_before)
+    tile[ATTEMPT + lane] = min(max(corrected, 0.0), tile[HIGH + lane])
+    tile[BEFORE + lane] = tau
+    tile[MISS_BEFORE + lane] = miss
+    tile[TRIES + lane] = tries + 1
+    return False

@@ -108,12 +108,12 @@ size="{_text(ROD_RADIUS * length)}" rgba="0.8 0.3 0.2 1"/>
     motor = f"""\
     <motor name="motor" joint="pendulum" gear="{_text(volt)}" ctrllimited="true" \
 ctrlrange="{_text(-params.voltage_limit, params.voltage_limit)}"/>"""
-    rest, _ = joint_state(params, [c.a, c.gamma, 0, 0])
+    rest, _ = joint_state(params, [c.a, params.slope, 0, 0])
     friction = _text(params.friction, 0, 0)
     return f"""\
 <mujoco model="rimless_wheel">
   <compiler angle="radian" boundmass="{LEAST}" boundinertia="{LEAST}"/>
-  <option gravity="{_text(c.g * math.sin(c.gamma), 0, -c.g * math.cos(c.gamma))}" \
+  <option gravity="{_text(c.gx, 0, -c.gy)}" \
 timestep="{TIMESTEP}" integrator="implicitfast" cone="elliptic" impratio="100"/>
   <default>
     <geom contype="0" conaffinity="0"/>
@@ -225,7 +225,7 @@ length="{_text(max(2 * c.L2, 1e-3))}"/></geometry>
   <joint name="slope" type="fixed">
     <parent link="world"/>
     <child link="ground"/>
-    <origin rpy="{_text(0, c.gamma, 0)}"/>
+    <origin rpy="{_text(0, params.slope, 0)}"/>
   </joint>
   <joint name="hub_x" type="prismatic">
     <parent link="ground"/>

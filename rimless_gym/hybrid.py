@@ -1,6 +1,7 @@
 """The hybrid automaton: which mode the wheel is in, and what a touchdown or lift-off does.
 
-The equations are those of `rimless_gym.equations`, compiled by numba. Both simulators, the
+The equations are those of `rimless_gym.equations`, compiled by numba with sines and cosines that
+vectorise, and always inlined: a loop with a call in it would not vectorise. Both simulators, the
 stepping kernel and the SciPy reference, call the functions of this file, so that they share every
 guard, reset and threshold and differ only in how they integrate and locate events.
 """
@@ -14,6 +15,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym.equations import THESIS, equations
 from rimless_gym.params import N_CONSTANTS, Constants
+from rimless_gym.trigonometry import cos, sin
 
 SINGLE, DOUBLE = 0, 1  # stance modes
 MODE_NAMES = ("single_stance", "double_stance")
@@ -41,7 +43,8 @@ MAX_EVENTS = 200
 #: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
 MAX_RATE = 60.0
 
-eq = equations(math.sin, math.cos, njit(error_model="numpy", fastmath={"contract"}, inline="never"))
+inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+eq = equations(sin, cos, inlined)
 hub_position = eq.hub_position
 relative_rate = eq.relative_rate
 mass_matrix = eq.mass_matrix
@@ -62,12 +65,12 @@ linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
 
 
-@njit(error_model="numpy")
+@inlined
 def accelerations(mode, phi, theta, dphi, dtheta, u, p):
-    """(phi'', theta'') in either stance mode."""
-    if mode == DOUBLE:
-        return 0.0, double_stance(theta, dtheta, u, p)
-    return single_stance(phi, theta, dphi, dtheta, u, p)
+    """(phi'', theta'') in either stance mode, without a branch, so that loops over it vectorise."""
+    ddphi, ddtheta = single_stance(phi, theta, dphi, dtheta, u, p)
+    standing = double_stance(phi, theta, dphi, dtheta, u, p)
+    return (0.0, standing) if mode == DOUBLE else (ddphi, ddtheta)
 
 
 @njit(error_model="numpy")
@@ -93,8 +96,8 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
             return SINGLE, phi_old, dtheta, dphi, 0, False
     dphi_new, dtheta_new = impact(phi_new, phi_old, theta, dphi, dtheta, p)
     dtheta_rest = stop_on_two_feet(phi_old, theta, dphi, dtheta, p)
-    m11 = mass_matrix(phi_new, phi_new, theta, p)[0]
-    slow = 0.5 * m11 * dphi_new**2 < REST_ENERGY * (p.m1 + p.m2) * p.g * p.L1
+    m11 = mass_matrix(phi_new, theta, p)[0]
+    slow = 0.5 * m11 * dphi_new**2 < REST_ENERGY * p.S1 * math.hypot(p.gx, p.gy)
     if direction * dphi_new > 0 and not (slow and both_feet_press(theta, dtheta_rest, u, p)):
         return SINGLE, phi_new, dtheta_new, dphi_new, direction, True
     return DOUBLE, p.a, dtheta_rest, 0.0, max(direction, 0), True

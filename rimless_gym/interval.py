@@ -61,7 +61,7 @@ INFO_NAMES = (
     *("elapsed", "distance", "electrical", "electrical_positive", "copper", "friction", "drag"),
     *("collision", "shaft", "mechanical_change", "steps", "touchdowns", "min_normal_force"),
     *("friction_demand", "impulse_friction_demand", "clearance", "force_x", "force_y", "failure"),
-    *("idle", "push", "reward_distance", "reward_energy", "reward_end"),
+    *("touchdown_time", "idle", "push", "reward_distance", "reward_energy", "reward_end"),
 )
 
 
@@ -115,33 +115,16 @@ def observe_row(memory, observations, i):
         observations[i * OBSERVATION_SIZE + k] = values[k]
 
 
-@njit(error_model="numpy")
-def _advance_part(constants, poles, memory, block, first, last, work):
-    """The kernel on rows first to last: on a copy of them, for it takes whole arrays."""
-    states, out = memory[:STATE_SIZE, first:last].copy(), np.empty((row.N_ROWS, last - first))
-    if constants.shape[1] > 1:
-        constants, poles = constants[:, first:last].copy(), poles[first:last]
-    _advance(constants, poles, states, memory[VOLTAGE, first:last], out, work)
-    memory[:STATE_SIZE, first:last] = states
-    block[: row.N_ROWS, first:last] = out
-
-
-@njit(error_model="numpy")
-def _advance(constants, poles, states, voltages, out, work):
-    advance_batch(constants, poles, states, voltages, CONTROL_PERIOD, 0.0, out, work)
-
-
 def _step_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True, nogil=True)
     def step_rows(observations, block, memory, constants, poles, work, limit, first, last):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
         here = slice(first, last)
         _hold(memory[COMMAND, here], memory[VOLTAGE_LIMIT, here], memory[VOLTAGE, here])
-        if last - first == memory.shape[1]:
-            out = block[: row.N_ROWS]
-            _advance(constants, poles, memory[:STATE_SIZE], memory[VOLTAGE], out, work)
-        else:
-            _advance_part(constants, poles, memory, block, first, last, work)
+        advance_batch(
+            *(constants, poles, memory, memory[VOLTAGE], first, last),
+            *(CONTROL_PERIOD, 0.0, block, work),
+        )
         elapsed, idle, pay = block[row.TIME, here], block[IDLE, here], block[REWARD_DISTANCE, here]
         drawn, distances = block[row.ELECTRICAL_POSITIVE, here], block[row.DISTANCE, here]
         values, powers = memory[VALUE_OF_DISTANCE, here], memory[IDLE_POWER, here]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -22,8 +23,11 @@ class Constants(NamedTuple):
     """What the equations need of the parameters, in the thesis's notation (3.22-3.25).
 
     A tuple of plain scalars, so that numba compiles functions of it and CasADi may put symbols
-    in it. ``d1`` is the motor mount (1: stator on the wheel, 0: stator on a frame that does not
-    turn), ``law`` the index of the impact law in `IMPACT_LAWS`.
+    in it. Beyond the thesis's: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
+    m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
+    mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``Cd``
+    the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
+    ``chord`` the distance between feet, ``law`` the index of the impact law in `IMPACT_LAWS`.
     """
 
     m1: Any
@@ -31,20 +35,26 @@ class Constants(NamedTuple):
     I1: Any
     L1: Any
     L2: Any
+    S1: Any
+    S2: Any
     Je1: Any
     Je2: Any
     Je3: Any
     Jr: Any
+    mobility: Any
     d1: Any
     K: Any
     Rm: Any
+    G: Any
     damping: Any
-    drag: Any
-    g: Any
+    Cd: Any
     gamma: Any
+    gx: Any
+    gy: Any
     alpha: Any
     a: Any
     b: Any
+    chord: Any
     law: Any
 
 
@@ -143,9 +153,10 @@ class WheelParams:
     def _require_regular_mass_matrix(self) -> None:
         if self.total_mass <= 0:
             raise ValueError("wheel_mass + pendulum_mass = 0: one of them must be greater than 0")
-        c = self.constants
+        pendulum = self.pendulum_mass * self.pendulum_length**2 + self.pendulum_inertia
+        turns = pendulum + self.rotor_inertia > 0
         for angle in (-math.pi / 2, math.pi / 2):  # the determinant is concave in its sine
-            m11, m12, _, m22 = _eq.mass_matrix(0.0, 0.0, angle, c)
+            m11, m12, m22 = _eq.mass_matrix(0.0, angle, self.constants) if turns else (1, 0, 0)
             if m11 * m22 - m12**2 <= 1e-12 * m11 * m22:
                 raise ValueError(
                     "the mass matrix is singular for these masses and inertias: give the pendulum "
@@ -180,7 +191,7 @@ class WheelParams:
 
     @cached_property
     def constants_array(self) -> NDArray[np.float64]:
-        """`constants` as a read-only float64 array of shape (20,), which numba unpacks fastest."""
+        """`constants` as a read-only float64 array of shape (N_CONSTANTS,)."""
         array = np.array(self.constants, dtype=np.float64)
         array.setflags(write=False)
         return array
@@ -189,7 +200,7 @@ class WheelParams:
     def motor_pole(self) -> float:
         """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
         c = self.constants
-        m11, m12, _, m22 = _eq.mass_matrix(0.0, 0.0, np.arcsin(np.linspace(-1.0, 1.0, 201)), c)
+        m11, m12, m22 = _eq.mass_matrix(0.0, np.arcsin(np.linspace(-1.0, 1.0, 201)), c)
         inverse_inertia = _eq.relative_rate(*_eq.solve(m11, m12, m22, c.d1, 1.0), c)
         return float((c.K**2 / c.Rm + c.damping) * inverse_inertia.max())
 
@@ -222,13 +233,22 @@ class WheelParams:
         return dataclasses.asdict(self)
 
 
-def shorthand(params: Any) -> Constants:
-    """Derived constants of `params` (thesis 3.22-3.25), whose fields may be CasADi symbols."""
+def shorthand(
+    params: Any,
+    sin: Callable[[Any], Any] = math.sin,
+    cos: Callable[[Any], Any] = math.cos,
+) -> Constants:
+    """Derived constants of `params` (thesis 3.22-3.25), whose fields may be CasADi symbols.
+
+    A symbolic slope needs its own `sin` and `cos`.
+    """
     d1 = 1.0 if params.motor_mount == "wheel" else 0.0
-    return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)))
+    return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)), sin, cos)
 
 
-def constants_of(params: Any, d1: Any, law: Any) -> Constants:
+def constants_of(
+    params: Any, d1: Any, law: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
+) -> Constants:
     """`shorthand` of the parameters that are numbers, which numba compiles too."""
     m1, m2, L1, L2 = (
         params.wheel_mass,
@@ -237,26 +257,33 @@ def constants_of(params: Any, d1: Any, law: Any) -> Constants:
         params.pendulum_length,
     )
     alpha = 2 * math.pi / params.n_legs
+    Je2, Jr = m2 * L2**2 + params.pendulum_inertia, params.rotor_inertia * params.gear_ratio**2
     return Constants(
         m1=m1,
         m2=m2,
         I1=params.wheel_inertia,
         L1=L1,
         L2=L2,
+        S1=(m1 + m2) * L1,
+        S2=m2 * L2,
         Je1=(m1 + m2) * L1**2 + params.wheel_inertia,
-        Je2=m2 * L2**2 + params.pendulum_inertia,
+        Je2=Je2,
         Je3=m2 * L1 * L2,
-        Jr=params.rotor_inertia * params.gear_ratio**2,
+        Jr=Jr,
+        mobility=1 / (Je2 + Jr),
         d1=d1,
         K=params.motor_constant * params.gear_ratio,
         Rm=params.armature_resistance,
+        G=1 / params.armature_resistance,
         damping=params.hub_damping,
-        drag=params.drag,
-        g=params.gravity,
+        Cd=params.drag * L1**3,
         gamma=params.slope,
+        gx=params.gravity * sin(params.slope),
+        gy=params.gravity * cos(params.slope),
         alpha=alpha,
         a=(math.pi - alpha) / 2,
         b=(math.pi + alpha) / 2,
+        chord=2 * L1 * math.sin(alpha / 2),
         law=law,
     )
 

@@ -80,7 +80,7 @@ def _motor_pole(p):
     """As `WheelParams.motor_pole`; infinite where the mass matrix is singular."""
     fastest = 0.0
     for sine in _SINES:
-        m11, m12, _, m22 = hybrid.mass_matrix(0.0, 0.0, math.asin(sine), p)
+        m11, m12, m22 = hybrid.mass_matrix(0.0, math.asin(sine), p)
         if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
             return math.inf
         rates = _solve(m11, m12, m22, p.d1, 1.0)
@@ -94,7 +94,7 @@ def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, stre
     for k in range(len(ranged)):
         fields[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
     f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
-    p = _constants_of(f, constants[_D1, i], constants[_LAW, i])
+    p = _constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
     for k, value in enumerate(p):
         constants[k, i] = value
     poles[i] = _motor_pole(p)

@@ -1,36 +1,38 @@
-"""The stepping kernel: advance the hybrid state at constant voltage, events located, energy booked.
+"""The stepping kernel: advance hybrid states at constant voltage, events located, energy booked.
 
-A touchdown inside an 8th-order step is located on the quintic through the step's ends, stepped to,
-and corrected until the leg is on its guard; loss of contact and lift-off likewise, on the forces.
+Wheels are advanced `LANES` at a time, in a tile (`rimless_gym.tile`), by attempts at steps that
+vectorise: integrate, measure, and accept, unless a lane's attempt ran into an event; then it is
+judged by itself, and makes another attempt (`rimless_gym.events`). Wheels that need more steps
+than one wait until there are enough of them for a tile of their own. A wheel's motion is the same
+to the last bit whatever moves beside it.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import energy as row
-from rimless_gym.booking import book_extremes, book_motion, book_touchdown
-from rimless_gym.events import (
-    BACKWARD,
-    FORWARD,
-    LIFT_OFF,
-    NOTHING,
-    RELEASE,
-    between,
-    force_guard,
-    reversal,
-    step_to_force_event,
-    step_to_touchdown,
-    touchdown_crossing,
-    turning_cut,
+from rimless_gym import tile as of
+from rimless_gym.booking import (
+    FLAGGED,
+    SPLIT,
+    accept,
+    book_touchdown,
+    clear_attempt,
+    close,
+    measure,
+    open_interval,
+    restart,
+    split_at_current,
+    split_work,
 )
+from rimless_gym.events import LIFT_OFF, NOTHING, RELEASE, force_guard, judge
 from rimless_gym.hybrid import (
     CONTACT_LOST,
     CONTROL_PERIOD,
@@ -43,151 +45,261 @@ from rimless_gym.hybrid import (
     SINGLE,
     THESIS_BACKWARD,
     TOO_MANY_EVENTS,
-    accelerations,
     after_lift_off,
     after_touchdown,
-    hub_position,
-    mechanical_energy,
 )
-from rimless_gym.integration import STAGES, rk8
-from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.integration import rk8
+from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.tile import (
+    CARRIED,
+    LANES,
+    TILE_SIZE,
+    copy_lanes,
+    get_pair,
+    get_state,
+    machine,
+)
 
 # Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
 PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
 
-#: Steps are so short that pole * h and turning * h stay below these (see `step_length`): energy
+#: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy
 #: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
-MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.175
+MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.18
 
 #: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
 MAX_POLE = 1e4
 
+_vectorised = njit(error_model="numpy", fastmath={"contract"})
+
+
+@_vectorised
+def plan(tile):
+    """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
+
+    That is an equal division of the time left. Rates are those of the angles in the equations,
+    phi + theta the fastest, with what half of the time left adds to them; air drag has a pole of
+    its own. Lanes that are done stay where they are. Returns how many lanes stand on two feet or
+    move too fast.
+    """
+    unusual = 0
+    for lane in range(LANES):
+        p, (a0, a1) = machine(tile, lane), get_pair(tile, of.ACC, lane)
+        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+        left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
+        turning = abs(dphi) + abs(dtheta) + 0.5 * left * (abs(a0) + abs(a1))
+        braking = 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
+        damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
+        h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
+        runs = left > 0.0 and tile[of.FAILURE + lane] == OK
+        tile[of.STEP + lane] = h if runs else 0.0
+        usual = tile[of.MODE + lane] == SINGLE and max(abs(dphi), abs(dtheta)) <= MAX_RATE
+        unusual += 0 if usual else 1
+    return unusual
+
 
 @njit(error_model="numpy")
-def step_length(left, y, acc, pole, p):
-    """The longest equal division of the time left that the poles and the rates allow.
-
-    Rates are those of the angles in the equations, phi + theta the fastest, with what half of the
-    time left adds to them; air drag has a pole of its own.
-    """
-    turning = abs(y[2]) + abs(y[3]) + 0.5 * left * (abs(acc[0]) + abs(acc[1]))
-    braking = 2 * p.drag * p.L1**3 * abs(y[2]) / (p.Je1 - p.Je3**2 / (p.Je2 + p.Jr))
-    fastest = max((pole + braking) / MAX_POLE_STEP, turning / MAX_RATE_STEP, 1e-9)
-    return left / np.ceil(left * fastest)
+def prepare(tile, lane, pull):
+    """Before a new step of a lane: let go of the ground if a foot would lift off."""
+    if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
+        return
+    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+    fastest, mode = max(abs(y[2]), abs(y[3])), tile[of.MODE + lane]
+    if not fastest <= MAX_RATE:
+        tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
+    elif mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0:
+        lift_off(tile, lane)
 
 
 @njit(error_model="numpy")
-def smooth_step(mode, y, acc, u, h, pull, p, k):
-    """One step, cut short at the first event in it.
-
-    Returns (h, state, accelerations, rk8's two integrals, the event of `rimless_gym.events`).
-    """
-    after, q, d = rk8(mode, y, acc, u, h, p, k)
-    acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-    if p.drag > 0.0 and y[2] * after[2] < 0.0:  # |phi'| phi' has a kink at 0: end the step on it
-        h *= reversal(y, acc, after, acc_after, h)
-        after, q, d = rk8(mode, y, acc, u, h, p, k)
-        acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-    event = NOTHING
-    if mode == SINGLE:
-        cut = turning_cut(y, acc, after, acc_after, h, p)
-        if cut < 1.0:
-            h *= cut
-            after, q, d = rk8(mode, y, acc, u, h, p, k)
-            acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-        event, s, s_past = touchdown_crossing(y, acc, after, acc_after, h, p)
-        if event != NOTHING:
-            h, after, q, d = step_to_touchdown(event, s, s_past, mode, y, acc, u, h, p, k)
-    elif force_guard(LIFT_OFF, mode, after, u, pull, p) > 0.0:
-        event = LIFT_OFF
-        h, after, q, d = step_to_force_event(event, mode, y, acc, after, h, u, pull, p, k)
-    if event != NOTHING:
-        acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-    if h == 0.0:
-        return h, after, acc_after, q, d, event
-    for s in (0.5, 1.0):
-        end = between(y, acc, after, acc_after, h, s) if s < 1.0 else after
-        if force_guard(RELEASE, mode, end, u, pull, p) > 0.0:
-            h, after, q, d = step_to_force_event(RELEASE, mode, y, acc, end, s * h, u, pull, p, k)
-            acc_after = accelerations(mode, after[0], after[1], after[2], after[3], u, p)
-            return h, after, acc_after, q, d, RELEASE
-    return h, after, acc_after, q, d, event
+def lift_off(tile, lane):
+    """From two feet to one."""
+    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+    phi, shift = after_lift_off(y[1], y[3], u, p)
+    restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, (phi, y[1], 0.0, y[3]))
 
 
-def _kernel(fingerprint: int) -> Callable[..., int]:
-    @njit(error_model="numpy", cache=True)
-    def advance_kernel(constants, pole, x, u, duration, pull, out, k):
+@njit(error_model="numpy")
+def arrive(tile, lane, event, duration, pull):
+    """Do what the event at the end of an accepted step does."""
+    if event == RELEASE:
+        tile[of.FAILURE + lane] = CONTACT_LOST
+        return
+    if event == LIFT_OFF:
+        lift_off(tile, lane)
+    else:
+        y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+        mode, phi, dtheta, dphi, shift, legal = after_touchdown(event, y[1], y[2], y[3], u, p)
+        if not legal:
+            tile[of.FAILURE + lane] = THESIS_BACKWARD
+            return
+        after = (phi, y[1], dphi, dtheta)
+        book_touchdown(tile, lane, y, after, shift, duration - tile[of.LEFT + lane])
+        fy = restart(tile, lane, float(mode), tile[of.FOOT + lane] + shift, after)
+        if -pull - fy > 0.0:
+            tile[of.FAILURE + lane] = CONTACT_LOST
+    if tile[of.EVENTS + lane] > MAX_EVENTS:
+        tile[of.FAILURE + lane] = TOO_MANY_EVENTS
+
+
+@njit(error_model="numpy")
+def runs(tile, lane):
+    """Whether there is still something to do in a lane."""
+    return tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
+
+
+@njit(error_model="numpy")
+def attempt_step(tile, count, duration, pull):
+    """One attempt at a step in the first `count` lanes; how many of them need another one."""
+    if plan(tile):
+        for lane in range(count):
+            prepare(tile, lane, pull)
+        plan(tile)
+    rk8(tile)
+    split, flagged = measure(tile, pull)
+    split_at_current(tile)
+    if flagged:
+        for lane in range(count):
+            if tile[of.FLAG + lane] == FLAGGED and judge(tile, lane, pull):
+                tile[of.FLAG + lane] = SPLIT
+    if split or flagged:
+        split_work(tile)
+    unfinished = accept(tile, duration)
+    if not flagged and count == LANES:
+        return unfinished
+    unfinished = 0
+    for lane in range(count):
+        if flagged and tile[of.FLAG + lane] == SPLIT:
+            event = int(tile[of.GOAL + lane])
+            clear_attempt(tile, lane)
+            if event != NOTHING:
+                arrive(tile, lane, event, duration, pull)
+                close(tile, lane, duration)
+        unfinished += 1 if runs(tile, lane) else 0
+    return unfinished
+
+
+@njit(error_model="numpy")
+def share_machine(work, constants, poles):
+    """Put one machine into all lanes of both tiles, unless it is there from the call before."""
+    same = work[-1] == 1.0 and work[of.POLE] == poles[0]
+    for c in range(N_CONSTANTS):
+        same = same and work[of.CONSTANTS + c * LANES] == constants[c, 0]
+    if not same:
+        for lane in range(LANES):
+            load_machine(work, lane, constants, poles, 0)
+            load_machine(work, TILE_SIZE + lane, constants, poles, 0)
+    work[-1] = 1.0
+
+
+@njit(error_model="numpy")
+def load_machine(tile, lane, constants, poles, i):
+    """Put machine i of the caller's into a lane."""
+    for c in range(N_CONSTANTS):
+        tile[of.CONSTANTS + c * LANES + lane] = constants[c, i]
+    tile[of.POLE + lane] = poles[i]
+
+
+@njit(error_model="numpy")
+def load(tile, states, voltages, base, count, stride):
+    """Put wheels base, base + 1, ... into the tile's lanes; `states` is flat, by `stride`."""
+    for lane in range(LANES):
+        tile[of.INDEX + lane] = base + lane
+    if count == LANES:
+        for c in range(STATE_SIZE):
+            copy_lanes(tile, of.STATE + c * LANES, states, c * stride + base)
+        copy_lanes(tile, of.VOLTAGE, voltages, base)
+        return
+    for lane in range(count):
+        for c in range(STATE_SIZE):
+            tile[of.STATE + c * LANES + lane] = states[c * stride + base + lane]
+        tile[of.VOLTAGE + lane] = voltages[base + lane]
+
+
+@njit(error_model="numpy")
+def store(tile, states, out, base, count, stride):
+    """Write wheels base, base + 1, ... back from the tile's lanes."""
+    if count < LANES:
+        for lane in range(count):
+            store_lane(tile, lane, states, out, stride)
+        return
+    for c in range(STATE_SIZE):
+        copy_lanes(states, c * stride + base, tile, of.STATE + c * LANES)
+    for c in range(row.N_ROWS):
+        copy_lanes(out, c * stride + base, tile, of.BOOKED + c * LANES)
+
+
+@njit(error_model="numpy")
+def store_lane(tile, lane, states, out, stride):
+    """Write one wheel back."""
+    i = int(tile[of.INDEX + lane])
+    for c in range(STATE_SIZE):
+        states[c * stride + i] = tile[of.STATE + c * LANES + lane]
+    for c in range(row.N_ROWS):
+        out[c * stride + i] = tile[of.BOOKED + c * LANES + lane]
+
+
+@njit(error_model="numpy")
+def enqueue(tile, count, queue, waiting):
+    """Add the lanes that need another step to those waiting; how many there are then."""
+    for lane in range(count):
+        if runs(tile, lane):
+            for quantity in range(CARRIED):
+                queue[waiting, quantity] = tile[quantity * LANES + lane]
+            waiting += 1
+    return waiting
+
+
+@njit(error_model="numpy")
+def advance_waiting(tile, queue, waiting, constants, poles, states, out, stride, duration, pull):
+    """A step for a tile of waiting wheels; how many wait afterwards."""
+    count = min(waiting, LANES)
+    waiting -= count
+    for lane in range(count):
+        for quantity in range(CARRIED):
+            tile[quantity * LANES + lane] = queue[waiting + lane, quantity]
+        if constants.shape[1] > 1:
+            load_machine(tile, lane, constants, poles, int(tile[of.INDEX + lane]))
+    attempt_step(tile, count, duration, pull)
+    for lane in range(count):
+        if not runs(tile, lane):
+            store_lane(tile, lane, states, out, stride)
+    return enqueue(tile, count, queue, waiting)
+
+
+def _batch(fingerprint: int) -> Callable[..., None]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
         fingerprint  # noqa: B018  in numba's cache key, so that no stale machine code is loaded
-        p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-        mode, foot = int(x[MODE]), int(x[FOOT])
-        y = (x[PHI], x[THETA], x[DPHI], x[DTHETA])
-        chord = 2 * p.L1 * np.sin(p.alpha / 2)
-        descent = (p.m1 + p.m2) * p.g * chord * np.sin(p.gamma)
-        hub_before = hub_position(y[0], p)[0] + foot * chord
-        energy_before = mechanical_energy(y[0], y[1], y[2], y[3], p) - foot * descent
-        foot_before = foot
-        out[:] = 0.0
-        out[row.MIN_NORMAL_FORCE] = np.inf
-        out[row.CLEARANCE] = np.inf
-        acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-        book_extremes(y, acc, p, out)
-        failure, event, events, t = OK, NOTHING, 0, 0.0
-        if force_guard(RELEASE, mode, y, u, pull, p) > 0.0:
-            failure = CONTACT_LOST
-        while failure == OK and t < duration:
-            if event == LIFT_OFF or (
-                mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0
-            ):
-                phi, shift = after_lift_off(y[1], y[3], u, p)
-                mode, foot, y = SINGLE, foot + shift, (phi, y[1], 0.0, y[3])
-                acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-                events += 1
-            fastest = max(abs(y[2]), abs(y[3]))
-            if not fastest <= MAX_RATE:
-                failure = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
-                break
-            left = duration - t
-            h, after, acc_after, q, d, event = smooth_step(
-                mode, y, acc, u, step_length(left, y, acc, pole, p), pull, p, k
-            )
-            if not max(abs(after[2]), abs(after[3])) < 10 * MAX_RATE:
-                failure = DIVERGED  # beyond what a step can be trusted with
-                break
-            if h > 0.0:
-                book_motion(y, acc, after, acc_after, h, u, q, d, p, out)
-            t = duration if h == left else t + h
-            y, acc = after, acc_after
-            book_extremes(y, acc, p, out)
-            if event == RELEASE:
-                failure = CONTACT_LOST
-            elif event in (FORWARD, BACKWARD):
-                mode, phi, dtheta, dphi, shift, legal = after_touchdown(
-                    event, y[1], y[2], y[3], u, p
+        tile, spare = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE]
+        queue = work[2 * TILE_SIZE : -1].reshape((2 * LANES, CARRIED))
+        waiting, flat, flat_out, stride = 0, states.ravel(), out.ravel(), states.shape[1]
+        shared = constants.shape[1] == 1
+        if shared:
+            share_machine(work, constants, poles)
+        else:
+            work[-1] = 0.0
+        for base in range(first, last, LANES):
+            count = min(LANES, last - base)
+            load(tile, flat, voltages, base, count, stride)
+            if not shared:
+                for lane in range(count):
+                    load_machine(tile, lane, constants, poles, base + lane)
+            open_interval(tile, duration, pull)
+            unfinished = attempt_step(tile, count, duration, pull)
+            while unfinished and last - first <= LANES:
+                unfinished = attempt_step(tile, count, duration, pull)
+            store(tile, flat, flat_out, base, count, stride)
+            if unfinished:
+                waiting = enqueue(tile, count, queue, waiting)
+            while waiting >= LANES or (waiting and base + count == last):
+                waiting = advance_waiting(
+                    *(spare, queue, waiting, constants, poles),
+                    *(flat, flat_out, stride, duration, pull),
                 )
-                if not legal:
-                    failure = THESIS_BACKWARD
-                    break
-                after = (phi, y[1], dphi, dtheta)
-                book_touchdown(y, after, shift, descent, p, out)
-                y, foot = after, foot + shift
-                acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-                book_extremes(y, acc, p, out)
-                events += 1
-                if force_guard(RELEASE, mode, y, u, pull, p) > 0.0:
-                    failure = CONTACT_LOST
-            if events > MAX_EVENTS:
-                failure = TOO_MANY_EVENTS
-        x[PHI], x[THETA], x[DPHI], x[DTHETA] = y
-        x[MODE], x[FOOT] = mode, foot
-        out[row.TIME] = t
-        out[row.DISTANCE] = hub_position(y[0], p)[0] + foot * chord - hub_before
-        out[row.STEPS] = foot - foot_before
-        energy_after = mechanical_energy(y[0], y[1], y[2], y[3], p) - foot * descent
-        out[row.MECHANICAL_CHANGE] = energy_after - energy_before
-        out[row.FAILURE] = failure
-        return failure
 
-    return advance_kernel
+    return advance_batch
 
 
 def _source_fingerprint() -> int:
@@ -200,32 +312,12 @@ def _source_fingerprint() -> int:
 SOURCE_FINGERPRINT = _source_fingerprint()
 
 
-#: Compiled: (constants, pole, x, u, duration, pull, out, k) -> failure code of `hybrid`. `x` is
-#: advanced in place; `out` (energy.N_ROWS) is overwritten; `k` is `scratch()`; `pull` is the
-#: largest force (N) with which the ground holds a foot down: 0, or infinity for a pin joint.
-advance_kernel = _kernel(SOURCE_FINGERPRINT)
-
-
-def _batch(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def advance_batch(constants, poles, states, voltages, duration, pull, out, work):
-        fingerprint  # noqa: B018  see above
-        x, booked, machine = np.empty(STATE_SIZE), np.empty(row.N_ROWS), np.empty(N_CONSTANTS)
-        shared = constants.shape[1] == 1
-        for i in range(states.shape[1]):
-            c = 0 if shared else i
-            machine[:] = constants[:, c]
-            x[:] = states[:, i]
-            advance_kernel(machine, poles[c], x, voltages[i], duration, pull, booked, work)
-            states[:, i] = x
-            out[:, i] = booked
-
-    return advance_batch
-
-
-#: Compiled: advances N hybrid states `states` (STATE_SIZE, N) in place, at `voltages` (N,), on
-#: one machine for all, `constants` (N_CONSTANTS, 1), or on one each, (N_CONSTANTS, N);
-#: overwrites `out` (energy.N_ROWS, N). `work` is `scratch()`, one per thread.
+#: Compiled: advances the hybrid states in columns `first` to `last` of `states`, whose first
+#: STATE_SIZE rows they are, at `voltages`, on one machine for all, `constants` (N_CONSTANTS, 1) and
+#: `poles` (1,), or on one each, (N_CONSTANTS, N) and (N,). Overwrites the first energy.N_ROWS rows
+#: of `out`, which has as many columns as `states`; failure codes of `hybrid` are in row FAILURE.
+#: `pull` is the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin
+#: joint. `work` is `scratch()`, one per thread.
 advance_batch = _batch(SOURCE_FINGERPRINT)
 
 
@@ -243,9 +335,23 @@ def require_steppable(params: WheelParams) -> None:
         )
 
 
+def machine_arrays(
+    machines: Sequence[WheelParams],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,).
+
+    Raises:
+        ValueError: see `require_steppable`.
+    """
+    for params in machines:
+        require_steppable(params)
+    constants = np.stack([params.constants_array for params in machines], axis=1)
+    return np.ascontiguousarray(constants), np.array([params.motor_pole for params in machines])
+
+
 def scratch() -> NDArray[np.float64]:
     """Work space for one call of the kernel at a time."""
-    return np.empty(4 * STAGES)
+    return np.zeros(2 * TILE_SIZE + 2 * LANES * CARRIED + 1)
 
 
 def advance(
@@ -270,11 +376,11 @@ def advance(
     Raises:
         ValueError: see `require_steppable`.
     """
-    require_steppable(params)
-    out, k = np.empty((len(states), row.N_ROWS)), scratch()
-    for i in range(len(states)):
-        advance_kernel(
-            *(params.constants_array, params.motor_pole, states[i], voltages[i]),
-            *(duration, pull, out[i], k),
-        )
-    return out
+    columns, out = np.ascontiguousarray(states.T), np.empty((row.N_ROWS, len(states)))
+    volts = np.ascontiguousarray(voltages, dtype=np.float64)
+    advance_batch(
+        *(*machine_arrays([params]), columns, volts, 0, len(volts)),
+        *(float(duration), float(pull), out, scratch()),
+    )
+    states[:] = columns.T
+    return np.ascontiguousarray(out.T)

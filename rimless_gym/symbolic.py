@@ -41,7 +41,7 @@ class HybridModel:
         phi, theta, dphi, dtheta = ca.vertsplit(x)
         rate = _eq.relative_rate(dphi, dtheta, p)
         ddphi, ddtheta = _eq.single_stance(phi, theta, dphi, dtheta, u, p)
-        standing = _eq.double_stance(theta, dtheta, u, p)
+        standing = _eq.double_stance(p.a, theta, 0, dtheta, u, p)
         outputs: dict[str, tuple[list[Any], Any]] = {
             "flow": ([x, u], (dphi, dtheta, ddphi, ddtheta)),
             "flow_double_stance": ([x, u], (0, dtheta, 0, standing)),

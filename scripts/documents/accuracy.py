@@ -15,8 +15,8 @@ from tqdm import tqdm
 from rimless_gym import WheelParams, hybrid, simulate
 from rimless_gym import energy as row
 from rimless_gym.energy import Ledger
-from rimless_gym.events import NOTHING
-from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES, SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.integration import smooth_states
 from rimless_gym.params import PRESETS
 from rimless_gym.stepping import (
     FOOT,
@@ -25,11 +25,8 @@ from rimless_gym.stepping import (
     MODE,
     STATE_SIZE,
     advance,
-    scratch,
-    smooth_step,
 )
 from rimless_gym.trajectory import Event, Trajectory
-from scripts.documents.integrator import smooth_states
 from scripts.documents.motions import CASES, Motion
 
 Array = NDArray[np.float64]
@@ -59,21 +56,21 @@ def height_at_touchdown(reference: Trajectory, event: Event, volts: Array) -> fl
     The kernel's step starts from the reference's state, half the longest step before it or at the
     last event or jump of the voltage. A touchdown passed over counts as deep as its dip.
     """
-    params, p, k = reference.params, reference.params.constants, scratch()
+    params = reference.params
     interval = max(math.ceil(event.time / CONTROL_PERIOD - 1e-9) - 1, 0)
     earlier = [other.time for other in reference.events if other.time < event.time]
     begin = max([interval * CONTROL_PERIOD, *earlier])
     rates = max(np.abs(reference.state(begin)[2:]).sum(), 1e-9)
     limit = min(CONTROL_PERIOD, MAX_POLE_STEP / params.motor_pole, MAX_RATE_STEP / rates)
-    t = max(begin, event.time - limit / 2)
-    u, found = volts[interval], NOTHING
-    while found == NOTHING and t < event.time:  # a step may end where the leg turns
-        y = tuple(reference.state(t))
-        acc = hybrid.accelerations(SINGLE, *y, u, p)
-        h, _, _, _, _, found = smooth_step(SINGLE, y, acc, u, limit, math.inf, p, k)
-        t += h
-    if found == NOTHING and t > event.time:
-        return dip(params, y, u, CONTROL_PERIOD, event.direction)
+    t, u = max(begin, event.time - limit / 2), volts[interval]
+    later = [other.time for other in reference.events if other.time > event.time]
+    end = min([event.time + limit / 2, *((event.time + time) / 2 for time in later)])
+    start = np.zeros((1, STATE_SIZE))
+    start[0, :4] = y = reference.state(t)
+    out = advance(params, start, np.array([u]), end - t, pull=math.inf)[0]
+    if out[row.TOUCHDOWNS] == 0:
+        return dip(params, tuple(y), u, CONTROL_PERIOD, event.direction)
+    t += out[row.TOUCHDOWN_TIME]
     arc = next(arc for arc in reference.arcs if arc.end == event.time)
     return abs(foot_height(params, arc.dense(t)[0], event.direction))
 

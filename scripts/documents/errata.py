@@ -75,7 +75,7 @@ def new_foot_momentum(count: int = 100_000) -> dict[str, float]:
     theta, dphi, dtheta = pre_impact_states(count)
 
     def momentum(p: Any, phi_new: float) -> Array:
-        m11, m12, m21, m22 = eq.mass_matrix(phi_new, p.b, theta, p)
+        m11, m12, m21, m22 = eq.touchdown_matrix(phi_new, p.b, theta, p)
         return np.asarray((m21 - m11) * dphi + (m22 - m12) * dtheta)
 
     table = {}

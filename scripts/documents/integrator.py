@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from rimless_gym import WheelParams, hybrid
-from rimless_gym.hybrid import SINGLE
-from rimless_gym.integration import rk8
+from rimless_gym.integration import smooth_states
 from rimless_gym.params import PRESETS
-from rimless_gym.stepping import scratch
-
-
-def smooth_states(
-    params: WheelParams, y: tuple[float, ...], u: float, duration: float, steps: int
-) -> Iterator[tuple[float, ...]]:
-    """States after each of `steps` single-stance integrator steps, guards ignored."""
-    p, k = params.constants, scratch()
-    for _ in range(steps):
-        y = rk8(SINGLE, y, hybrid.single_stance(*y, u, p), u, duration / steps, p, k)[0]
-        yield y
 
 
 def convergence(count: int = 20) -> dict[str, dict[str, Any]]:

@@ -51,7 +51,7 @@ class Case:
             motor_mount=mount,
             impact_law="plastic",
         )
-        self.p = shorthand(self.machine)
+        self.p = shorthand(self.machine, ca.sin, ca.cos)
         self.x, self.u = ca.SX.sym("x", 4), ca.SX.sym("u")
 
     def numbers(self, *expressions: ca.SX) -> list[np.ndarray]:
@@ -173,7 +173,9 @@ def test_double_stance_is_a_free_machine_whose_wheel_is_held(case):
     held = np.tile(np.eye(4)[:3], (N_SAMPLES, 1, 1))
     theirs, reaction = constrained(free.inertia, held, free.force, np.zeros((N_SAMPLES, 3, 1)))
     _, theta, _, dtheta = ca.vertsplit(case_at_rest.x)
-    standing = eq.double_stance(theta, dtheta, case_at_rest.u, case_at_rest.p)
+    standing = eq.double_stance(
+        case_at_rest.p.a, theta, 0.0, dtheta, case_at_rest.u, case_at_rest.p
+    )
     force = eq.ground_reaction(leg, theta, 0, dtheta, 0, standing, case_at_rest.p)
     ours, our_force = case_at_rest.numbers(standing, ca.vertcat(*force))
     close(ours, theirs[:, 3:])
@@ -242,7 +244,7 @@ def test_passive_rolling_fixed_point_is_that_of_the_textbook():
         motor_constant=0.0,
     )
     p, a, half = wheel.constants, wheel.constants.a, wheel.leg_angle / 2
-    push = 4 * p.g / p.L1 * math.sin(half) * math.sin(wheel.slope)
+    push = 4 * wheel.gravity / p.L1 * math.sin(half) * math.sin(wheel.slope)
     rate = math.sqrt(push) / math.tan(2 * half)
     energy = eq_numbers.mechanical_energy(a, 0.0, rate, 0.0, p)
     drop = energy - eq_numbers.mechanical_energy(p.b, 0.0, 0.0, 0.0, p)

@@ -8,20 +8,15 @@ import math
 import numpy as np
 
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.hybrid import SINGLE, accelerations
-from rimless_gym.integration import STAGES, rk8
+from rimless_gym.integration import smooth_states
 from rimless_gym.interpolation import quintic, upward_root, value
 
-P = THESIS_PHYSICAL.constants
 START, VOLTS = (1.3, 0.8, 2.0, -4.0), 7.0
 
 
 def stepped(duration: float, steps: int) -> np.ndarray:
-    y, k = START, np.empty(4 * STAGES)
-    for _ in range(steps):
-        acc = accelerations(SINGLE, *y, VOLTS, P)
-        y = rk8(SINGLE, y, acc, VOLTS, duration / steps, P, k)[0]
-    return np.array(y)
+    *_, end = smooth_states(THESIS_PHYSICAL, START, VOLTS, duration, steps)
+    return np.array(end)
 
 
 def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:

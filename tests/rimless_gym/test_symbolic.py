@@ -78,12 +78,12 @@ def test_mechanical_energy_grows_by_what_the_motor_draws_less_what_is_lost(param
 
 
 def test_ground_reaction_is_what_changes_the_momentum_besides_gravity_and_drag(params):
-    model, p = HybridModel(params), params.constants
+    model = HybridModel(params)
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     change = ca.jtimes(model.functions["linear_momentum"](x), x, model.flow(x, u))
-    weight = params.weight * ca.vertcat(math.sin(p.gamma), -math.cos(p.gamma))
+    weight = params.weight * ca.vertcat(math.sin(params.slope), -math.cos(params.slope))
     velocity = ca.jtimes(model.functions["hub_position"](x), x, model.flow(x, u))
-    drag = -p.drag * ca.norm_2(velocity) * velocity
+    drag = -params.drag * ca.norm_2(velocity) * velocity
     residual = ca.Function("f", [x, u], [change - weight - drag - model.ground_reaction(x, u)])
     assert np.max(np.abs(np.asarray(residual(*random_states(params, 5000))))) < 1e-8
 
@@ -180,10 +180,10 @@ def test_printed_touchdown_is_the_printed_one(params, theta, dphi, dtheta):
 def test_feet_press_as_the_balance_of_moments_about_the_other_foot_says(params, theta, dtheta, u):
     params = params.replace(rotor_inertia=0.0)
     p = params.constants
-    gravity = p.g * cmath.exp(1j * (p.gamma - math.pi / 2))
+    gravity = params.gravity * cmath.exp(1j * (params.slope - math.pi / 2))
     hub = complex(*number.hub_position(p.a, p))  # from the leading foot
     rod = -1j * p.L2 * cmath.exp(1j * theta)
-    spin = number.double_stance(theta, dtheta, u, p)
+    spin = number.double_stance(p.a, theta, 0.0, dtheta, u, p)
     acceleration = (1j * spin - dtheta**2) * rod
 
     def moment(arm: complex, force: complex) -> float:
@@ -230,7 +230,7 @@ def test_compiled_and_traced_functions_agree_to_rounding(params):
         accelerations = hybrid.single_stance(*state, volt, p)
         rate = hybrid.relative_rate(dphi, dtheta, p)
         compiled["flow"].append(accelerations)
-        compiled["standing"].append((hybrid.double_stance(theta, dtheta, volt, p),))
+        compiled["standing"].append((hybrid.double_stance(p.a, theta, 0.0, dtheta, volt, p),))
         compiled["reaction"].append(hybrid.ground_reaction(*state, *accelerations, p))
         compiled["energy"].append((hybrid.mechanical_energy(*state, p),))
         compiled["losses"].append(hybrid.losses(dphi, rate, volt, p))

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, SINGLE
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import STATE_SIZE, advance, advance_kernel, scratch
+from rimless_gym.stepping import STATE_SIZE, advance, advance_batch, machine_arrays, scratch
 from rimless_gym.symbolic import HybridModel
 from trajopt.solution import Solution
 
@@ -103,8 +103,7 @@ class LimitCycleLqr:
         volts = _law(
             *(batch, modes, self.states, self.voltages, self.gains, self.metric),
             *(self.near, self.candidates, self.hold, self.horizon),
-            *(self.params.voltage_limit, self.params.constants_array, self.params.motor_pole),
-            *(np.empty(row.N_ROWS), scratch()),
+            *(self.params.voltage_limit, *machine_arrays([self.params]), scratch()),
         )
         return volts if np.ndim(x) == 2 else volts[0]
 
@@ -231,35 +230,38 @@ def _law(  # type: ignore[no-untyped-def]
     horizon,
     limit,
     constants,
-    pole,
-    out,
-    k,
+    poles,
+    work,
 ):
-    volts, moving = np.empty(len(x)), np.empty(6)
+    volts, tries = np.empty(len(x)), len(candidates) + 1  # the last tries the feedback alone
+    moving, u, out = np.empty((STATE_SIZE, tries)), np.empty(tries), np.empty((row.N_ROWS, tries))
     for i in range(len(x)):
         j, distance = _nearest(x[i], states, metric)
         volts[i] = _feedback(x[i], j, states, voltages, gains, limit)
         if mode[i] != DOUBLE and distance <= near**2:
             continue
-        lowest = np.inf
-        for m in range(-1, len(candidates)):
-            moving[:4], moving[4], moving[5] = x[i], mode[i], 0.0
-            score, u = np.inf, volts[i]
-            for step in range(horizon):
-                if m >= 0 and step < hold:
-                    u = candidates[m]
+        for m in range(tries):
+            moving[:4, m] = x[i]
+        moving[4], moving[5] = mode[i], 0.0
+        score, ended = np.full(tries, np.inf), np.zeros(tries)
+        for step in range(horizon):
+            for m in range(tries):
+                if m < len(candidates) and step < hold:
+                    u[m] = candidates[m]
                 else:
-                    j, _ = _nearest(moving, states, metric)
-                    u = _feedback(moving, j, states, voltages, gains, limit)
-                advance_kernel(constants, pole, moving, u, 0.01, 0.0, out, k)
-                if out[row.FAILURE] != 0.0:
-                    score = 1e6 - step
-                    break
-                if step >= hold:
-                    _, distance = _nearest(moving, states, metric)
-                    score = min(score, distance + 0.005 * step + (moving[4] == DOUBLE) * 2.0)
-            if score < lowest:
-                lowest = score
-                if m >= 0:
-                    volts[i] = candidates[m]
+                    j, _ = _nearest(moving[:, m], states, metric)
+                    u[m] = _feedback(moving[:, m], j, states, voltages, gains, limit)
+            advance_batch(constants, poles, moving, u, 0, tries, 0.01, 0.0, out, work)
+            for m in range(tries):
+                if ended[m]:
+                    continue
+                if out[row.FAILURE, m] != 0.0:
+                    score[m], ended[m] = 1e6 - step, 1.0
+                elif step >= hold:
+                    _, distance = _nearest(moving[:, m], states, metric)
+                    resting = (moving[4, m] == DOUBLE) * 2.0
+                    score[m] = min(score[m], distance + 0.005 * step + resting)
+        best = np.argmin(score)
+        if best < len(candidates) and score[best] < score[-1]:
+            volts[i] = candidates[best]
     return volts

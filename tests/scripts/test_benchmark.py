@@ -1,0 +1,245 @@
+"""The benchmark's machinery: workers, rounds, ratios and the page. No speed is asserted."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # scripts are not installed
+
+from scripts.benchmarks import environments
+from scripts.benchmarks.cases import CASES, SINGLE, Case
+from scripts.benchmarks.driver import Worker, WorkerError, measure_all
+from scripts.benchmarks.environments import OURS, REQUIREMENTS, UnavailableError, interpreter
+from scripts.benchmarks.goals import GOALS
+from scripts.benchmarks.page import page
+from scripts.benchmarks.results import by_key, ratio
+from scripts.benchmarks.walks import WINDOW, Walks, record_walks
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+RATES = {"CartPole-v1": 200e3, "Acrobot-v1": 40e3, "InvertedDoublePendulum-v5": 20e3, "ours": 700e3}
+RATES |= {"ours-vector-1024": 12e6, "ours-vector-16384": 13e6, "envpool-acrobot": 1e6}
+RATES |= {"cartpole-vector-1024": 16e6, "gymnax-acrobot-one": 5e6, "gymnax-acrobot-all": 6e6}
+
+
+def made_up_run() -> dict[str, Any]:
+    """A run in which the machine halves its speed in every second round."""
+    results = []
+    for case in CASES:
+        answers = []
+        for turn in range(min(3, case.most)):
+            speed = RATES.get(case.key, 1e3) / (1 + turn % 2)
+            answer = {"round": turn, "steps": 1000, "seconds": 1000 / speed, "replay_error": 1e-9}
+            answer |= {"share": 0.02, "idle": 10.0, "idle_cpu": 0.1, "event_drift": 2e-12}
+            answer |= {"state_error": 3e-11, "event_error": 4e-15}
+            if case.key.startswith("memory"):
+                answer |= {"envs": 100, "traced": 2048.0, "resident": 4096.0}
+            answers.append(answer)
+        about = {"version": f"{case.environment} 1.0", "starts": 9, "touchdown_share": 0.011}
+        result = {name: getattr(case, name) for name in ("key", "group", "title", "physics")}
+        result |= {"settings": case.settings, "one_core": case.one_core, "about": about}
+        results.append(result | {"answers": answers, "error": None})
+    machine = {"cpu": "Made Up", "cores": 2, "system": "None", "python": "3", "load": 0.0}
+    run = {"rounds": 3, "seconds": 1.0, "date": "today", "git_revision": "abc", "results": results}
+    return run | {"machine": machine, "versions": {"numba": "1", "numpy": "2"}}
+
+
+def fail(run: dict[str, Any], key: str, error: str) -> None:
+    result = next(result for result in run["results"] if result["key"] == key)
+    result |= {"answers": [], "error": error, "about": {}}
+
+
+def row(text: str, beginning: str) -> str:
+    return next(line for line in text.splitlines() if line.startswith(f"| {beginning}"))
+
+
+def test_ratios_are_within_rounds_so_that_a_slow_round_does_not_matter() -> None:
+    found = by_key(made_up_run()["results"])
+    found["CartPole-v1"]["answers"].pop()  # medians alone would now compare unlike rounds
+    assert ratio(found["ours"], found["CartPole-v1"]) == pytest.approx(3.5)
+
+
+def test_goals_read_the_rows_that_they_are_about() -> None:
+    found = by_key(made_up_run()["results"])
+    measured = {goal.title: goal.measured(found) for goal in GOALS}
+    assert None not in measured.values()
+    assert measured["`gym.make`, over CartPole-v1"] == pytest.approx(3.5)
+    assert measured["`gym.make`, over InvertedDoublePendulum-v5"] == pytest.approx(35)
+    # gymnax at its faster setting, and each vector goal at its own size
+    assert [measured[g.title] for g in GOALS[3:6]] == pytest.approx([12, 0.75, 13 / 6])
+
+
+def test_the_page_says_what_was_reached_and_what_was_missed() -> None:
+    text = page(made_up_run())
+    assert row(text, "`gym.make`, over CartPole-v1").endswith("| 3.5x | reached |")
+    assert row(text, "vector, one thread, N = 1024").endswith("| 12x | **missed** |")
+    assert row(text, "share of PPO's").endswith("| 2.0% | reached |")
+    assert row(text, "the same with 256").endswith("| 2.0% | **missed** |")
+    assert "other physics" in text
+
+
+def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
+    run = made_up_run()
+    fail(run, "envpool-acrobot", "cannot be installed here: no wheel")
+    text = page(run)
+    assert "cannot be installed here: no wheel" in row(text, "EnvPool Acrobot-v1")
+    assert row(text, "vector, one thread, N = 1024").endswith("| - | not measured |")
+
+
+@pytest.mark.parametrize("key", [case.key for case in CASES])
+def test_the_page_does_without_any_row(key: str) -> None:
+    run = made_up_run()
+    fail(run, key, "went wrong")
+    assert "went wrong" in page(run)
+    run["results"] = [result for result in run["results"] if result["key"] != key]
+    assert page(run)
+
+
+def test_the_published_page_is_that_of_the_published_numbers() -> None:
+    run = json.loads((DOCS / "benchmark.json").read_text())
+    assert (DOCS / "benchmark.md").read_text() == page(run)
+    assert {result["key"] for result in run["results"]} == {case.key for case in CASES}
+
+
+def test_every_case_has_its_worker_and_its_pinned_requirements() -> None:
+    assert len({case.key for case in CASES}) == len(CASES)
+    for case in CASES:
+        assert (ROOT / "scripts" / "benchmarks" / "workers" / f"{case.worker}.py").exists()
+        if case.environment != OURS:
+            lines = (REQUIREMENTS / f"{case.environment}.txt").read_text().split()
+            assert lines
+            assert all("==" in line for line in lines)
+
+
+WORKER = """
+from scripts.benchmarks.protocol import serve
+def setup(settings):
+    print("not an answer")
+    if settings.get("broken"):
+        raise ValueError("no such thing")
+    count = [0]
+    def measure(seconds):
+        count[0] += 1
+        if seconds == 13:
+            raise RuntimeError("unlucky")
+        return {"steps": count[0], "seconds": seconds}
+    return measure, {"version": "1"}
+serve(setup)
+"""
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Case:
+    """A case whose worker counts its measurements."""
+    (tmp_path / "fake.py").write_text(f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{WORKER}")
+    monkeypatch.setattr("scripts.benchmarks.driver.MODULES", "")
+    monkeypatch.setattr("scripts.benchmarks.driver.ROOT", tmp_path)
+    return Case("fake", SINGLE, "fake", OURS, "fake")
+
+
+def test_a_worker_warms_up_and_answers_once_for_each_question(fake: Case, tmp_path: Path) -> None:
+    worker = Worker(fake, Path(sys.executable), tmp_path)
+    try:
+        assert worker.about == {"version": "1"}
+        answers = [worker.measure(0.5), worker.measure(0.25)]
+        assert [(a["steps"], a["seconds"]) for a in answers] == [(2, 0.5), (3, 0.25)]
+        assert answers[1]["idle_cpu"] <= 0.5 * answers[1]["idle"] + 0.05
+        with pytest.raises(WorkerError, match="unlucky"):
+            worker.measure(13)
+    finally:
+        worker.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker.pid, 0)
+
+
+def test_a_worker_that_fails_leaves_the_others_their_turns(fake: Case, tmp_path: Path) -> None:
+    broken = dataclasses.replace(fake, key="broken", settings={"broken": True})
+    missing = dataclasses.replace(fake, key="missing", worker="nowhere")
+    once = dataclasses.replace(fake, key="once", most=1)
+    results = measure_all([broken, fake, missing, once], 3, 0.1, tmp_path, progress=False)
+    assert results[0]["error"] == "ValueError: no such thing"
+    assert "nowhere" in results[2]["error"]
+    assert [[a["round"] for a in r["answers"]] for r in results] == [[], [0, 1, 2], [], [0]]
+
+
+def test_ctrl_c_keeps_what_was_measured(
+    fake: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    genuine, asked = Worker.measure, []
+
+    def measure(self: Worker, seconds: float) -> dict[str, Any]:
+        asked.append(seconds)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+        return genuine(self, seconds)
+
+    monkeypatch.setattr(Worker, "measure", measure)
+    other = dataclasses.replace(fake, key="other")
+    results = measure_all([fake, other], 5, 0.1, tmp_path, progress=False)
+    assert [len(result["answers"]) for result in results] == [1, 1]
+
+
+def test_a_peer_that_cannot_be_installed_is_measured_around(
+    fake: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def install(name: str, folder: Path, say: Any) -> Path:
+        if name == "gone":
+            raise UnavailableError("cannot be installed here: no wheel")
+        return Path(sys.executable)
+
+    monkeypatch.setattr("scripts.benchmarks.driver.interpreter", install)
+    gone = dataclasses.replace(fake, key="gone", environment="gone")
+    results = measure_all([gone, fake], 2, 0.1, tmp_path, progress=False)
+    assert results[0]["error"] == "cannot be installed here: no wheel"
+    assert len(results[1]["answers"]) == 2
+
+
+@pytest.mark.slow
+def test_an_environment_that_cannot_be_made_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "odd.txt").write_text("not a requirement\n")
+    monkeypatch.setattr(environments, "REQUIREMENTS", tmp_path)
+    with pytest.raises(UnavailableError, match=r"cannot be installed here: .*requirement"):
+        interpreter("odd", tmp_path / "venvs", print)
+
+
+@pytest.fixture(scope="module")
+def walks() -> Walks:
+    return record_walks(walks=3, settling=0, recorded=WINDOW)
+
+
+def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
+    assert len(walks.starts) > 0
+    assert 0.003 < walks.touchdowns < 0.03
+    many = walks.take(7)
+    assert many.actions.shape == (WINDOW, 7)
+    assert np.array_equal(many.actions[:, 0], walks.actions[:, 0])
+    assert many.check(many.ends) == 0
+    with pytest.raises(RuntimeError, match="left the recorded walk"):
+        many.check(many.ends + 1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["ours", "kernel", "ours-vector-1024", "accuracy", "import"])
+def test_our_workers_measure(key: str, tmp_path: Path) -> None:
+    case = next(case for case in CASES if case.key == key)
+    (result,) = measure_all([case], 1, 0.05, tmp_path, progress=False)
+    assert result["error"] is None
+    assert result["answers"][0]["steps"] > 0
+
+
+def test_the_command_line_says_what_it_does() -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "benchmark.py"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/", env={})
+    assert done.returncode == 0, done.stderr
+    assert "default: 7" in done.stdout
