@@ -15,7 +15,7 @@ from rimless_gym import interval
 from rimless_gym import options as reset_options
 from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.fleet import Fleet
-from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
 from rimless_gym.info import StepInfo
 from rimless_gym.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
@@ -24,6 +24,7 @@ from rimless_gym.symbolic import HybridModel
 from rimless_gym.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 
 _ROW = np.zeros(1, dtype=np.int64)
+_BOUND = ("_advance", "_commands", "_values")
 
 
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -64,25 +65,46 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
     1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
     and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
-    `reset(options=...)` takes `state` (phi, theta, phi', theta'), with it `mode`
-    ("single_stance", the default, or "double_stance", in which phi = a), and `params` (a
-    `WheelParams`, from then on). `mode` "double_stance" alone is a wheel at rest, its pendulum
-    hanging.
+    `reset(options=...)` takes
+
+    - `state`: phi, theta, phi', theta', and with it `mode`: "single_stance" (the default) or
+      "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at rest, its
+      pendulum hanging.
+    - `params`, `ranges` and `disturbances`, as below. They hold from then on, until given anew;
+      `{}` and None end them.
 
     ## Episode End
     Terminates where the model ends: when the ground would have to pull a foot (contact lost;
     located as an event, the step ends there) or a rate exceeds 60 rad/s; `info["failure"]` says
     which. Resting and whole turns of the pendulum are legal. Truncates after 2000 steps (20 s).
+    Any other end of the motion (parameters that make it diverge) is a `RuntimeError`, after which
+    the environment wants a `reset`.
 
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`.
     - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`.
+    - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
+      `params` to the least and greatest value, drawn evenly and anew for each episode;
+      `env.unwrapped.params` is what was drawn.
+    - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
+      `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
+      `actuator_delay`, in steps or a range of them.
 
-    `info` holds each term of the step's energy ledger (J), the net and total touchdowns `steps`
-    and `touchdowns`, the ground reaction at the end of the step and its extremes (N), the
-    pendulum's clearance (m), `mode`, `failure`, and `slips`: whether a force or an impulse asked
-    for more friction than `params.friction` offers (the model's foot holds all the same).
+    `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
+    drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
+    total touchdowns `steps` and `touchdowns`; the ground reaction at the end of the step and its
+    extremes (N); the pendulum's `clearance` (m); `elapsed` time (s); `mode`; `failure`; and
+    `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
+    (the model's foot holds all the same). It is a dictionary that makes its entries when it is
+    read.
+
+    `get_state` and `set_state` save and restore everything, the generator included, so that a
+    planner can branch; pickles and deep copies go on likewise.
+
+    ## Vectorized environment
+    `gym.make_vec("RimlessWheel-v0", num_envs=N)` is `rimless_gym.RimlessWheelVectorEnv`: rows that
+    are this environment bit for bit, stepped together.
 
     ## Version History
     - v0: first version, unreleased.
@@ -111,6 +133,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._block = np.zeros((BLOCK_SIZE, 1))
         self._ended = True
         self._window: Any = None
+        self._bind()
 
     @property
     def params(self) -> WheelParams:
@@ -141,6 +164,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         chosen = reset_options.read(options, fleet, _ROW)
         super().reset(seed=seed)
         chosen.apply(fleet)
+        self._bind()
         if chosen.params is not None or fleet.ranges.bounds:
             self.__dict__.pop("model", None)
         observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
@@ -168,23 +192,28 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         command = action.item()
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        fleet, block = self._fleet, self._block
-        fleet.memory[COMMAND, 0] = command
-        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
-        if fleet.step(block, observation):
-            self._end()
+        self._commands[0] = command
+        observation = np.empty(OBSERVATION_SIZE, np.float32)
         info = StepInfo()
-        info.block = block.tobytes()
+        info["failure"] = self._end() if self._advance(observation) else None
+        info.block = self._block.tobytes()
         if self.render_mode == "human":
             self.render()
-        return observation, block.item(REWARD), self._ended, False, info
+        return observation, self._values[REWARD], self._ended, False, info
 
-    def _end(self) -> None:
-        """End the episode, by an error if the model does not say how it ends."""
+    def _end(self) -> str:
+        """End the episode and say why, by an error if it is not for the model to end it."""
         self._ended = True
-        marks = interval.marks(self._block)
-        if not marks[TERMINATED, 0]:
-            raise self._fleet.range_left(0, int(marks[FAILURE_MARK, 0]))
+        marks = interval.marks(self._block)[:, 0]
+        if not marks[TERMINATED]:
+            raise self._fleet.range_left(0, int(marks[FAILURE_MARK]))
+        return FAILURES[int(marks[FAILURE_MARK])]
+
+    def _bind(self) -> None:
+        """Get hold of what `step` needs of the fleet, as it is now."""
+        self._advance = self._fleet.stepper(self._block)
+        self._commands: Any = memoryview(self._fleet.memory[COMMAND].data)
+        self._values: Any = memoryview(self._block[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
@@ -223,12 +252,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._fleet.set_state(state["fleet"])
         self.np_random.bit_generator.state = state["generators"][0]
         self._ended = bool(self._fleet.ended[0])
+        self._bind()
         self.__dict__.pop("model", None)
 
     def __getstate__(self) -> dict[str, Any]:
-        state = self.__dict__ | {"_window": None}
-        state.pop("model", None)
-        return state
+        passing = ("model", "_window", *_BOUND)
+        return {name: value for name, value in self.__dict__.items() if name not in passing}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state | {"_window": None}
+        self._bind()
 
     def close(self) -> None:
         """Close the window, if there is one."""

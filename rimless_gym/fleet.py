@@ -7,8 +7,9 @@ compiled functions, with the same results, however many rows there are.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -103,7 +104,7 @@ class Fleet:
         """Disturb all episodes from now on; they should begin anew."""
         self.disturbances = disturbances
         self._settings = disturbances.settings(CONTROL_PERIOD)
-        self._disturbed = disturbances != Disturbances()
+        self._rough = disturbances != Disturbances()
         self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
 
     def machine(self, i: int) -> WheelParams:
@@ -145,42 +146,57 @@ class Fleet:
             )
         raise RuntimeError(f"row {i}: {NO_START}")
 
-    def step(
-        self, block: NDArray[np.float64], observations: NDArray[np.float32], limit: float = math.inf
-    ) -> int:
-        """Hold the commands in `memory` for one interval, see `step_rows`."""
+    def stepper(
+        self, block: NDArray[np.float64], limit: float = math.inf
+    ) -> Callable[[NDArray[np.float32]], int]:
+        """What holds the commands in `memory` for one interval, overwriting `block`.
+
+        It takes an array for the observations and returns how many rows failed in any way or
+        reached `limit` intervals; see `step_rows`. What sets something of the fleet puts it
+        out of date.
+        """
         n = self.memory.shape[1]
         parts = min(self.num_threads, n // LEAST_ROWS)
         if parts < 2:
-            return self._step_part(block, observations, self._works[0], limit, 0, n)
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.num_threads)
+            return self._part(block, limit, self._works[0], 0, n)
         cuts = [n * k // parts for k in range(parts + 1)]
-        jobs = [
-            self._pool.submit(self._step_part, block, observations, work, limit, first, last)
-            for work, first, last in zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
-        ]
-        return sum(job.result() for job in jobs)
+        each = zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
+        return functools.partial(self._together, [self._part(block, limit, *one) for one in each])
 
-    def _step_part(
+    def _part(
         self,
         block: NDArray[np.float64],
-        observations: NDArray[np.float32],
-        work: NDArray[np.float64],
         limit: float,
+        work: NDArray[np.float64],
         first: int,
         last: int,
+    ) -> Callable[[NDArray[np.float32]], int]:
+        arguments = block, self.memory, self.constants, self.poles, work, limit, first, last
+        step = functools.partial(step_rows, *arguments)
+        return functools.partial(self._disturbed, step, block, first, last) if self._rough else step
+
+    def _disturbed(
+        self,
+        step: Callable[[NDArray[np.float32]], int],
+        block: NDArray[np.float64],
+        first: int,
+        last: int,
+        observations: NDArray[np.float32],
     ) -> int:
-        memory, constants, poles = self.memory, self.constants, self.poles
-        if not self._disturbed:
-            return step_rows(
-                observations, block, memory, constants, poles, work, limit, first, last
-            )
-        streams, settings = self.streams, self._settings
-        disturb_rows(memory, constants, streams, self.held, settings, first, last)
-        unusual = step_rows(observations, block, memory, constants, poles, work, limit, first, last)
+        memory, streams, settings = self.memory, self.streams, self._settings
+        disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
+        unusual = step(observations)
         account_rows(observations, block, memory, streams, settings, first, last)
         return unusual
+
+    def _together(
+        self,
+        parts: Sequence[Callable[[NDArray[np.float32]], int]],
+        observations: NDArray[np.float32],
+    ) -> int:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.num_threads)
+        return sum(self._pool.map(lambda part: part(observations), parts))
 
     def range_left(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""

@@ -1,6 +1,7 @@
 """The single environment's `info`: a dictionary whose entries are made when they are looked at.
 
-Making two dozen numbers takes longer than their physics, and most of them are never read.
+Making two dozen numbers takes longer than their physics, and most of them are never read. (In C,
+an empty dictionary is told by its size without asking its methods, so `failure` is always there.)
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ class StepInfo(dict[str, Any]):
     __slots__ = ("block",)
 
     block: bytes | None
+
+    def __getattr__(self, name: str) -> None:
+        if name != "block":
+            raise AttributeError(name)  # else one that nobody gave a block: an ordinary dictionary
 
     def fill(self) -> None:
         """Make the entries, but for those that were written before."""

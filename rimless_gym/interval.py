@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rimless_gym import energy as row
-from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, OK, RATE_EXCEEDED
+from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
 from rimless_gym.stepping import (
     DPHI,
     DTHETA,
@@ -30,8 +30,8 @@ from rimless_gym.task import OBSERVATION_SIZE, observation
 # What is remembered of each row from step to step, `memory` (MEMORY_SIZE, N): the hybrid state
 # (`rimless_gym.stepping`), where the episode is, and what task and machine ask for.
 (
-    COMMAND,  # last one given, voltage in units of the limit
     VOLTAGE,  # held over the interval (V)
+    COMMAND,  # last one given, voltage in units of the limit
     TIME,  # since the episode began (s)
     COUNT,  # intervals since then
     DELAY,  # intervals from command to voltage
@@ -71,33 +71,54 @@ def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
 
 
 _marks = njit(error_model="numpy")(marks)
+_WIDTH = np.uint64(OBSERVATION_SIZE)
 
 
 @njit(error_model="numpy")
-def _hold(commands, limits, voltages):
-    for i in range(len(voltages)):
-        voltages[i] = limits[i] * min(max(commands[i], -1.0), 1.0)
+def _hold(memory, first, last):
+    for i in range(first, last):
+        memory[VOLTAGE, i] = memory[VOLTAGE_LIMIT, i] * min(max(memory[COMMAND, i], -1.0), 1.0)
 
 
 @njit(error_model="numpy")
-def _clocks(elapsed, times, counts):
-    for i in range(len(times)):
-        times[i] += elapsed[i]
-        counts[i] += 1.0
+def _pay(block, memory, first, last):
+    for i in range(first, last):
+        block[IDLE, i] = memory[IDLE_POWER, i] * block[row.TIME, i]
+    for i in range(first, last):
+        block[REWARD_DISTANCE, i] = memory[VALUE_OF_DISTANCE, i] * block[row.DISTANCE, i]
+    for i in range(first, last):
+        drawn = block[row.ELECTRICAL_POSITIVE, i] + block[IDLE, i]
+        block[REWARD_ENERGY, i] = -drawn / memory[WEIGHT, i]
+    for i in range(first, last):
+        failure = block[row.FAILURE, i]
+        ended = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+        block[REWARD_END, i] = -memory[END_CHARGE, i] if ended else 0.0
+    for i in range(first, last):
+        terms = block[REWARD_DISTANCE, i] + block[REWARD_ENERGY, i]
+        block[REWARD, i] = terms + block[REWARD_END, i]
 
 
 @njit(error_model="numpy")
-def _pay(distances, values, idle, elapsed, powers, for_distance):
-    for i in range(len(for_distance)):
-        for_distance[i] = values[i] * distances[i]
-        idle[i] = powers[i] * elapsed[i]
-
-
-@njit(error_model="numpy")
-def _charge(drawn, idle, weights, for_distance, for_energy, rewards):
-    for i in range(len(rewards)):
-        for_energy[i] = -(drawn[i] + idle[i]) / weights[i]
-        rewards[i] = for_distance[i] + for_energy[i]
+def _mark(block, memory, limit, first, last):
+    """Write the marks; how many rows failed in any way or reached the limit."""
+    bits, unusual = _marks(block), 0
+    for i in range(first, last):
+        memory[TIME, i] += block[row.TIME, i]
+    for i in range(first, last):
+        memory[COUNT, i] += 1.0
+        bits[TRUNCATED, i] = memory[COUNT, i] >= limit
+    for i in range(first, last):
+        failure = block[row.FAILURE, i]
+        bits[FAILURE_MARK, i] = int(failure)
+        bits[TERMINATED, i] = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+    for i in range(first, last):
+        demand = max(block[row.FRICTION_DEMAND, i], block[row.IMPULSE_FRICTION_DEMAND, i])
+        bits[SLIPS, i] = demand > memory[FRICTION, i]
+    for i in range(first, last):
+        bits[MODE_MARK, i] = int(memory[MODE, i])
+    for i in range(first, last):
+        unusual += (bits[FAILURE_MARK, i] | bits[TRUNCATED, i]) != 0
+    return unusual
 
 
 @njit(error_model="numpy")
@@ -112,48 +133,32 @@ def observe_row(memory, observations, i):
         memory[LEG_SCALE, i],
     )
     for k in range(OBSERVATION_SIZE):
-        observations[i * OBSERVATION_SIZE + k] = values[k]
+        observations[i * _WIDTH + np.uint64(k)] = values[k]
 
 
 def _step_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True, nogil=True)
-    def step_rows(observations, block, memory, constants, poles, work, limit, first, last):
+    def step_rows(block, memory, constants, poles, work, limit, begin, end, observations):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
-        here = slice(first, last)
-        _hold(memory[COMMAND, here], memory[VOLTAGE_LIMIT, here], memory[VOLTAGE, here])
+        first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+        _hold(memory, first, last)
         advance_batch(
-            *(constants, poles, memory, memory[VOLTAGE], first, last),
+            *(constants, poles, memory, memory[VOLTAGE], begin, end),
             *(CONTROL_PERIOD, 0.0, block, work),
         )
-        elapsed, idle, pay = block[row.TIME, here], block[IDLE, here], block[REWARD_DISTANCE, here]
-        drawn, distances = block[row.ELECTRICAL_POSITIVE, here], block[row.DISTANCE, here]
-        values, powers = memory[VALUE_OF_DISTANCE, here], memory[IDLE_POWER, here]
-        _clocks(elapsed, memory[TIME, here], memory[COUNT, here])
-        _pay(distances, values, idle, elapsed, powers, pay)
-        weights, rewards = memory[WEIGHT, here], block[REWARD, here]
-        _charge(drawn, idle, weights, pay, block[REWARD_ENERGY, here], rewards)
-        bits, unusual = _marks(block), 0
+        _pay(block, memory, first, last)
+        unusual = _mark(block, memory, limit, first, last)
         for i in range(first, last):
-            failure = int(block[row.FAILURE, i])
-            ended = failure in (CONTACT_LOST, RATE_EXCEEDED)
             block[PUSH, i] = 0.0
-            block[REWARD_END, i] = -memory[END_CHARGE, i] if ended else 0.0
-            block[REWARD, i] += block[REWARD_END, i]
-            bits[TERMINATED, i] = ended
-            bits[TRUNCATED, i] = memory[COUNT, i] >= limit
-            demand = max(block[row.FRICTION_DEMAND, i], block[row.IMPULSE_FRICTION_DEMAND, i])
-            bits[SLIPS, i] = demand > memory[FRICTION, i]
-            bits[MODE_MARK, i] = int(memory[MODE, i])
-            bits[FAILURE_MARK, i] = failure
-            unusual += failure != OK or memory[COUNT, i] >= limit
+        for i in range(first, last):
             observe_row(memory, observations, i)
         return unusual
 
     return step_rows
 
 
-#: Compiled: (observations, block, memory, constants, poles, work, limit, first, last) -> how many
-#: of the rows `first` to `last` failed in any way or reached `limit`, the greatest COUNT. Holds
+#: Compiled: (block, memory, constants, poles, work, limit, begin, end, observations) -> how many of
+#: the rows from `begin` to `end` failed in any way or reached `limit`, the greatest COUNT. Holds
 #: `memory[COMMAND]` for one interval: advances `memory`, overwrites `block` and `observations`
 #: (float32, flat).
 step_rows = _step_kernel(SOURCE_FINGERPRINT)

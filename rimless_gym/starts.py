@@ -162,7 +162,7 @@ def _start_kernel(fingerprint: int) -> Callable[..., tuple[int, int]]:
             if noisy:
                 observe_noisily(memory, streams, settings, observations, i)
             else:
-                observe_row(memory, observations, i)
+                observe_row(memory, observations, np.uint64(i))
         return failed, outcome
 
     return start_rows

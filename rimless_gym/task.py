@@ -25,6 +25,7 @@ from rimless_gym.stepping import (
     STATE_SIZE,
     THETA,
 )
+from rimless_gym.trigonometry import cos, sin
 
 #: Observations are (phi - pi/2) / (alpha/2), sin theta, cos theta, phi' / LEG_RATE_SCALE,
 #: theta' / PENDULUM_RATE_SCALE (rad/s), and 1 while resting on two feet.
@@ -82,8 +83,8 @@ def observation(phi, theta, dphi, dtheta, mode, leg_scale):
     """The observation's six numbers; `leg_scale` is 2 / alpha."""
     return (
         _within((phi - math.pi / 2) * leg_scale, 1.0),
-        math.sin(theta),
-        math.cos(theta),
+        sin(theta),
+        cos(theta),
         _within(dphi / LEG_RATE_SCALE, MAX_RATE / LEG_RATE_SCALE),
         _within(dtheta / PENDULUM_RATE_SCALE, MAX_RATE / PENDULUM_RATE_SCALE),
         mode,

@@ -88,6 +88,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `max_episode_steps`: default 2000 (20 s); None for no limit.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
     - `num_threads`: that share a step; pays from some thousand rows on.
+    - `render_mode`: `"rgb_array"`, the first nine rows as a grid, or `"rgb_array_list"`, one frame
+      per row, which is what Gymnasium's `RecordVideo` and `HumanRendering` for vectors take.
+    - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
 
     `info` holds the single environment's entries as arrays (num_envs,), new ones every step;
     `mode` and `failure` are codes there: `rimless_gym.hybrid.MODE_NAMES[mode]`, and 0 or a key of
@@ -204,7 +207,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._command(actions, again)
         block = np.empty((BLOCK_SIZE, self.num_envs))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
-        unusual = fleet.step(block, observations.reshape(-1), self._limit)
+        unusual = fleet.stepper(block, self._limit)(observations.reshape(-1))
         marks = interval.marks(block)
         if len(again):
             block[:MARKS, again] = 0.0

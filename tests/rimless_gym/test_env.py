@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import math
+import pickle
+import subprocess
+import sys
 import warnings
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +18,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import rimless_gym
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Disturbances, Pushes, SensorNoise, Task
 from rimless_gym.env import RimlessWheelEnv
 from rimless_gym.hybrid import MAX_RATE
 
@@ -208,6 +214,161 @@ def test_absurd_voltages_end_the_episode_or_raise_but_never_give_nonsense(limit:
         assert abs(info["electrical"] - spent) < 1e-7 * max(1.0, abs(info["electrical"]))
         if ended:
             env.reset()
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_snapshot_a_pickle_and_a_copy_go_on_alike(rough: bool) -> None:
+    def future(env: Any) -> list[tuple]:
+        rng, out = np.random.default_rng(1), []
+        for i in range(400):
+            if i % 20 == 0:
+                action = np.sign(rng.uniform(-1, 1, 1)).astype(np.float32)
+            seen, reward, terminated, truncated, info = env.step(action)
+            out.append((seen.tobytes(), reward, terminated, truncated, dict(info)))
+            if terminated or truncated:
+                out.append((env.reset()[0].tobytes(),))
+        return out
+
+    disturbances = Disturbances(
+        pushes=Pushes(rate=5.0, impulse=(0.1, 1.0)),
+        sensor_noise=SensorNoise(leg_rate=0.1),
+        actuator_delay=(0, 3),
+    )
+    settings = {"ranges": {"slope": (-0.02, 0.02)}, "disturbances": disturbances} if rough else {}
+    env = gym.make("RimlessWheel-v0", **settings)
+    env.reset(seed=0)
+    for _ in range(17):
+        env.step(np.full(1, 0.3, np.float32))
+    core: Any = env.unwrapped
+    model = core.model
+    snapshot, twins = core.get_state(), [pickle.loads(pickle.dumps(env)), copy.deepcopy(env)]
+    expected = future(env)
+    assert any(len(step) == 1 for step in expected)  # an episode ended
+    for twin in twins:
+        assert future(twin) == expected
+        assert twin.unwrapped.model.params == model.params or rough
+    other = RimlessWheelEnv(PROTOTYPE)
+    for _ in range(2):  # a snapshot can be taken up any number of times
+        other.set_state(pickle.loads(pickle.dumps(snapshot)))
+        assert other.params == model.params
+        assert other.model.params == model.params
+        assert future(other) == expected
+
+
+def test_a_snapshot_of_another_task_is_refused() -> None:
+    env = RimlessWheelEnv(task=Task(value_of_distance=1.0))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="value_of_distance"):
+        RimlessWheelEnv().set_state(env.get_state())
+
+
+def test_an_ended_episode_stays_ended_in_its_snapshot() -> None:
+    env, other = RimlessWheelEnv(), RimlessWheelEnv()
+    env.reset(options={"state": [1.5, 1.5, 1.0, -14.0]})
+    while not env.step(-np.ones(1, np.float32))[2]:
+        pass
+    other.set_state(env.get_state())
+    with pytest.raises(RuntimeError, match="reset"):
+        other.step(np.zeros(1, np.float32))
+
+
+def test_another_process_sees_the_same_episode() -> None:
+    code = (
+        "import gymnasium, numpy, rimless_gym;"
+        "env = gymnasium.make('RimlessWheel-v0');"
+        "seen = [env.reset(seed=4)[0]];"
+        "seen += [env.step(numpy.full(1, 0.2, 'f4'))[0] for _ in range(50)];"
+        "print(numpy.array(seen).tobytes().hex())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    env = gym.make("RimlessWheel-v0")
+    seen = [env.reset(seed=4)[0]]
+    seen += [env.step(np.full(1, 0.2, np.float32))[0] for _ in range(50)]
+    assert done.stdout.strip() == np.array(seen).tobytes().hex()
+
+
+def test_rewards_are_bounded(env: gym.Env) -> None:
+    p, machine = P, THESIS_PHYSICAL
+    speed = MAX_RATE * 10 * p.L1  # no step is trusted with more
+    current = (machine.voltage_limit + p.K * 20 * MAX_RATE) / machine.armature_resistance
+    step = 0.01 * (0.5 * speed + machine.voltage_limit * current / machine.weight)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    for i in range(3000):
+        if i % 20 == 0:
+            action = np.sign(rng.uniform(-1, 1, 1)).astype(np.float32)
+        _, reward, terminated, truncated, _ = env.step(action)
+        assert abs(reward) < step + 1.0
+        if terminated or truncated:
+            env.reset()
+
+
+def test_info_is_a_dictionary_whichever_way_it_is_read_first() -> None:
+    env, twin = RimlessWheelEnv(), RimlessWheelEnv()
+    for each in (env, twin):
+        each.reset(seed=0)
+    whole = dict(twin.step(np.ones(1, np.float32))[-1])
+    state = env.get_state()
+
+    def fresh() -> dict:
+        env.set_state(state)
+        return env.step(np.ones(1, np.float32))[-1]
+
+    assert len(whole) > 20
+    assert type(whole) is dict
+    assert isinstance(fresh(), dict)
+    assert fresh() == whole
+    assert whole == fresh()
+    assert not fresh() != whole  # noqa: SIM202  an operator of its own
+    assert {**fresh()} == whole
+    assert dict(**fresh()) == whole
+    assert (fresh() | {"more": 1}) == (whole | {"more": 1})
+    assert ({"more": 1} | fresh()) == ({"more": 1} | whole)
+    for way in (copy.copy, copy.deepcopy, dict.fromkeys, list, set, len, repr, bool, sorted):
+        assert way(fresh()) == way(whole)
+    assert json.loads(json.dumps(fresh())) == json.loads(json.dumps(whole))
+    assert json.dumps(fresh(), indent=1, sort_keys=True) == json.dumps(
+        whole, indent=1, sort_keys=True
+    )
+    assert type(fresh())(fresh()) == whole
+    assert pickle.loads(pickle.dumps(fresh())) == whole
+    assert type(pickle.loads(pickle.dumps(fresh()))) is dict
+    assert list(reversed(fresh())) == list(reversed(whole))
+    for method in ("keys", "values", "items"):
+        assert list(getattr(fresh(), method)()) == list(getattr(whole, method)())
+    assert fresh().copy() == whole
+    for name, value in whole.items():
+        assert fresh()[name] == value
+        assert fresh().get(name) == value
+        assert fresh().pop(name) == value
+        assert fresh().setdefault(name, "other") == value
+        assert name in fresh()
+        info = fresh()
+        info[name] = "mine"  # what is written stays
+        assert info[name] == "mine"
+        assert len(info) == len(whole)
+        assert info == whole | {name: "mine"}
+        info = fresh()
+        del info[name]
+        assert name not in info
+        assert len(info) == len(whole) - 1
+    info = fresh()
+    info.update(distance=3, other=4)
+    assert info == whole | {"distance": 3, "other": 4}
+    info = fresh()
+    info |= {"distance": 3}
+    assert info == whole | {"distance": 3}
+    assert "nothing" not in fresh()
+    assert fresh().get("nothing") is None
+    assert fresh().get("nothing", 1) == 1
+    with pytest.raises(KeyError, match="nothing"):
+        fresh()["nothing"]
+    info = fresh()
+    info.clear()
+    assert info == {}
+    older = fresh()
+    env.step(-np.ones(1, np.float32))
+    assert older == whole  # a later step leaves it alone
 
 
 def test_stepping_before_reset_says_what_to_do() -> None:
