@@ -80,7 +80,8 @@ def _stage(i: int) -> Callable[..., None]:
             v0, v1 = dphi + h * v0, dtheta + h * v1
             if i < STAGES:
                 mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
-                put_pair(tile, acc, lane, accelerations(mode, x0, x1, v0, v1, u, p))
+                a = accelerations(mode, x0, x1, v0, v1, u, p)
+                tile[acc + lane], tile[acc + LANES + lane] = a
             else:
                 put_state(tile, NEXT, lane, (x0, x1, v0, v1))
             if share != 0.0:

@@ -1,0 +1,46 @@
+"""The vectorising sine and cosine against the mathematical library's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+
+from rimless_gym.trigonometry import cos, sin
+
+
+@njit
+def both(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    s, c = np.empty_like(x), np.empty_like(x)
+    for i in range(len(x)):
+        s[i], c[i] = sin(x[i]), cos(x[i])
+    return s, c
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 10.0, 1e3, 1e5])
+def test_sine_and_cosine_are_right_to_the_last_bit_of_one(size):
+    x = np.random.default_rng(0).uniform(-size, size, 200_000)
+    s, c = both(x)
+    assert np.abs(s - np.sin(x)).max() < 2.5e-16
+    assert np.abs(c - np.cos(x)).max() < 2.5e-16
+
+
+def test_sine_is_odd_and_cosine_even_and_both_exact_at_zero():
+    x = np.random.default_rng(1).uniform(-50, 50, 10_000)
+    (s, c), (mirrored, same) = both(x), both(-x)
+    assert np.array_equal(mirrored, -s)
+    assert np.array_equal(same, c)
+    assert both(np.zeros(1)) == (0.0, 1.0)
+
+
+def test_quadrants_are_told_apart_at_their_borders():
+    x = np.arange(-40, 41) * (np.pi / 4) + np.array([[-1e-9], [0.0], [1e-9]])
+    s, c = both(x.ravel())
+    assert np.abs(s - np.sin(x.ravel())).max() < 2.5e-16
+    assert np.abs(c - np.cos(x.ravel())).max() < 2.5e-16
+
+
+def test_what_is_not_a_number_stays_so():
+    s, c = both(np.array([np.nan, np.inf]))
+    assert np.all(np.isnan(s))
+    assert np.all(np.isnan(c))
