@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from rimless_gym import tile as of
 from rimless_gym.hybrid import (
     DIVERGED,
     MAX_RATE,
@@ -25,28 +26,7 @@ from rimless_gym.interpolation import (
     upward_root,
     value,
 )
-from rimless_gym.tile import (
-    ACC,
-    ATTEMPT,
-    BEFORE,
-    CUT,
-    FAILURE,
-    GOAL,
-    HIGH,
-    LANES,
-    LOW,
-    MISS_BEFORE,
-    MODE,
-    NEXT,
-    NEXT_ACC,
-    STATE,
-    STEP,
-    TRIES,
-    VOLTAGE,
-    get_pair,
-    get_state,
-    machine,
-)
+from rimless_gym.tile import LANES, get_pair, get_state, machine
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
 GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
@@ -143,30 +123,30 @@ def force_guard(kind, mode, y, u, pull, p):
 @njit(error_model="numpy")
 def judge(tile, lane, pull):
     """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
-    y, acc = get_state(tile, STATE, lane), get_pair(tile, ACC, lane)
-    end, acc_end = get_state(tile, NEXT, lane), get_pair(tile, NEXT_ACC, lane)
-    mode, u, h = tile[MODE + lane], tile[VOLTAGE + lane], tile[STEP + lane]
-    goal, cut, p = int(tile[GOAL + lane]), int(tile[CUT + lane]), machine(tile, lane)
+    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
+    end, acc_end = get_state(tile, of.NEXT, lane), get_pair(tile, of.NEXT_ACC, lane)
+    mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
+    goal, cut, p = int(tile[of.GOAL + lane]), int(tile[of.CUT + lane]), machine(tile, lane)
     if not max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE:
-        tile[FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
+        tile[of.FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
         return False
     if goal == NOTHING:
         if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
-            tile[CUT + lane] = _AT_REVERSAL
-            tile[ATTEMPT + lane] = h * reversal(y, acc, end, acc_end, h)
+            tile[of.CUT + lane] = _AT_REVERSAL
+            tile[of.ATTEMPT + lane] = h * reversal(y, acc, end, acc_end, h)
             return False
         if mode == SINGLE:
             if cut < _AT_TURN:
                 s = turning_cut(y, acc, end, acc_end, h, p)
                 if s < 1.0:
-                    tile[CUT + lane] = _AT_TURN
-                    tile[ATTEMPT + lane] = s * h
+                    tile[of.CUT + lane] = _AT_TURN
+                    tile[of.ATTEMPT + lane] = s * h
                     return False
             event, s, s_past = touchdown_crossing(y, acc, end, acc_end, h, p)
             if event != NOTHING:
-                tile[GOAL + lane] = event
-                tile[HIGH + lane] = s_past * h
-                tile[ATTEMPT + lane] = s * h
+                tile[of.GOAL + lane] = event
+                tile[of.HIGH + lane] = s_past * h
+                tile[of.ATTEMPT + lane] = s * h
                 return False
         elif force_guard(LIFT_OFF, mode, end, u, pull, p) > 0.0:
             _aim_at_force(tile, lane, LIFT_OFF, end, h, pull)
@@ -174,7 +154,7 @@ def judge(tile, lane, pull):
     elif not (_lands(tile, lane, goal, h) if abs(goal) == 1 else _lets_go(tile, lane, goal, pull)):
         return False
     if goal != RELEASE and h > 0.0:
-        end = get_state(tile, NEXT, lane)
+        end = get_state(tile, of.NEXT, lane)
         for s in (0.5, 1.0):
             there = between(y, acc, end, acc_end, h, s) if s < 1.0 else end
             if force_guard(RELEASE, mode, there, u, pull, p) > 0.0:
@@ -191,21 +171,21 @@ def _lands(tile, lane, direction, tau):
     """
     p = machine(tile, lane)
     bound = p.b if direction > 0 else p.a
-    phi, dphi = tile[NEXT + lane], tile[NEXT + 2 * LANES + lane]
-    low, high, tries = tile[LOW + lane], tile[HIGH + lane], tile[TRIES + lane]
+    phi, dphi = tile[of.NEXT + lane], tile[of.NEXT + 2 * LANES + lane]
+    low, high, tries = tile[of.LOW + lane], tile[of.HIGH + lane], tile[of.TRIES + lane]
     miss = direction * (phi - bound)
     if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16 or tries >= 60:
-        tile[NEXT + lane] = bound
+        tile[of.NEXT + lane] = bound
         return True
     if miss > 0.0:
         high = tau
     else:
         low = tau
     newton = tau - miss / (direction * dphi)
-    tile[ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
-    tile[LOW + lane] = low
-    tile[HIGH + lane] = high
-    tile[TRIES + lane] = tries + 1
+    tile[of.ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
+    tile[of.LOW + lane] = low
+    tile[of.HIGH + lane] = high
+    tile[of.TRIES + lane] = tries + 1
     return False
 
 
@@ -215,8 +195,8 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
 
     Bisection on the quintics brings the first attempt near.
     """
-    y, acc = get_state(tile, STATE, lane), get_pair(tile, ACC, lane)
-    mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
+    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
+    mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
     acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
     low, high = 0.0, 1.0
     while high - low > 1e-15:
@@ -225,26 +205,26 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
             high = middle
         else:
             low = middle
-    tile[GOAL + lane] = kind
-    tile[ATTEMPT + lane] = high * h
-    tile[HIGH + lane] = h
-    tile[BEFORE + lane] = h
-    tile[MISS_BEFORE + lane] = force_guard(kind, mode, end, u, pull, p)
-    tile[TRIES + lane] = 0.0
+    tile[of.GOAL + lane] = kind
+    tile[of.ATTEMPT + lane] = high * h
+    tile[of.HIGH + lane] = h
+    tile[of.BEFORE + lane] = h
+    tile[of.MISS_BEFORE + lane] = force_guard(kind, mode, end, u, pull, p)
+    tile[of.TRIES + lane] = 0.0
 
 
 @njit(error_model="numpy")
 def _lets_go(tile, lane, kind, pull):
     """Whether an attempt ends where a force guard turns positive; else one of two secant steps."""
-    end, tau = get_state(tile, NEXT, lane), tile[STEP + lane]
-    mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
-    miss, tries = force_guard(kind, mode, end, u, pull, p), tile[TRIES + lane]
-    before, miss_before = tile[BEFORE + lane], tile[MISS_BEFORE + lane]
+    end, tau = get_state(tile, of.NEXT, lane), tile[of.STEP + lane]
+    mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
+    miss, tries = force_guard(kind, mode, end, u, pull, p), tile[of.TRIES + lane]
+    before, miss_before = tile[of.BEFORE + lane], tile[of.MISS_BEFORE + lane]
     if tries >= 2 or miss in (0.0, miss_before):
         return True
     corrected = tau - miss * (tau - before) / (miss - miss_before)
-    tile[ATTEMPT + lane] = min(max(corrected, 0.0), tile[HIGH + lane])
-    tile[BEFORE + lane] = tau
-    tile[MISS_BEFORE + lane] = miss
-    tile[TRIES + lane] = tries + 1
+    tile[of.ATTEMPT + lane] = min(max(corrected, 0.0), tile[of.HIGH + lane])
+    tile[of.BEFORE + lane] = tau
+    tile[of.MISS_BEFORE + lane] = miss
+    tile[of.TRIES + lane] = tries + 1
     return False

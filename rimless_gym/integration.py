@@ -16,22 +16,13 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from rimless_gym import tile as of
 from rimless_gym.hybrid import SINGLE, accelerations, inlined, losses, relative_rate
 from rimless_gym.params import N_CONSTANTS, WheelParams
 from rimless_gym.tile import (
-    ACC,
-    BRAKED,
-    CONSTANTS,
     LANES,
-    MODE,
-    NEXT,
-    STAGE_ACC,
     STAGES,
-    STATE,
-    STEP,
     TILE_SIZE,
-    TURNED,
-    VOLTAGE,
     get_pair,
     get_state,
     machine,
@@ -59,16 +50,16 @@ def _stage(i: int) -> Callable[..., None]:
     rates = _A[i, :i] if i < STAGES else _B
     positions = rates @ _A[:i, :i]
     used = [j for j in range(i) if rates[j] or positions[j]]
-    terms, offsets = len(used), tuple(STAGE_ACC + 2 * j * LANES for j in used)
+    terms, offsets = len(used), tuple(of.STAGE_ACC + 2 * j * LANES for j in used)
     w, ww = tuple(float(rates[j]) for j in used), tuple(float(positions[j]) for j in used)
     c = float(rates.sum())
-    acc = STAGE_ACC + 2 * i * LANES
+    acc = of.STAGE_ACC + 2 * i * LANES
     share = float(_B[i]) if i < STAGES else 0.0
 
     @_vectorised
     def stage(tile):
         for lane in range(LANES):
-            h, (phi, theta, dphi, dtheta) = tile[STEP + lane], get_state(tile, STATE, lane)
+            h, (phi, theta, dphi, dtheta) = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
             v0 = v1 = x0 = x1 = 0.0
             for m in range(terms):
                 a0, a1 = tile[offsets[m] + lane], tile[offsets[m] + LANES + lane]
@@ -79,15 +70,15 @@ def _stage(i: int) -> Callable[..., None]:
             x0, x1 = phi + h * (c * dphi + h * x0), theta + h * (c * dtheta + h * x1)
             v0, v1 = dphi + h * v0, dtheta + h * v1
             if i < STAGES:
-                mode, u, p = tile[MODE + lane], tile[VOLTAGE + lane], machine(tile, lane)
+                mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
                 a = accelerations(mode, x0, x1, v0, v1, u, p)
                 tile[acc + lane], tile[acc + LANES + lane] = a
             else:
-                put_state(tile, NEXT, lane, (x0, x1, v0, v1))
+                put_state(tile, of.NEXT, lane, (x0, x1, v0, v1))
             if share != 0.0:
                 turned, braked = _integrands(tile, lane, v0, v1)
-                tile[TURNED + lane] += share * h * turned
-                tile[BRAKED + lane] += share * h * braked
+                tile[of.TURNED + lane] += share * h * turned
+                tile[of.BRAKED + lane] += share * h * braked
 
     return stage
 
@@ -95,11 +86,11 @@ def _stage(i: int) -> Callable[..., None]:
 @_vectorised
 def _begin(tile):
     for lane in range(LANES):
-        _, _, dphi, dtheta = get_state(tile, STATE, lane)
+        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
         turned, braked = _integrands(tile, lane, dphi, dtheta)
-        tile[TURNED + lane] = _SHARE * tile[STEP + lane] * turned
-        tile[BRAKED + lane] = _SHARE * tile[STEP + lane] * braked
-        put_pair(tile, STAGE_ACC, lane, get_pair(tile, ACC, lane))
+        tile[of.TURNED + lane] = _SHARE * tile[of.STEP + lane] * turned
+        tile[of.BRAKED + lane] = _SHARE * tile[of.STEP + lane] * braked
+        put_pair(tile, of.STAGE_ACC, lane, get_pair(tile, of.ACC, lane))
 
 
 _SHARE = float(_B[0])
@@ -132,15 +123,12 @@ def smooth_states(
     """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, unguarded."""
     tile = np.zeros(TILE_SIZE)
     lane = tile.reshape(-1, LANES)[:, 0]  # of the others nobody asks
-    first = {
-        quantity: quantity // LANES for quantity in (STATE, ACC, NEXT, CONSTANTS, VOLTAGE, STEP)
-    }
-    lane[first[CONSTANTS] :][:N_CONSTANTS] = params.constants
-    lane[first[VOLTAGE]], lane[first[STEP]] = u, duration / steps
-    lane[first[NEXT] :][:4] = y
+    state, acc, end = (q // LANES for q in (of.STATE, of.ACC, of.NEXT))
+    lane[of.CONSTANTS // LANES :][:N_CONSTANTS] = params.constants
+    lane[of.VOLTAGE // LANES], lane[of.STEP // LANES] = u, duration / steps
+    lane[end : end + 4] = y
     for _ in range(steps):
-        now = lane[first[NEXT] :][:4].copy()
-        lane[first[STATE] :][:4] = now
-        lane[first[ACC] :][:2] = accelerations(SINGLE, *now, u, params.constants)
+        now = lane[state : state + 4] = lane[end : end + 4].copy()
+        lane[acc : acc + 2] = accelerations(SINGLE, *now, u, params.constants)
         rk8(tile)
-        yield lane[first[NEXT] :][:4].copy()
+        yield lane[end : end + 4].copy()

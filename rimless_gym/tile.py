@@ -71,8 +71,10 @@ FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
 NEXT_ENERGY, NEXT_HUB = _rows(1), _rows(1)
 WORK_ELECTRICAL, WORK_POSITIVE, WORK_COPPER = _rows(1), _rows(1), _rows(1)
 WORK_FRICTION, WORK_DRAG, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
-FLAG = _rows(1)  # whether the lane needs more than the common case
-ACCEPTED = _rows(1)
+FLAG = _rows(1)  # one of
+PLAIN, CURRENT, SPLIT, FLAGGED = 0.0, 1.0, 2.0, 3.0
+# nothing is to be done about the lane's attempt; its work is split where the current changes sign;
+# where the current or psi' does; it is judged.
 
 TILE_SIZE = next(_count) * LANES
 
