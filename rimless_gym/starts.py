@@ -59,7 +59,6 @@ Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
 _D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
 _solve = hybrid.eq.solve
 _constants_of = njit(error_model="numpy")(constants_of)
-_SINES = np.linspace(-1.0, 1.0, 201)
 
 
 @njit(error_model="numpy")
@@ -77,10 +76,14 @@ def _set_terms(fields, prices, memory, i):
 
 @njit(error_model="numpy")
 def _motor_pole(p):
-    """As `WheelParams.motor_pole`; infinite where the mass matrix is singular."""
+    """As `WheelParams.motor_pole`; infinite where the mass matrix is singular.
+
+    The mobility of psi is (M11 + M22 - 2 M12) / (M11 M22 - M12^2) or M11 / (M11 M22 - M12^2),
+    greatest at the ends of M12's range.
+    """
     fastest = 0.0
-    for sine in _SINES:
-        m11, m12, m22 = hybrid.mass_matrix(0.0, math.asin(sine), p)
+    for angle in (-math.pi / 2, math.pi / 2):
+        m11, m12, m22 = hybrid.mass_matrix(0.0, angle, p)
         if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
             return math.inf
         rates = _solve(m11, m12, m22, p.d1, 1.0)

@@ -213,13 +213,13 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             block[:MARKS, again] = 0.0
             marks[:, again] = 0
         terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
-        info = _info(block, marks)
+        info = _info(block)
         if unusual:
             ended = terminated | truncated
             fleet.ended |= ended
             self._require_range(marks)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info |= _final(ended, observations, info)
+                info |= _final(ended, observations, block)
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
@@ -330,28 +330,25 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             raise self._fleet.range_left(int(lost[0]), int(marks[FAILURE_MARK, lost[0]]))
 
 
-def _info(block: Floats, marks: NDArray[np.int8]) -> dict[str, Any]:
+def _info(block: Floats) -> dict[str, Any]:
+    marks = interval.marks(block)
     info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
     info["slips"] = marks[SLIPS].view(np.bool_)
     info["mode"], info["failure"] = marks[MODE_MARK], marks[FAILURE_MARK]
     return info
 
 
-def _final(ended: Bools, observations: Observations, info: dict[str, Any]) -> dict[str, Any]:
+def _final(ended: Bools, observations: Observations, block: Floats) -> dict[str, Any]:
     """What the episodes that ended, if any, ended with, in Gymnasium's form."""
     rows = ended.nonzero()[0]
     if not len(rows):
         return {}
-    last = np.zeros_like(observations)
-    last[rows] = observations[rows]
-    final: dict[str, Any] = {}
-    for name, values in info.items():
-        final[name] = np.zeros_like(values)
-        final[name][rows] = values[rows]
-        final[f"_{name}"] = ended.copy()
+    seen, last = np.zeros_like(observations), np.zeros(block.shape)
+    seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
+    interval.marks(last)[:, rows] = interval.marks(block)[:, rows]
     return {
-        "final_obs": last,
+        "final_obs": seen,
         "_final_obs": ended.copy(),
-        "final_info": final,
+        "final_info": _info(last),
         "_final_info": ended.copy(),
     }
