@@ -124,8 +124,9 @@ def attempt_step(tile, count, duration, pull):
             prepare(tile, lane, pull)
         plan(tile)
     rk8(tile)
-    split, flagged = measure(tile, pull)
-    split_at_current(tile)
+    current, split, flagged = measure(tile, pull)
+    if current:
+        split_at_current(tile)
     if flagged:
         for lane in range(count):
             if tile[of.FLAG + lane] == of.FLAGGED and judge(tile, lane, pull):

@@ -113,9 +113,9 @@ def clear_attempt(tile, lane):
 def measure(tile, pull):
     """Forces, energies and work of the attempted step; which lanes need more than the common case.
 
-    Returns in how many lanes psi' changes sign, and how many `rimless_gym.events` has to judge.
+    Returns how many lanes are marked `CURRENT`, `SPLIT` and `FLAGGED` (`rimless_gym.tile`).
     """
-    split = flagged = 0
+    current = split = flagged = 0
     for lane in range(LANES):
         y, end = get_state(tile, of.STATE, lane), get_state(tile, of.NEXT, lane)
         mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
@@ -155,9 +155,10 @@ def measure(tile, pull):
         flips = of.SPLIT if rate * rate_end < 0.0 else flips
         flag = flips if common or waits else of.FLAGGED
         tile[of.FLAG + lane] = flag
+        current += 1 if flag == of.CURRENT else 0
         split += 1 if flag == of.SPLIT else 0
         flagged += 1 if flag == of.FLAGGED else 0
-    return split, flagged
+    return current, split, flagged
 
 
 @_vectorised

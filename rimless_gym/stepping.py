@@ -28,6 +28,8 @@ from rimless_gym.tile import CARRIED, LANES, TILE_SIZE, copy_lanes
 # Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
 PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
 
+_QUEUE = 2 * TILE_SIZE  # where in the work space the wheels wait that need more steps
+
 #: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
 MAX_POLE = 1e4
 
@@ -93,49 +95,49 @@ def store_lane(tile, lane, states, out, stride):
 
 
 @njit(error_model="numpy")
-def enqueue(tile, count, queue, waiting):
+def enqueue(tile, count, work, waiting):
     """Add the lanes that need another step to those waiting; how many there are then."""
     for lane in range(count):
         if runs(tile, lane):
+            place = _QUEUE + waiting * CARRIED
             for quantity in range(CARRIED):
-                queue[waiting, quantity] = tile[quantity * LANES + lane]
+                work[place + quantity] = tile[quantity * LANES + lane]
             waiting += 1
     return waiting
 
 
 @njit(error_model="numpy")
-def advance_waiting(tile, queue, waiting, constants, poles, states, out, stride, duration, pull):
+def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, duration, pull):
     """A step for a tile of waiting wheels; how many wait afterwards."""
     count = min(waiting, LANES)
     waiting -= count
     for lane in range(count):
+        place = _QUEUE + (waiting + lane) * CARRIED
         for quantity in range(CARRIED):
-            tile[quantity * LANES + lane] = queue[waiting + lane, quantity]
+            tile[quantity * LANES + lane] = work[place + quantity]
         if constants.shape[1] > 1:
             load_machine(tile, lane, constants, poles, int(tile[of.INDEX + lane]))
     attempt_step(tile, count, duration, pull)
     for lane in range(count):
         if not runs(tile, lane):
             store_lane(tile, lane, states, out, stride)
-    return enqueue(tile, count, queue, waiting)
+    return enqueue(tile, count, work, waiting)
 
 
 def _batch(fingerprint: int) -> Callable[..., None]:
     @njit(error_model="numpy", cache=True, nogil=True)
     def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
         fingerprint  # noqa: B018  in numba's cache key, so that no stale machine code is loaded
-        tile, spare = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE]
-        queue = work[2 * TILE_SIZE : -1].reshape((2 * LANES, CARRIED))
-        waiting, flat, flat_out, stride = 0, states.ravel(), out.ravel(), states.shape[1]
-        shared = constants.shape[1] == 1
-        if shared:
+        flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
+        tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
+        if constants.shape[1] == 1:
             share_machine(work, constants, poles)
         else:
             work[-1] = 0.0
         for base in range(first, last, LANES):
             count = min(LANES, last - base)
             load(tile, flat, voltages, base, count, stride)
-            if not shared:
+            if constants.shape[1] > 1:
                 for lane in range(count):
                     load_machine(tile, lane, constants, poles, base + lane)
             open_interval(tile, duration, pull)
@@ -144,10 +146,10 @@ def _batch(fingerprint: int) -> Callable[..., None]:
                 unfinished = attempt_step(tile, count, duration, pull)
             store(tile, flat, flat_out, base, count, stride)
             if unfinished:
-                waiting = enqueue(tile, count, queue, waiting)
+                waiting = enqueue(tile, count, work, waiting)
             while waiting >= LANES or (waiting and base + count == last):
                 waiting = advance_waiting(
-                    *(spare, queue, waiting, constants, poles),
+                    *(spare, work, waiting, constants, poles),
                     *(flat, flat_out, stride, duration, pull),
                 )
 
@@ -203,7 +205,7 @@ def machine_arrays(
 
 def scratch() -> NDArray[np.float64]:
     """Work space for one call of the kernel at a time."""
-    return np.zeros(2 * TILE_SIZE + 2 * LANES * CARRIED + 1)
+    return np.zeros(_QUEUE + 2 * LANES * CARRIED + 1)
 
 
 def advance(
