@@ -81,9 +81,10 @@ class Singles:
         self.ends["truncated"] += truncated
         return *what, terminated, truncated, info
 
-    def reset(self, i: int) -> np.ndarray:
+    def reset(self, i: int) -> tuple[np.ndarray, str]:
         self.ended[i] = False
-        return self.envs[i].reset()[0]
+        seen, info = self.envs[i].reset()
+        return seen, info["mode"]
 
 
 @pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
@@ -100,13 +101,17 @@ def test_every_row_is_the_single_environment_to_the_last_bit(
     for actions in swinging(n, steps):
         if mode is DISABLED and any(singles.ended):
             mask = np.array(singles.ended)
-            seen, _ = envs.reset(options={"reset_mask": mask})
+            seen, info = envs.reset(options={"reset_mask": mask})
             for i in np.flatnonzero(mask):
-                assert np.array_equal(seen[i], singles.reset(i))
+                expected, mode_name = singles.reset(i)
+                assert np.array_equal(seen[i], expected)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
         seen, rewards, terminated, truncated, info = envs.step(actions)
         for i in range(n):
             if singles.ended[i]:  # left over from the last step: mode is NEXT
-                assert np.array_equal(seen[i], singles.reset(i))
+                expected, mode_name = singles.reset(i)
+                assert np.array_equal(seen[i], expected)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
                 assert (rewards[i], terminated[i], truncated[i]) == (0.0, False, False)
                 assert info["elapsed"][i] == info["failure"][i] == 0
                 continue
@@ -117,7 +122,9 @@ def test_every_row_is_the_single_environment_to_the_last_bit(
                 assert info["_final_obs"][i]
                 assert info["_final_info"][i]
                 assert np.array_equal(info["final_obs"][i], expected)
-                transition, expected = info["final_info"], singles.reset(i)
+                transition = info["final_info"]
+                expected, mode_name = singles.reset(i)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
             elif mode is SAME and "_final_obs" in info:
                 assert not info["_final_obs"][i]
                 assert not info["_final_info"][i]
