@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from rimless_gym import interval
 from rimless_gym import options as reset_options
-from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
-from rimless_gym.fleet import Fleet
+from rimless_gym.arguments import check_arguments, fleet_of
+from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
 from rimless_gym.info import StepInfo
 from rimless_gym.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
@@ -280,41 +280,3 @@ def _as_action(action: Any) -> NDArray[Any]:
     if array.shape != (1,):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
     return array
-
-
-def check_arguments(params: Any, task: Any, render_mode: Any, render_modes: list[str]) -> None:
-    """Refuse what neither environment takes.
-
-    Raises:
-        TypeError: `params` or `task` is of another type.
-        ValueError: there is no such render mode.
-    """
-    each = params if isinstance(params, (list, tuple)) else [params]
-    for machine in each:
-        if not isinstance(machine, WheelParams):
-            raise TypeError(
-                f"params = {machine!r}: give a WheelParams, e.g. rimless_gym.preset('PROTOTYPE')"
-            )
-    if task is not None and not isinstance(task, Task):
-        raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
-    if render_mode is not None and render_mode not in render_modes:
-        raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
-
-
-def fleet_of(
-    params: Sequence[WheelParams],
-    task: Task,
-    ranges: Ranges | Mapping[str, tuple[float, float]] | None,
-    disturbances: Disturbances | None,
-    num_threads: int = 1,
-) -> Fleet:
-    """The rows of an environment, its arguments validated.
-
-    Raises:
-        TypeError: an argument is of another type.
-        ValueError: a machine cannot be stepped, or not with the ends of the ranges.
-    """
-    drawn = as_ranges(ranges)
-    machines = reset_options.machines(list(params), len(params))
-    reset_options.require_valid(drawn, machines)
-    return Fleet(machines, task, drawn, as_disturbances(disturbances), num_threads)

@@ -1,7 +1,8 @@
-"""The single environment's `info`: a dictionary whose entries are made when they are looked at.
+"""What `info` holds: dense arrays over the rows, or the entries of one step.
 
-Making two dozen numbers takes longer than their physics, and most of them are never read. (In C,
-an empty dictionary is told by its size without asking its methods, so `failure` is always there.)
+The single environment's is a dictionary whose entries are made when they are looked at: making two
+dozen numbers takes longer than their physics, and most of them are never read. (In C, an empty
+dictionary is told by its size without asking its methods, so `failure` is there from the start.)
 """
 
 from __future__ import annotations
@@ -9,6 +10,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rimless_gym.hybrid import FAILURES, MODE_NAMES
 from rimless_gym.interval import (
@@ -20,6 +24,7 @@ from rimless_gym.interval import (
     N_MARKS,
     SLIPS,
     TERMINATED,
+    marks,
 )
 
 _BLOCK = struct.Struct(f"{BLOCK_SIZE - 1}d{N_MARKS}b")
@@ -89,13 +94,40 @@ for _name in (
 def entries(block: bytes) -> dict[str, Any]:
     """The entries in a block of one row."""
     values = _BLOCK.unpack(block)
-    marks = values[MARKS:]
+    codes = values[MARKS:]
     info = dict(zip(INFO_NAMES, values, strict=False))
-    info["slips"] = bool(marks[SLIPS])
-    info["mode"] = MODE_NAMES[marks[MODE_MARK]]
-    info["failure"] = FAILURES[marks[FAILURE_MARK]] if marks[TERMINATED] else None
+    info["slips"] = bool(codes[SLIPS])
+    info["mode"] = MODE_NAMES[codes[MODE_MARK]]
+    info["failure"] = FAILURES[codes[FAILURE_MARK]] if codes[TERMINATED] else None
     return info
 
 
 #: What every step's `info` has.
 NAMES = frozenset({*INFO_NAMES, "slips", "mode", "failure"})
+
+
+def dense_info(block: NDArray[np.float64]) -> dict[str, Any]:
+    """The entries of all rows, views (N,) of the block; modes and failures as codes."""
+    codes = marks(block)
+    info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
+    info["slips"] = codes[SLIPS].view(np.bool_)
+    info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
+    return info
+
+
+def final_info(
+    ended: NDArray[np.bool_], observations: NDArray[np.float32], block: NDArray[np.float64]
+) -> dict[str, Any]:
+    """What the episodes that ended, if any, ended with, in Gymnasium's form."""
+    rows = ended.nonzero()[0]
+    if not len(rows):
+        return {}
+    seen, last = np.zeros_like(observations), np.zeros(block.shape)
+    seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
+    marks(last)[:, rows] = marks(block)[:, rows]
+    return {
+        "final_obs": seen,
+        "_final_obs": ended.copy(),
+        "final_info": dense_info(last),
+        "_final_info": ended.copy(),
+    }

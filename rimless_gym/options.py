@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rimless_gym.arguments import machines_of, require_valid
 from rimless_gym.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.fleet import Fleet
 from rimless_gym.params import WheelParams
 from rimless_gym.starts import DRAWN, GIVEN, HANGING
-from rimless_gym.stepping import MODE, STATE_SIZE, require_steppable
+from rimless_gym.stepping import MODE, STATE_SIZE
 from rimless_gym.task import normal_force
 from rimless_gym.trajectory import validated_start
 
@@ -64,7 +65,7 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
             raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
     params = list(fleet.params)
     if "params" in options:
-        for i, machine in zip(rows, machines(options["params"], len(rows)), strict=True):
+        for i, machine in zip(rows, machines_of(options["params"], len(rows)), strict=True):
             params[i] = machine
     ranges = as_ranges(options["ranges"]) if "ranges" in options else fleet.ranges
     same = "params" not in options and "ranges" not in options
@@ -82,31 +83,20 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
     return Options(rows, None if same else params, ranges, disturbances, kind, given)
 
 
-def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
-    """Refuse ranges whose ends one of the machines cannot have.
+def masked(mask: Any, n: int) -> NDArray[np.int64]:
+    """The rows of N that a `reset_mask` marks; all of them without one.
 
     Raises:
-        ValueError: see `WheelParams`.
+        TypeError: it is no array of bool.
+        ValueError: it has another shape, or marks none.
     """
-    if ranges.bounds:
-        for machine in dict.fromkeys(params):
-            ranges.require_valid(machine)
-
-
-def machines(params: Any, n: int) -> list[WheelParams]:
-    """`params`, one for all or one per row, as a list of N.
-
-    Raises:
-        ValueError: it is neither, or one of them cannot be stepped.
-    """
-    each = [params] * n if isinstance(params, WheelParams) else params
-    if not isinstance(each, (list, tuple)) or not all(isinstance(p, WheelParams) for p in each):
-        raise ValueError(f"params = {params!r}: give a WheelParams, or a list of one per row")
-    if len(each) != n:
-        raise ValueError(f"params: {len(each)} machines for {n} rows, must be one per row")
-    for machine in dict.fromkeys(each):
-        require_steppable(machine)
-    return list(each)
+    if mask is None:
+        return np.arange(n)
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
+        raise TypeError(f"reset_mask = {mask!r}: must be a NumPy array of bool")
+    if mask.shape != (n,) or not mask.any():
+        raise ValueError(f"reset_mask = {mask}: must have shape ({n},) and mark a row")
+    return np.flatnonzero(mask)
 
 
 def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[np.float64]:

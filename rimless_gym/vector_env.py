@@ -8,23 +8,22 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym import interval
 from rimless_gym import options as reset_options
+from rimless_gym.arguments import check_arguments, fleet_of, machines_of
 from rimless_gym.disturbances import Disturbances, Ranges
-from rimless_gym.env import RimlessWheelEnv, check_arguments, fleet_of
+from rimless_gym.env import RimlessWheelEnv
+from rimless_gym.generators import Generators, Seeds
+from rimless_gym.info import dense_info, final_info
 from rimless_gym.interval import (
     BLOCK_SIZE,
     FAILURE_MARK,
-    INFO_NAMES,
     MARKS,
-    MODE_MARK,
     REWARD,
-    SLIPS,
     TERMINATED,
     TRUNCATED,
     take_commands,
@@ -139,11 +138,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.single_observation_space = single.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        machines = reset_options.machines(params, num_envs)
+        machines = machines_of(params, num_envs)
         self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads)
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
-        self._generators: list[np.random.Generator] = []
-        self._seeds: list[int] = []
+        self._generators = Generators(num_envs)
 
     @property
     def params(self) -> tuple[WheelParams, ...]:
@@ -158,19 +156,19 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each row."""
-        self._seed(None, np.arange(self.num_envs))
-        return tuple(self._generators)
+        self._generators.seed(None, np.arange(self.num_envs))
+        return tuple(self._generators.each)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each row."""
-        self._seed(None, np.arange(self.num_envs))
-        return tuple(self._seeds)
+        self._generators.seed(None, np.arange(self.num_envs))
+        return tuple(self._generators.seeds)
 
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: Seeds = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, dict[str, Any]]:
         """Start episodes, see "Starting State".
@@ -183,9 +181,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """
         fleet = self._fleet
         options = dict(options or {})
-        rows = self._masked(options.pop("reset_mask", None))
+        rows = reset_options.masked(options.pop("reset_mask", None), self.num_envs)
         chosen = reset_options.read(options, fleet, rows)
-        self._seed(seed, rows)
+        self._generators.seed(seed, rows)
         chosen.apply(fleet)
         observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given)
@@ -202,7 +200,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """
         fleet = self._fleet
         again = fleet.ended.nonzero()[0]
-        if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not self._generators):
+        if len(again) and (
+            self.autoreset_mode is AutoresetMode.DISABLED or not self._generators.each
+        ):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._command(actions, again)
         block = np.empty((BLOCK_SIZE, self.num_envs))
@@ -213,13 +213,13 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             block[:MARKS, again] = 0.0
             marks[:, again] = 0
         terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
-        info = _info(block)
+        info = dense_info(block)
         if unusual:
             ended = terminated | truncated
             fleet.ended |= ended
             self._require_range(marks)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info |= _final(ended, observations, block)
+                info |= final_info(ended, observations, block)
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
@@ -238,7 +238,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             return None
         from rimless_gym.views import CELL, frame_of, grid  # pygame only when it is needed
 
-        if not self._generators:
+        if not self._generators.each:
             raise RuntimeError("no episode has begun: call reset() first")
         if self.render_mode == "rgb_array_list":
             return [frame_of(self._fleet, i) for i in range(self.num_envs)]
@@ -249,10 +249,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         It can be pickled, and taken up by another environment of as many rows and the same task.
         """
-        generators = [generator.bit_generator.state for generator in self.np_random]
         return {
             "fleet": self._fleet.get_state(),
-            "generators": generators,
+            "generators": self._generators.get_state(),
             "seen": self._seen.copy(),
         }
 
@@ -263,49 +262,17 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             ValueError: it has another number of rows, or another task.
         """
         self._fleet.set_state(state["fleet"])
-        for generator, saved in zip(self.np_random, state["generators"], strict=True):
-            generator.bit_generator.state = saved
+        self._generators.set_state(state["generators"])
         self._seen[:] = state["seen"]
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
         self._fleet.close()
 
-    def _masked(self, mask: Any) -> NDArray[np.int64]:
-        if mask is None:
-            return np.arange(self.num_envs)
-        if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
-            raise TypeError(f"reset_mask = {mask!r}: must be a NumPy array of bool")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(
-                f"reset_mask = {mask}: must have shape ({self.num_envs},) and mark a row"
-            )
-        return np.flatnonzero(mask)
-
-    def _seed(self, seed: int | Sequence[int | None] | None, rows: NDArray[np.int64]) -> None:
-        n = self.num_envs
-        if seed is None:
-            seeds: Sequence[int | None] = [None] * n
-        elif isinstance(seed, (int, np.integer)):
-            seeds = [int(seed) + i for i in range(n)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != n:
-            raise ValueError(f"seed: {len(seeds)} seeds for {n} rows, must be one per row")
-        if not self._generators:
-            generators = [seeding.np_random(each) for each in seeds]
-            self._generators = [generator for generator, _ in generators]
-            self._seeds = [used for _, used in generators]
-            return
-        for i in rows:
-            if seeds[i] is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
-
     def _begin(
         self, rows: NDArray[np.int64], observations: Observations, kind: int, given: Floats
     ) -> None:
-        draws = [self._generators[i].bit_generator.random_raw() for i in rows.tolist()]
-        keys = np.array(draws, dtype=np.uint64)
+        keys = self._generators.keys(rows)
         self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
 
     def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
@@ -328,27 +295,3 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         if len(lost):
             self._fleet.ended[lost] = True
             raise self._fleet.range_left(int(lost[0]), int(marks[FAILURE_MARK, lost[0]]))
-
-
-def _info(block: Floats) -> dict[str, Any]:
-    marks = interval.marks(block)
-    info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
-    info["slips"] = marks[SLIPS].view(np.bool_)
-    info["mode"], info["failure"] = marks[MODE_MARK], marks[FAILURE_MARK]
-    return info
-
-
-def _final(ended: Bools, observations: Observations, block: Floats) -> dict[str, Any]:
-    """What the episodes that ended, if any, ended with, in Gymnasium's form."""
-    rows = ended.nonzero()[0]
-    if not len(rows):
-        return {}
-    seen, last = np.zeros_like(observations), np.zeros(block.shape)
-    seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
-    interval.marks(last)[:, rows] = interval.marks(block)[:, rows]
-    return {
-        "final_obs": seen,
-        "_final_obs": ended.copy(),
-        "final_info": _info(last),
-        "_final_info": ended.copy(),
-    }
