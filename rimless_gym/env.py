@@ -17,14 +17,14 @@ from rimless_gym.arguments import check_arguments, fleet_of
 from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
 from rimless_gym.info import StepInfo
-from rimless_gym.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
+from rimless_gym.interval import BLOCK_SIZE, FAILURE_MARK, REWARD, TERMINATED
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.stepping import MODE, PHI
 from rimless_gym.symbolic import HybridModel
 from rimless_gym.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 
 _ROW = np.zeros(1, dtype=np.int64)
-_BOUND = ("_advance", "_commands", "_values")
+_BOUND = ("_advance", "_values")
 
 
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -131,6 +131,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
         self._fleet = fleet_of([params], self.task, ranges, disturbances)
         self._block = np.zeros((BLOCK_SIZE, 1))
+        self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
         self._ended = True
         self._window: Any = None
         self._bind()
@@ -192,14 +193,12 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         command = action.item()
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        self._commands[0] = command
-        observation = np.empty(OBSERVATION_SIZE, np.float32)
         info = StepInfo()
-        info["failure"] = self._end() if self._advance(observation) else None
+        info["failure"] = self._end() if self._advance(command) else None
         info.block = self._block.tobytes()
         if self.render_mode == "human":
             self.render()
-        return observation, self._values[REWARD], self._ended, False, info
+        return self._observation.copy(), self._values[REWARD], self._ended, False, info
 
     def _end(self) -> str:
         """End the episode and say why, by an error if it is not for the model to end it."""
@@ -211,8 +210,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _bind(self) -> None:
         """Get hold of what `step` needs of the fleet, as it is now."""
-        self._advance = self._fleet.stepper(self._block)
-        self._commands: Any = memoryview(self._fleet.memory[COMMAND].data)
+        self._advance = self._fleet.row_stepper(self._block, self._observation)
         self._values: Any = memoryview(self._block[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
-from rimless_gym.interval import MEMORY_SIZE, TIME, step_rows
+from rimless_gym.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, step_rows
 from rimless_gym.params import WheelParams
 from rimless_gym.perturbation import account_rows, disturb_rows
 from rimless_gym.starts import FIELDS, NO_MACHINE, set_terms, start_rows
@@ -145,6 +145,24 @@ class Fleet:
                 "or its motor too stiff): narrow the ranges"
             )
         raise RuntimeError(f"row {i}: {NO_START}")
+
+    def row_stepper(
+        self, block: NDArray[np.float64], observations: NDArray[np.float32]
+    ) -> Callable[[float], int]:
+        """`stepper` of a fleet of one: it takes the command, and writes to `observations`."""
+        if self._rough:
+            return functools.partial(self._command, self.stepper(block), observations)
+        arrays = block, self.memory, self.constants, self.poles, self._works[0], observations
+        return bound_row(*arrays)
+
+    def _command(
+        self,
+        step: Callable[[NDArray[np.float32]], int],
+        observations: NDArray[np.float32],
+        command: float,
+    ) -> int:
+        self.memory[COMMAND, 0] = command
+        return step(observations)
 
     def stepper(
         self, block: NDArray[np.float64], limit: float = math.inf

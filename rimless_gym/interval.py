@@ -7,19 +7,25 @@ rows there are and however they are divided among calls: the single environment 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
+from rimless_gym.params import N_CONSTANTS
 from rimless_gym.stepping import (
     DPHI,
     DTHETA,
     MODE,
     PHI,
+    SCRATCH_SIZE,
     SOURCE_FINGERPRINT,
     STATE_SIZE,
     THETA,
@@ -136,23 +142,28 @@ def observe_row(memory, observations, i):
         observations[i * _WIDTH + np.uint64(k)] = values[k]
 
 
+@njit(error_model="numpy")
+def _interval(block, memory, constants, poles, work, limit, begin, end, observations):
+    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+    _hold(memory, first, last)
+    advance_batch(
+        *(constants, poles, memory, memory[VOLTAGE], begin, end),
+        *(CONTROL_PERIOD, 0.0, block, work),
+    )
+    _pay(block, memory, first, last)
+    unusual = _mark(block, memory, limit, first, last)
+    for i in range(first, last):
+        block[PUSH, i] = 0.0
+    for i in range(first, last):
+        observe_row(memory, observations, i)
+    return unusual
+
+
 def _step_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True, nogil=True)
     def step_rows(block, memory, constants, poles, work, limit, begin, end, observations):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
-        first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-        _hold(memory, first, last)
-        advance_batch(
-            *(constants, poles, memory, memory[VOLTAGE], begin, end),
-            *(CONTROL_PERIOD, 0.0, block, work),
-        )
-        _pay(block, memory, first, last)
-        unusual = _mark(block, memory, limit, first, last)
-        for i in range(first, last):
-            block[PUSH, i] = 0.0
-        for i in range(first, last):
-            observe_row(memory, observations, i)
-        return unusual
+        return _interval(block, memory, constants, poles, work, limit, begin, end, observations)
 
     return step_rows
 
@@ -162,6 +173,55 @@ def _step_kernel(fingerprint: int) -> Callable[..., int]:
 #: `memory[COMMAND]` for one interval: advances `memory`, overwrites `block` and `observations`
 #: (float32, flat).
 step_rows = _step_kernel(SOURCE_FINGERPRINT)
+
+
+@intrinsic
+def _pointer(typing_context, address):
+    """An address as a pointer."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), codegen
+
+
+def _row_kernel(fingerprint: int) -> Callable[[int, float], int]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def step_row(address, command):
+        fingerprint  # noqa: B018  as above
+        where = carray(_pointer(address), 6, np.int64)
+        observations = carray(_pointer(where[5]), OBSERVATION_SIZE, np.float32)
+        memory = carray(_pointer(where[1]), (MEMORY_SIZE, 1), np.float64)
+        memory[COMMAND, 0] = command
+        return _interval(
+            carray(_pointer(where[0]), (BLOCK_SIZE, 1), np.float64),
+            memory,
+            carray(_pointer(where[2]), (N_CONSTANTS, 1), np.float64),
+            carray(_pointer(where[3]), 1, np.float64),
+            carray(_pointer(where[4]), SCRATCH_SIZE, np.float64),
+            np.inf,
+            0,
+            1,
+            observations,
+        )
+
+    return step_row
+
+
+_step_row = _row_kernel(SOURCE_FINGERPRINT)
+
+
+def bound_row(*arrays: NDArray[Any]) -> Callable[[float], int]:
+    """`step_rows` for one row, of a command: unpacking its arrays takes as long as the motion.
+
+    Args:
+        arrays: block, memory, constants, poles, work and observations, contiguous, of the types
+            that `step_rows` takes; they live as long as what is returned.
+    """
+    addresses = np.array([array.ctypes.data for array in arrays], dtype=np.int64)
+    step = functools.partial(_step_row, addresses.ctypes.data)
+    step.arrays = addresses, arrays  # type: ignore[attr-defined]  # kept alive
+    return step
 
 
 def _command_kernel(fingerprint: int) -> Callable[..., int]:

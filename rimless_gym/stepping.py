@@ -29,6 +29,7 @@ from rimless_gym.tile import CARRIED, LANES, TILE_SIZE, copy_lanes
 PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
 
 _QUEUE = 2 * TILE_SIZE  # where in the work space the wheels wait that need more steps
+SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
 
 #: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
 MAX_POLE = 1e4
@@ -205,7 +206,7 @@ def machine_arrays(
 
 def scratch() -> NDArray[np.float64]:
     """Work space for one call of the kernel at a time."""
-    return np.zeros(_QUEUE + 2 * LANES * CARRIED + 1)
+    return np.zeros(SCRATCH_SIZE)
 
 
 def advance(
