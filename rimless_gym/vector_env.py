@@ -91,7 +91,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
       per row, which is what Gymnasium's `RecordVideo` and `HumanRendering` for vectors take.
     - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
 
-    `info` holds the single environment's entries as arrays (num_envs,), new ones every step;
+    `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
+    of rows that end in it too (`mode` alone is that of the state observed, after a reset);
     `mode` and `failure` are codes there: `rimless_gym.hybrid.MODE_NAMES[mode]`, and 0 or a key of
     `rimless_gym.hybrid.FAILURES`.
 
