@@ -119,6 +119,8 @@ def runs(tile, lane):
 @njit(error_model="numpy")
 def attempt_step(tile, count, duration, pull):
     """One attempt at a step in the first `count` lanes; how many of them need another one."""
+    for lane in range(count, LANES):
+        tile[of.LEFT + lane] = 0.0
     if plan(tile):
         for lane in range(count):
             prepare(tile, lane, pull)
@@ -134,11 +136,11 @@ def attempt_step(tile, count, duration, pull):
     if split or flagged:
         split_work(tile)
     unfinished = accept(tile, duration)
-    if not flagged and count == LANES:
+    if not flagged:
         return unfinished
     unfinished = 0
     for lane in range(count):
-        if flagged and tile[of.FLAG + lane] == of.SPLIT:
+        if tile[of.FLAG + lane] == of.SPLIT:
             event = int(tile[of.GOAL + lane])
             clear_attempt(tile, lane)
             if event != NOTHING:

@@ -55,8 +55,8 @@ def bracketed_root(c, low, high):
         else:
             low = s
         newton = s - f / slope(c, s)
-        following = newton if low < newton < high else 0.5 * (low + high)
-        if abs(following - s) <= 1e-16:
+        following = newton if low <= newton <= high else 0.5 * (low + high)
+        if abs(following - s) <= 1e-15:  # of s in [0, 1]; nearer, rounding makes it jump about
             return following
         s = following
     return s
