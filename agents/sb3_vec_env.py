@@ -14,9 +14,10 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from agents.row_info import RowInfo, row_of
 from agents.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
+from rimless_gym.info import row_of
+from rimless_gym.lazy_info import LazyInfo
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
 
@@ -38,7 +39,7 @@ class Sb3VecEnv(VecEnv):
     (N, 6) float32, rewards (N,) float32, dones (N,), and a list of N dictionaries. These hold the
     single environment's `info` and `TimeLimit.truncated`; at the end of an episode also
     `terminal_observation`, a copy, and `episode` where the environments are monitored. Until a
-    dictionary is read its entries are not made, see `agents.row_info.RowInfo`.
+    dictionary is read its entries are not made, see `rimless_gym.lazy_info`.
 
     Either of
 
@@ -126,8 +127,8 @@ class Sb3VecEnv(VecEnv):
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
         infos: list[dict[str, Any]] = []
         for i in range(self.num_envs):
-            running = RowInfo()
-            running["TimeLimit.truncated"], running.columns, running.row = False, columns, i
+            running = LazyInfo()
+            running["TimeLimit.truncated"], running.source = False, (row_of, columns, i)
             infos.append(running)
         if self._monitored:
             self._returns += rewards

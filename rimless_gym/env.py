@@ -16,8 +16,9 @@ from rimless_gym import options as reset_options
 from rimless_gym.arguments import check_arguments, fleet_of
 from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
-from rimless_gym.info import StepInfo
+from rimless_gym.info import entries
 from rimless_gym.interval import BLOCK_SIZE, FAILURE_MARK, REWARD, TERMINATED
+from rimless_gym.lazy_info import LazyInfo
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.stepping import MODE, PHI
 from rimless_gym.symbolic import HybridModel
@@ -193,9 +194,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         command = action.item()
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        info = StepInfo()
+        info = LazyInfo()
         info["failure"] = self._end() if self._advance(command) else None
-        info.block = self._block.tobytes()
+        info.source = entries, self._block.tobytes()
         if self.render_mode == "human":
             self.render()
         return self._observation.copy(), self._values[REWARD], self._ended, False, info

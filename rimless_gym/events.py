@@ -7,6 +7,7 @@ another attempt at the same step.
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from rimless_gym import tile as of
@@ -32,7 +33,7 @@ GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
 GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
 
 #: What a step may end on; the first two are also the directions of a touchdown.
-FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = 1, -1, 0, 2, 3
+FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
 
 _AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
 

@@ -21,7 +21,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
 from rimless_gym.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, step_rows
 from rimless_gym.params import WheelParams
 from rimless_gym.perturbation import account_rows, disturb_rows
-from rimless_gym.starts import FIELDS, NO_MACHINE, set_terms, start_rows
+from rimless_gym.starts import FIELDS, draw_machines, set_terms, start_rows
 from rimless_gym.stepping import STATE_SIZE, scratch
 from rimless_gym.task import NO_START, Task
 
@@ -128,23 +128,29 @@ class Fleet:
             RuntimeError: a row found no start.
         """
         self.ended[rows] = True
-        failed, outcome = start_rows(
-            *(observations, rows, keys, kind, given, self.memory, self.streams, self.held),
-            *(self.constants, self.poles, self.fields, self._ranged, self._bounds),
-            *(self._prices, self._settings),
+        self.streams[rows] = keys
+        if self.ranges.bounds:
+            self._draw_machines(rows)
+        failed = start_rows(
+            *(observations, rows, kind, given, self.memory, self.streams, self.held),
+            *(self.constants, self._settings),
         )
         if failed >= 0:
-            self._refuse(failed, outcome)
+            raise RuntimeError(f"row {failed}: {NO_START}")
         self.ended[rows] = False
 
-    def _refuse(self, i: int, outcome: int) -> None:
-        if outcome == NO_MACHINE:
-            drawn = {name: float(self.fields[FIELDS.index(name), i]) for name in self.ranges.bounds}
+    def _draw_machines(self, rows: NDArray[np.int64]) -> None:
+        failed = draw_machines(
+            *(rows, self._ranged, self._bounds, self.fields, self._prices),
+            *(self.constants, self.poles, self.memory, self.streams),
+        )
+        if failed >= 0:
+            names = self.ranges.bounds
+            drawn = {name: float(self.fields[FIELDS.index(name), failed]) for name in names}
             raise RuntimeError(
-                f"row {i}: a machine with {drawn} cannot be stepped (its mass matrix is singular, "
-                "or its motor too stiff): narrow the ranges"
+                f"row {failed}: a machine with {drawn} cannot be stepped (its mass matrix is "
+                "singular, or its motor too stiff): narrow the ranges"
             )
-        raise RuntimeError(f"row {i}: {NO_START}")
 
     def row_stepper(
         self, block: NDArray[np.float64], observations: NDArray[np.float32]

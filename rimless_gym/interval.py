@@ -142,7 +142,7 @@ def observe_row(memory, observations, i):
         observations[i * _WIDTH + np.uint64(k)] = values[k]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", inline="always")
 def _interval(block, memory, constants, poles, work, limit, begin, end, observations):
     first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
     _hold(memory, first, last)

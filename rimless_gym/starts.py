@@ -45,7 +45,6 @@ from rimless_gym.stepping import DPHI, DTHETA, FOOT, MAX_POLE, MODE, PHI, SOURCE
 from rimless_gym.task import draw_state, foot_force
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
-STARTED, NO_STATE, NO_MACHINE = range(3)  # what comes of it
 
 #: The parameters that are numbers, in the order of the arrays `fields` (N_FIELDS, N).
 FIELDS = tuple(
@@ -124,38 +123,16 @@ def _set_state(kind, given, k, p, memory, streams, i):
     return pressed
 
 
-def _start_kernel(fingerprint: int) -> Callable[..., tuple[int, int]]:
+def _start_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True)
-    def start_rows(
-        observations,
-        rows,
-        keys,
-        kind,
-        given,
-        memory,
-        streams,
-        held,
-        constants,
-        poles,
-        fields,
-        ranged,
-        bounds,
-        prices,
-        settings,
-    ):
+    def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
         fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.stepping`
-        failed, outcome = -1, STARTED
+        failed = -1
         noisy = is_noisy(settings)
         for k in range(len(rows)):
             i = rows[k]
-            streams[i] = keys[k]
-            if len(ranged) and not _draw_machine(
-                ranged, bounds, fields, prices, constants, poles, memory, streams, i
-            ):
-                failed, outcome = i, NO_MACHINE
-                continue
             if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
-                failed, outcome = i, NO_STATE
+                failed = i
                 continue
             memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
             memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
@@ -166,23 +143,41 @@ def _start_kernel(fingerprint: int) -> Callable[..., tuple[int, int]]:
                 observe_noisily(memory, streams, settings, observations, i)
             else:
                 observe_row(memory, observations, np.uint64(i))
-        return failed, outcome
+        return failed
 
     return start_rows
 
 
-#: Compiled: begins the episodes of `rows`, each with the randomness of its key, at a start of
-#: `kind`: drawn, or the states `given` (one per row: phi, theta, phi', theta', mode). The fields
-#: `ranged` of each machine are drawn between `bounds`. Returns a row that found no start, or -1,
-#: and why.
+#: Compiled: begins the episodes of `rows` at a start of `kind`: drawn, or the states `given` (one
+#: per row: phi, theta, phi', theta', mode). Returns a row that found no start, or -1.
 start_rows = _start_kernel(SOURCE_FINGERPRINT)
+
+
+def _machine_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True)
+    def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory, streams):
+        fingerprint  # noqa: B018  as above
+        failed = -1
+        for i in rows:
+            if not _draw_machine(
+                ranged, bounds, fields, prices, constants, poles, memory, streams, i
+            ):
+                failed = i
+        return failed
+
+    return draw_machines
+
+
+#: Compiled: draws the fields `ranged` of each machine of `rows` between `bounds`, before
+#: `start_rows`. Returns a row whose machine cannot be stepped, or -1.
+draw_machines = _machine_kernel(SOURCE_FINGERPRINT)
 
 
 def _terms_kernel(fingerprint: int) -> Callable[..., None]:
     @njit(error_model="numpy", cache=True)
     def set_terms(fields, prices, memory):
         fingerprint  # noqa: B018  as above
-        for i in range(memory.shape[1]):
+        for i in range(fields.shape[1]):
             _set_terms(fields, prices, memory, i)
 
     return set_terms

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -25,11 +26,11 @@ STAGES = 12  # of the integration step
 _count = itertools.count()
 
 
-def _rows(n: int) -> int:
+def _rows(n: int) -> np.int64:
     first = next(_count)
     for _ in range(n - 1):
         next(_count)
-    return first * LANES
+    return np.int64(first * LANES)  # numba compiles what takes Python's integers once for each
 
 
 # What a wheel brings along from step to step.
