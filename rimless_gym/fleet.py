@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.disturbances import Disturbances, Ranges
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
-from rimless_gym.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, step_rows
+from rimless_gym.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, columns, step_rows
 from rimless_gym.params import WheelParams
 from rimless_gym.perturbation import account_rows, disturb_rows
 from rimless_gym.starts import FIELDS, draw_machines, set_terms, start_rows
@@ -60,7 +60,7 @@ class Fleet:
         n = len(params)
         self.num_threads = num_threads
         self.task = task
-        self.memory = np.zeros((MEMORY_SIZE, n))
+        self.memory = np.zeros((MEMORY_SIZE, columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
         self._prices = tuple(float(price) for price in dataclasses.astuple(task))
@@ -71,12 +71,12 @@ class Fleet:
         self.set_disturbances(disturbances)
 
     def __len__(self) -> int:
-        return self.memory.shape[1]
+        return len(self.streams)
 
     @property
     def states(self) -> NDArray[np.float64]:
         """A copy of the hybrid states, (N, STATE_SIZE)."""
-        return self.memory[:STATE_SIZE].T.copy()
+        return self.memory[:STATE_SIZE, : len(self)].T.copy()
 
     def set_machines(
         self, params: Sequence[WheelParams], ranges: Ranges, rows: NDArray[np.int64]
@@ -179,7 +179,7 @@ class Fleet:
         reached `limit` intervals; see `step_rows`. What sets something of the fleet puts it
         out of date.
         """
-        n = self.memory.shape[1]
+        n = len(self)
         parts = min(self.num_threads, n // LEAST_ROWS)
         if parts < 2:
             return self._part(block, limit, self._works[0], 0, n)
@@ -244,7 +244,7 @@ class Fleet:
         Raises:
             ValueError: it has another number of rows, or another task.
         """
-        n = state["memory"].shape[1]
+        n = len(state["streams"])
         if n != len(self) or state["task"] != self.task:
             raise ValueError(
                 f"the state is of {n} rows and {state['task']}, not of {len(self)} and {self.task}"

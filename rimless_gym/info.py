@@ -36,9 +36,8 @@ def entries(block: bytes) -> dict[str, Any]:
     return info
 
 
-def dense_info(block: NDArray[np.float64]) -> dict[str, Any]:
-    """The entries of all rows, views (N,) of the block; modes and failures as codes."""
-    codes = marks(block)
+def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str, Any]:
+    """The entries of all rows, views (N,) of a block and its marks; modes and failures as codes."""
     info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
     info["slips"] = codes[SLIPS].view(np.bool_)
     info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
@@ -55,7 +54,10 @@ def row_of(columns: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
 
 
 def final_info(
-    ended: NDArray[np.bool_], observations: NDArray[np.float32], block: NDArray[np.float64]
+    ended: NDArray[np.bool_],
+    observations: NDArray[np.float32],
+    block: NDArray[np.float64],
+    codes: NDArray[np.int8],
 ) -> dict[str, Any]:
     """What the episodes that ended, if any, ended with, in Gymnasium's form."""
     rows = ended.nonzero()[0]
@@ -63,10 +65,10 @@ def final_info(
         return {}
     seen, last = np.zeros_like(observations), np.zeros(block.shape)
     seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
-    marks(last)[:, rows] = marks(block)[:, rows]
+    marks(last)[:, rows] = codes[:, rows]
     return {
         "final_obs": seen,
         "_final_obs": ended.copy(),
-        "final_info": dense_info(last),
+        "final_info": dense_info(last, marks(last)),
         "_final_info": ended.copy(),
     }

@@ -71,6 +71,14 @@ INFO_NAMES = (
 )
 
 
+def columns(n: int) -> int:
+    """Columns of an array for n rows of an environment; those beyond n are never used.
+
+    Rows of an array a large power of two apart would drive each other out of the cache.
+    """
+    return n if n <= 64 else 8 * (n // 8 + 2)
+
+
 def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
     """The marks in a block, (N_MARKS, N); a view."""
     return block[MARKS].view(np.int8).reshape(N_MARKS, -1)

@@ -189,7 +189,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given)
         self._seen[:] = observations
-        return observations, {"mode": fleet.memory[MODE].astype(np.int8)}
+        return observations, {"mode": fleet.memory[MODE, : self.num_envs].astype(np.int8)}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
         """Hold a voltage in every row for 10 ms; see the class for what comes back.
@@ -206,21 +206,21 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         ):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._command(actions, again)
-        block = np.empty((BLOCK_SIZE, self.num_envs))
+        block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
         unusual = fleet.stepper(block, self._limit)(observations.reshape(-1))
-        marks = interval.marks(block)
+        block, marks = block[:, : self.num_envs], interval.marks(block)[:, : self.num_envs]
         if len(again):
             block[:MARKS, again] = 0.0
             marks[:, again] = 0
         terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
-        info = dense_info(block)
+        info = dense_info(block, marks)
         if unusual:
             ended = terminated | truncated
             fleet.ended |= ended
             self._require_range(marks)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info |= final_info(ended, observations, block)
+                info |= final_info(ended, observations, block, marks)
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
