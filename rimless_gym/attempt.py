@@ -9,7 +9,6 @@ from rimless_gym import tile as of
 from rimless_gym.booking import (
     accept,
     book_touchdown,
-    clear_attempt,
     close,
     measure,
     restart,
@@ -30,12 +29,12 @@ from rimless_gym.hybrid import (
     after_touchdown,
 )
 from rimless_gym.integration import rk8
-from rimless_gym.tile import LANES, get_pair, get_state, machine
+from rimless_gym.tile import LANES, get_pair, get_state, machine, one_copy
 from rimless_gym.work import split_at_current, split_work
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy
 #: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
-MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.18
+MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 _vectorised = njit(error_model="numpy", fastmath={"contract"})
 
@@ -119,6 +118,7 @@ def runs(tile, lane):
 @njit(error_model="numpy")
 def attempt_step(tile, count, duration, pull):
     """One attempt at a step in the first `count` lanes; how many of them need another one."""
+    one_copy()
     for lane in range(count, LANES):
         tile[of.LEFT + lane] = 0.0
     if plan(tile):
@@ -140,11 +140,9 @@ def attempt_step(tile, count, duration, pull):
         return unfinished
     unfinished = 0
     for lane in range(count):
-        if tile[of.FLAG + lane] == of.SPLIT:
-            event = int(tile[of.GOAL + lane])
-            clear_attempt(tile, lane)
-            if event != NOTHING:
-                arrive(tile, lane, event, duration, pull)
-                close(tile, lane, duration)
+        event = int(tile[of.EVENT + lane])
+        if event != NOTHING:
+            arrive(tile, lane, event, duration, pull)
+            close(tile, lane, duration)
         unfinished += 1 if runs(tile, lane) else 0
     return unfinished

@@ -149,7 +149,7 @@ def measure(tile, pull):
         kink = p.Cd > 0.0 and y[2] * end[2] < 0.0
         sane = max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE
         common = sane and not (near or light or kink or mode == DOUBLE)
-        common = common and tile[of.GOAL + lane] == 0.0
+        common = common and tile[of.GOAL + lane] == 0.0 and tile[of.CUT + lane] == 0.0
         waits = tile[of.LEFT + lane] <= 0.0 or tile[of.FAILURE + lane] != OK
         flips = of.CURRENT if (u - p.K * rate) * (u - p.K * rate_end) < 0.0 else of.PLAIN
         flips = of.SPLIT if rate * rate_end < 0.0 else flips
@@ -169,6 +169,7 @@ def accept(tile, duration):
     """
     unfinished = 0
     for lane in range(LANES):
+        tile[of.EVENT + lane] = 0.0
         if tile[of.FLAG + lane] != of.FLAGGED:
             h = tile[of.STEP + lane]
             put_state(tile, of.STATE, lane, get_state(tile, of.NEXT, lane))
@@ -187,7 +188,8 @@ def accept(tile, duration):
             book(tile, row.FRICTION, lane, tile[of.WORK_FRICTION + lane])
             book(tile, row.DRAG, lane, tile[of.WORK_DRAG + lane])
             book(tile, row.SHAFT, lane, tile[of.WORK_SHAFT + lane])
-            tile[of.ATTEMPT + lane] = -1.0
+            tile[of.EVENT + lane] = tile[of.GOAL + lane]
+            clear_attempt(tile, lane)
         close(tile, lane, duration)
         runs = tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
         unfinished += 1 if runs else 0

@@ -36,6 +36,7 @@ GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
 FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
 
 _AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
+_HERE = 1e-6  # fraction of a step within which what should cut it is where it starts, being cut
 
 
 @njit(error_model="numpy")
@@ -71,7 +72,7 @@ def turning_cut(y0, acc0, y1, acc1, h, p):
                 return s
         if c[1] > 0.0 and slope(c, 1.0) < 0.0:
             s = upward_root(negative(derivative(c)), 1.0)
-            if abs(value(c, s)) < GRAZE and s < 0.9999:
+            if abs(value(c, s)) < GRAZE and _HERE < s < 0.9999:
                 return s
     return 1.0
 
@@ -134,8 +135,10 @@ def judge(tile, lane, pull):
     if goal == NOTHING:
         if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
             tile[of.CUT + lane] = _AT_REVERSAL
-            tile[of.ATTEMPT + lane] = h * reversal(y, acc, end, acc_end, h)
-            return False
+            s = reversal(y, acc, end, acc_end, h)
+            if s > _HERE:
+                tile[of.ATTEMPT + lane] = s * h
+                return False
         if mode == SINGLE:
             if cut < _AT_TURN:
                 s = turning_cut(y, acc, end, acc_end, h, p)

@@ -23,7 +23,7 @@ from rimless_gym.attempt import attempt_step, runs
 from rimless_gym.booking import open_interval
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import N_CONSTANTS, WheelParams
-from rimless_gym.tile import CARRIED, LANES, TILE_SIZE, copy_lanes
+from rimless_gym.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
 
 # Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
 PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
@@ -129,6 +129,7 @@ def _batch(fingerprint: int) -> Callable[..., None]:
     @njit(error_model="numpy", cache=True, nogil=True)
     def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
         fingerprint  # noqa: B018  in numba's cache key, so that no stale machine code is loaded
+        one_copy()
         flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
         tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
         if constants.shape[1] == 1:

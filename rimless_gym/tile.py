@@ -72,6 +72,7 @@ FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
 NEXT_ENERGY, NEXT_HUB = _rows(1), _rows(1)
 WORK_ELECTRICAL, WORK_POSITIVE, WORK_COPPER = _rows(1), _rows(1), _rows(1)
 WORK_FRICTION, WORK_DRAG, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
+EVENT = _rows(1)  # on which an accepted step ended
 FLAG = _rows(1)  # one of
 PLAIN, CURRENT, SPLIT, FLAGGED = 0.0, 1.0, 2.0, 3.0
 # nothing is to be done about the lane's attempt; its work is split where the current changes sign;
@@ -157,3 +158,17 @@ def copy_lanes(typing_context, target, to, source, start):
         return context.get_dummy_value()
 
     return types.void(target, types.intp, source, types.intp), codegen
+
+
+@intrinsic
+def one_copy(typing_context):
+    """Called in a function: all its callers run the same instructions.
+
+    Inlined here and there, sums of products would be fused differently, and differ in the last bit.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), codegen

@@ -62,11 +62,12 @@ def height_at_touchdown(reference: Trajectory, event: Event, volts: Array) -> fl
     rates = max(np.abs(reference.state(begin)[2:]).sum(), 1e-9)
     limit = min(CONTROL_PERIOD, MAX_POLE_STEP / params.motor_pole, MAX_RATE_STEP / rates)
     t, u = max(begin, event.time - limit / 2), volts[interval]
-    later = [other.time for other in reference.events if other.time > event.time]
-    end = min([event.time + limit / 2, *((event.time + time) / 2 for time in later)])
     start = np.zeros((1, STATE_SIZE))
     start[0, :4] = y = reference.state(t)
-    out = advance(params, start, np.array([u]), end - t, pull=math.inf)[0]
+    duration, touchdowns = event.time - t + limit / 2, 2.0
+    while touchdowns > 1:  # the first of them
+        out = advance(params, start.copy(), np.array([u]), duration, pull=math.inf)[0]
+        touchdowns, duration = out[row.TOUCHDOWNS], out[row.TOUCHDOWN_TIME] * (1 - 1e-12)
     if out[row.TOUCHDOWNS] == 0:
         return dip(params, tuple(y), u, CONTROL_PERIOD, event.direction)
     t += out[row.TOUCHDOWN_TIME]
