@@ -22,7 +22,7 @@ from rimless_gym.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, columns,
 from rimless_gym.params import WheelParams
 from rimless_gym.perturbation import account_rows, disturb_rows
 from rimless_gym.starts import FIELDS, draw_machines, set_terms, start_rows
-from rimless_gym.stepping import STATE_SIZE, scratch
+from rimless_gym.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.task import NO_START, Task
 
 #: Rows that a thread takes at least; fewer are not worth waking it.
@@ -86,10 +86,9 @@ class Fleet:
         before = [a + np.zeros(len(self)) for a in (self.fields, self.constants, self.poles)]
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
         which = [different[machine] for machine in params]
-        columns = [[getattr(machine, name) for name in FIELDS] for machine in different]
-        self.fields = np.array(columns, dtype=np.float64).T[:, which].copy()
-        self.constants = np.stack([machine.constants_array for machine in different], axis=1)
-        self.poles = np.array([machine.motor_pole for machine in different])
+        numbers = [[getattr(machine, name) for name in FIELDS] for machine in different]
+        self.fields = np.array(numbers, dtype=np.float64).T[:, which].copy()
+        self.constants, self.poles = machine_arrays(list(different))
         if len(different) > 1 or ranges.bounds:  # else one column serves all rows
             self.constants, self.poles = self.constants[:, which].copy(), self.poles[which]
             now = self.fields, self.constants, self.poles
