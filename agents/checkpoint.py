@@ -16,9 +16,9 @@ from typing import Any
 
 from stable_baselines3 import PPO, SAC
 
-from rimless_gym import task as walking
+from rimless_gym.envs import task as walking
+from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
-from rimless_gym.task import Task
 from trajopt.provenance import provenance
 
 RECORD = "rimless_gym.json"

@@ -28,7 +28,7 @@ from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
 from agents.train import train
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.stepping import MODE, PHI, STATE_SIZE
+from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.fronts import CotFront, cot_front
 from trajopt.guesses import leads_for

@@ -20,9 +20,9 @@ from agents.policies import Floats, Policy
 from agents.rollout import draw_starts, rollout
 from rimless_gym import energy as row
 from rimless_gym.energy import Ledger
+from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from rimless_gym.task import Task
 
 _LARGEST = [row.FRICTION_DEMAND, row.IMPULSE_FRICTION_DEMAND]
 _LEAST = [row.MIN_NORMAL_FORCE, row.CLEARANCE]

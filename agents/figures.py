@@ -19,9 +19,9 @@ from agents.policies import Policy
 from agents.rollout import rollout
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
-from rimless_gym.rendering import Scene, draw, save_gif
-from rimless_gym.stepping import FOOT, MODE, PHI, THETA
+from rimless_gym.rendering.wheel import Scene, draw, save_gif
 from trajopt.fronts import CotFront
 from trajopt.solution import Solution
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from agents.policies import Floats
 from agents.rollout import Interval
 from rimless_gym import energy as row
+from rimless_gym.envs.task import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.hybrid import SINGLE, accelerations
+from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
-from rimless_gym.task import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 
 #: Longest period looked for (steps).
 MAX_PERIOD = 6

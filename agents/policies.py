@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import MODE
 
 Floats: TypeAlias = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from agents.policies import Floats, Policy
 from rimless_gym import energy as row
+from rimless_gym.envs.task import draw_start, observe
 from rimless_gym.hybrid import OK
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import STATE_SIZE, advance
-from rimless_gym.task import draw_start, observe
 
 
 class Interval(NamedTuple):

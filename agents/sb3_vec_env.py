@@ -16,8 +16,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from agents.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.info import row_of
-from rimless_gym.lazy_info import LazyInfo
+from rimless_gym.envs.info import row_of
+from rimless_gym.envs.lazy_info import LazyInfo
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
 
@@ -39,7 +39,7 @@ class Sb3VecEnv(VecEnv):
     (N, 6) float32, rewards (N,) float32, dones (N,), and a list of N dictionaries. These hold the
     single environment's `info` and `TimeLimit.truncated`; at the end of an episode also
     `terminal_observation`, a copy, and `episode` where the environments are monitored. Until a
-    dictionary is read its entries are not made, see `rimless_gym.lazy_info`.
+    dictionary is read its entries are not made, see `rimless_gym.envs.lazy_info`.
 
     Either of
 

@@ -11,7 +11,7 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from stable_baselines3.common.monitor import Monitor
 
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.env import RimlessWheelEnv
+from rimless_gym.envs.env import RimlessWheelEnv
 
 #: Wrappers whose part the rows, and who owns them, can play.
 HONOURED = (Monitor, TimeLimit, OrderEnforcing, PassiveEnvChecker)

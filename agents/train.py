@@ -22,8 +22,8 @@ from agents.hyperparameters import Hyperparameters, hyperparameters
 from agents.imitate import Cloning, clone
 from agents.policies import Controller
 from agents.training_env import training_env
+from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from rimless_gym.task import Task
 from trajopt import periodic_gait
 from trajopt.provenance import provenance
 

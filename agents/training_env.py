@@ -9,8 +9,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 import rimless_gym  # noqa: F401  registers RimlessWheel-v0
 from agents.sb3_vec_env import Sb3VecEnv
+from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
-from rimless_gym.task import Task
 
 
 class ScaledReward(VecEnvWrapper):

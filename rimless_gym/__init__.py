@@ -2,12 +2,12 @@
 
 import gymnasium
 
-from rimless_gym.disturbances import Disturbances, Pushes, Ranges, SensorNoise
+from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
+from rimless_gym.envs.task import EPISODE_STEPS, Task
+from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
 from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, preset
 from rimless_gym.simulate import simulate
-from rimless_gym.task import EPISODE_STEPS, Task
 from rimless_gym.trajectory import Trajectory
-from rimless_gym.vector_env import RimlessWheelVectorEnv
 
 __all__ = [
     "PROTOTYPE",
@@ -27,7 +27,7 @@ __all__ = [
 
 gymnasium.register(
     id="RimlessWheel-v0",
-    entry_point="rimless_gym.env:RimlessWheelEnv",
-    vector_entry_point="rimless_gym.vector_env:RimlessWheelVectorEnv",
+    entry_point="rimless_gym.envs.env:RimlessWheelEnv",
+    vector_entry_point="rimless_gym.envs.vector_env:RimlessWheelVectorEnv",
     max_episode_steps=EPISODE_STEPS,
 )

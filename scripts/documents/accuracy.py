@@ -14,17 +14,17 @@ from tqdm import tqdm
 
 from rimless_gym import WheelParams, hybrid, simulate
 from rimless_gym import energy as row
-from rimless_gym.attempt import MAX_POLE_STEP, MAX_RATE_STEP
 from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
-from rimless_gym.integration import smooth_states
-from rimless_gym.params import PRESETS
-from rimless_gym.stepping import (
+from rimless_gym.kernel.attempt import MAX_POLE_STEP, MAX_RATE_STEP
+from rimless_gym.kernel.integration import smooth_states
+from rimless_gym.kernel.stepping import (
     FOOT,
     MODE,
     STATE_SIZE,
     advance,
 )
+from rimless_gym.params import PRESETS
 from rimless_gym.trajectory import Event, Trajectory
 from scripts.documents.motions import CASES, Motion
 

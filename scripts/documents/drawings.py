@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym.canvas import Canvas
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.rendering import Scene, draw
+from rimless_gym.rendering.canvas import Canvas
+from rimless_gym.rendering.wheel import Scene, draw
 
 INK, TEAL, ORANGE, GREY = "#262f3c", "#009688", "#e5562e", "#76849a"
 

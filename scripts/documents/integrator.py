@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.integration import smooth_states
+from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.params import PRESETS
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rimless_gym import WheelParams
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, SINGLE
-from rimless_gym.integration import smooth_states
+from rimless_gym.kernel.integration import smooth_states
+from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA, advance
 from rimless_gym.params import PRESETS
-from rimless_gym.stepping import DPHI, DTHETA, THETA, advance
 
 Array = NDArray[np.float64]
 

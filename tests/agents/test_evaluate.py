@@ -11,7 +11,7 @@ from agents.policies import controller_policy
 from agents.rollout import draw_starts, rollout
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym import energy as row
-from rimless_gym.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
+from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
 SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)

@@ -25,8 +25,8 @@ from stable_baselines3.common.vec_env import (
 
 from agents import Sb3VecEnv
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Task
-from rimless_gym.disturbances import Disturbances, Pushes, SensorNoise
-from rimless_gym.env import RimlessWheelEnv
+from rimless_gym.envs.disturbances import Disturbances, Pushes, SensorNoise
+from rimless_gym.envs.env import RimlessWheelEnv
 
 ID = "RimlessWheel-v0"
 REST = {"mode": "double_stance"}

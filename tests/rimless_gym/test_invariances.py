@@ -10,7 +10,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, WheelParams
 from rimless_gym import energy as row
 from rimless_gym.hybrid import SINGLE
-from rimless_gym.stepping import FOOT, MODE, STATE_SIZE, advance
+from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
 
 MACHINE = THESIS_PHYSICAL.replace(hub_damping=0.05, drag=0.2, rotor_inertia=1e-7, slope=0.05)
 COUNT, INTERVALS = 100, 40

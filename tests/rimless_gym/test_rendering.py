@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from rimless_gym._pygame import pygame
+from rimless_gym.envs.views import grid
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_PHYSICAL
-from rimless_gym.rendering import FACE, ROD, STANCE, TRACK, Scene, Window, draw, save_gif
-from rimless_gym.views import grid
+from rimless_gym.rendering._pygame import pygame
+from rimless_gym.rendering.wheel import FACE, ROD, STANCE, TRACK, Scene, Window, draw, save_gif
 
 STANDING = Scene(phi=math.pi / 2, theta=0.0)
 
@@ -126,7 +126,7 @@ def test_drawing_is_fast_enough_for_a_video():
 
 def test_drawing_needs_no_display_and_prints_nothing():
     code = (
-        "import rimless_gym.rendering as r, rimless_gym as g, pygame;"
+        "import rimless_gym.rendering.wheel as r, rimless_gym as g, pygame;"
         "r.draw(g.PROTOTYPE, r.Scene(phi=1.5, theta=0.0, speed=1.0));"
         "assert not pygame.display.get_init()"
     )

@@ -6,7 +6,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym import energy as row
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.stepping import STATE_SIZE, advance
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from trajopt.feedback import LimitCycleLqr
 
 P = THESIS_PHYSICAL

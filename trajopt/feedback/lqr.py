@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, SINGLE
+from rimless_gym.kernel.stepping import STATE_SIZE, advance, advance_batch, machine_arrays, scratch
 from rimless_gym.params import WheelParams
-from rimless_gym.stepping import STATE_SIZE, advance, advance_batch, machine_arrays, scratch
 from rimless_gym.symbolic import HybridModel
 from trajopt.solution import Solution
 

@@ -12,7 +12,7 @@ import numpy as np
 from rimless_gym import energy as row
 from rimless_gym import simulate
 from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
-from rimless_gym.stepping import MODE, STATE_SIZE, advance
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS, Floats, Walks, load_walks
 

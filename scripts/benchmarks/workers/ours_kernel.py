@@ -15,7 +15,7 @@ import numpy as np
 
 from rimless_gym.energy import N_ROWS
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.stepping import MODE, STATE_SIZE, advance_batch, scratch
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance_batch, scratch
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS, WINDOW, Floats, Walks, load_walks
 

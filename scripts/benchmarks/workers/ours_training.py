@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.training_env import training_env
-from rimless_gym.task import Task
+from rimless_gym.envs.task import Task
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS
 

@@ -1,0 +1,1 @@
+"""The Gymnasium environments, single and natively vectorised, over one fleet of wheels."""

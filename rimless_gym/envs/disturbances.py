@@ -1,0 +1,197 @@
+"""What makes a robust policy's life hard: pushes, sensor noise, delay, and machines that differ.
+
+Each is drawn from the row's own randomness (`rimless_gym.envs.randomness`); none of them costs
+anything where it is not asked for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym.kernel.stepping import require_steppable
+from rimless_gym.params import WheelParams
+
+MAX_DELAY = 100  # control intervals
+
+#: Parameters that may be drawn: those that are numbers, except the number of legs.
+FIELDS = tuple(
+    field.name
+    for field in dataclasses.fields(WheelParams)
+    if field.name not in ("n_legs", "motor_mount", "impact_law")
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pushes:
+    """Blows on the hub along the ground, forward or backward, at random times.
+
+    They fall on the beginning of a control interval. The foot holds during a blow, as the model's
+    foot always does; in double stance the wheel tips over the foot it is pushed towards.
+
+    Args:
+        rate: pushes per second, on average.
+        impulse: least and greatest (N s), drawn evenly.
+    """
+
+    rate: float
+    impulse: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _require_least("rate", self.rate, 0.0)
+        object.__setattr__(self, "impulse", _interval("impulse", self.impulse))
+        _require_least("impulse", self.impulse[0], 0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """Normal errors of what is observed; the state itself is left alone.
+
+    Args:
+        leg_angle: standard deviation of the leg's angle (rad).
+        pendulum_angle: of the pendulum's (rad).
+        leg_rate: of the leg's rate (rad/s).
+        pendulum_rate: of the pendulum's (rad/s).
+    """
+
+    leg_angle: float = 0.0
+    pendulum_angle: float = 0.0
+    leg_rate: float = 0.0
+    pendulum_rate: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            _require_least(name, value, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Disturbances:
+    """What disturbs every episode.
+
+    Args:
+        pushes: None for none.
+        sensor_noise: None for none.
+        actuator_delay: whole control intervals (10 ms) from an action to its voltage, or the least
+            and greatest, drawn anew for each episode; before the first action it is 0 V.
+
+    Raises:
+        TypeError: a value is of another type.
+        ValueError: a value is out of its range.
+    """
+
+    pushes: Pushes | None = None
+    sensor_noise: SensorNoise | None = None
+    actuator_delay: int | tuple[int, int] = 0
+
+    def __post_init__(self) -> None:
+        for name, kind in (("pushes", Pushes), ("sensor_noise", SensorNoise)):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, kind):
+                raise TypeError(f"{name} = {value!r}: give a rimless_gym.{kind.__name__} or None")
+        for delay in self.delays:
+            if isinstance(delay, bool) or not isinstance(delay, (int, np.integer)):
+                raise TypeError(f"actuator_delay = {self.actuator_delay!r}: must be integers")
+        if not 0 <= self.delays[0] <= self.delays[1] <= MAX_DELAY:
+            raise ValueError(
+                f"actuator_delay = {self.actuator_delay}: must be from 0 to {MAX_DELAY} intervals, "
+                "the least first"
+            )
+
+    @property
+    def delays(self) -> tuple[int, int]:
+        """Least and greatest delay (intervals)."""
+        delay = self.actuator_delay
+        if isinstance(delay, Sequence):
+            if len(delay) != 2:
+                raise ValueError(f"actuator_delay = {delay}: give one number, or two")
+            return delay[0], delay[1]
+        return delay, delay
+
+    def settings(self, period: float) -> NDArray[np.float64]:
+        """The numbers in the order of `perturbation`, for intervals of `period` (s)."""
+        pushes = self.pushes or Pushes(rate=0.0, impulse=(0.0, 0.0))
+        noise = dataclasses.astuple(self.sensor_noise or SensorNoise())
+        chance = -math.expm1(-pushes.rate * period)
+        return np.array([chance, *pushes.impulse, *self.delays, *noise], dtype=np.float64)
+
+
+@dataclasses.dataclass(frozen=True)
+class Ranges:
+    """Domain randomisation: parameters drawn evenly from ranges, anew for each episode.
+
+    Args:
+        bounds: field of `WheelParams` -> (least, greatest).
+
+    Raises:
+        TypeError: a bound is not a number.
+        ValueError: a field cannot be drawn, or the bounds are not finite and in order.
+    """
+
+    bounds: Mapping[str, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        for name in self.bounds:
+            if name not in FIELDS:
+                raise ValueError(f"{name!r} cannot be drawn: choose from {', '.join(FIELDS)}")
+        ordered = {n: _interval(n, self.bounds[n]) for n in FIELDS if n in self.bounds}
+        object.__setattr__(self, "bounds", ordered)
+
+    def require_valid(self, params: WheelParams) -> None:
+        """Refuse ranges with ends that a machine cannot have, the rest being those of `params`.
+
+        Raises:
+            ValueError: see `WheelParams` and `require_steppable`.
+        """
+        for end in (0, 1):
+            for name, bounds in self.bounds.items():
+                require_steppable(params.replace(**{name: bounds[end]}))
+            params.replace(**{name: bounds[end] for name, bounds in self.bounds.items()})
+
+
+def as_ranges(ranges: Ranges | Mapping[str, tuple[float, float]] | None) -> Ranges:
+    """Ranges from a mapping; none from None.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    if isinstance(ranges, Ranges):
+        return ranges
+    if not isinstance(ranges, Mapping | None):
+        raise TypeError(f"ranges = {ranges!r}: give a mapping of fields to (least, greatest)")
+    return Ranges(ranges or {})
+
+
+def as_disturbances(disturbances: Disturbances | None) -> Disturbances:
+    """The disturbances; none from None.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    if disturbances is not None and not isinstance(disturbances, Disturbances):
+        raise TypeError(f"disturbances = {disturbances!r}: give a rimless_gym.Disturbances")
+    return disturbances or Disturbances()
+
+
+def _require_least(name: str, value: Any, least: float) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise TypeError(f"{name} = {value!r}: must be a real number")
+    if not (math.isfinite(value) and value >= least):
+        raise ValueError(f"{name} = {value}: must be finite and at least {least:g}")
+
+
+def _interval(name: str, bounds: Any) -> tuple[float, float]:
+    try:
+        low, high = bounds
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {bounds!r}: give the least and the greatest value") from None
+    for value in (low, high):
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise TypeError(f"{name} = {bounds!r}: must be two real numbers")
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(f"{name} = {bounds}: must be finite, the least first")
+    return float(low), float(high)

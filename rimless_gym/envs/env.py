@@ -1,0 +1,282 @@
+"""The Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from rimless_gym.envs import interval
+from rimless_gym.envs import options as reset_options
+from rimless_gym.envs.arguments import check_arguments, fleet_of
+from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.info import entries
+from rimless_gym.envs.interval import BLOCK_SIZE, FAILURE_MARK, REWARD, TERMINATED
+from rimless_gym.envs.lazy_info import LazyInfo
+from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
+from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
+from rimless_gym.kernel.stepping import MODE, PHI
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.symbolic import HybridModel
+
+_ROW = np.zeros(1, dtype=np.int64)
+_BOUND = ("_advance", "_values")
+
+
+class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """An actuated rimless wheel that should walk far on little energy.
+
+    ## Description
+    A wheel of `n_legs` spokes and no rim walks on its spokes. A DC motor at the hub swings a
+    pendulum; that swing is the only actuation. The wheel stands on one foot or two, every
+    touchdown is a plastic impact, and the battery cannot be recharged. The model is that of
+    Mihevc, *Dynamic Optimization of a Rimless Wheel with an Actuated Pendulum* (RIT, 2015),
+    corrected and extended; `rimless_gym.equations` holds every equation.
+
+    ## Action Space
+    `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
+    Actions outside are clipped; NaN and other shapes raise `ValueError`.
+
+    ## Observation Space
+    `Box` of 6 float32 numbers:
+
+    | # | quantity | bound |
+    |---|---|---|
+    | 0 | leg angle (phi - pi/2) / (alpha/2), in the ground's frame | 1 |
+    | 1 | sin theta, pendulum from the ground's normal | 1 |
+    | 2 | cos theta | 1 |
+    | 3 | phi' / (5 rad/s) | 12 |
+    | 4 | theta' / (10 rad/s) | 6 |
+    | 5 | 1 while resting on two feet, else 0 | 1 |
+
+    ## Rewards
+    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, with dx the hub's travel along the
+    ground and E+ the electrical energy drawn, without regeneration, plus idle power. An episode
+    that ends early is charged `value_of_distance * fall_distance` and the idle energy of
+    `horizon`. The three terms
+    are `info["reward_distance"]`, `info["reward_energy"]` and `info["reward_end"]`; their sum in
+    this order is the reward, exactly. Resting earns 0 (idle power apart).
+
+    ## Starting State
+    One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
+    1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
+    and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
+    `reset(options=...)` takes
+
+    - `state`: phi, theta, phi', theta', and with it `mode`: "single_stance" (the default) or
+      "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at rest, its
+      pendulum hanging.
+    - `params`, `ranges` and `disturbances`, as below. They hold from then on, until given anew;
+      `{}` and None end them.
+
+    ## Episode End
+    Terminates where the model ends: when the ground would have to pull a foot (contact lost;
+    located as an event, the step ends there) or a rate exceeds 60 rad/s; `info["failure"]` says
+    which. Resting and whole turns of the pendulum are legal. Truncates after 2000 steps (20 s).
+    Any other end of the motion (parameters that make it diverge) is a `RuntimeError`, after which
+    the environment wants a `reset`.
+
+    ## Arguments
+    - `params`: the machine, default `THESIS_PHYSICAL`.
+    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`.
+    - `render_mode`: `"rgb_array"` (needs no display) or `"human"`.
+    - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
+      `params` to the least and greatest value, drawn evenly and anew for each episode;
+      `env.unwrapped.params` is what was drawn.
+    - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
+      `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
+      `actuator_delay`, in steps or a range of them.
+
+    `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
+    drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
+    total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
+    -1: none); the ground reaction at the end of the step and its extremes (N); the pendulum's
+    `clearance` (m); `elapsed` time (s); `mode`; `failure`; and
+    `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
+    (the model's foot holds all the same). It is a dictionary that makes its entries when it is
+    read.
+
+    `get_state` and `set_state` save and restore everything, the generator included, so that a
+    planner can branch; pickles and deep copies go on likewise.
+
+    ## Vectorized environment
+    `gym.make_vec("RimlessWheel-v0", num_envs=N)` is `rimless_gym.RimlessWheelVectorEnv`: rows that
+    are this environment bit for bit, stepped together.
+
+    ## Version History
+    - v0: first version, unreleased.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": round(1 / CONTROL_PERIOD),
+    }
+
+    def __init__(
+        self,
+        params: WheelParams = THESIS_PHYSICAL,
+        task: Task | None = None,
+        render_mode: str | None = None,
+        *,
+        ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        check_arguments(params, task, render_mode, self.metadata["render_modes"])
+        self.task = Task() if task is None else task
+        self.render_mode = render_mode
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
+        self._fleet = fleet_of([params], self.task, ranges, disturbances)
+        self._block = np.zeros((BLOCK_SIZE, 1))
+        self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
+        self._ended = True
+        self._window: Any = None
+        self._bind()
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine, as drawn if there are ranges."""
+        return self._fleet.machine(0)
+
+    @cached_property
+    def model(self) -> HybridModel:
+        """The hybrid model as CasADi functions, for optimisation and model-based control."""
+        return HybridModel(self.params)
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """A copy of the hybrid state: phi, theta, phi', theta', mode, foot."""
+        if self._fleet.memory[PHI, 0] == 0.0:
+            raise RuntimeError("no episode has begun: call reset() first")
+        return self._fleet.states[0]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode; see "Starting State" for the options.
+
+        Raises:
+            ValueError: an option is unknown or its value out of range.
+        """
+        fleet = self._fleet
+        chosen = reset_options.read(options, fleet, _ROW)
+        super().reset(seed=seed)
+        chosen.apply(fleet)
+        self._bind()
+        if chosen.params is not None or fleet.ranges.bounds:
+            self.__dict__.pop("model", None)
+        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
+        key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
+        self._ended = True
+        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
+        self._ended = False
+        if self.render_mode == "human":
+            self.render()
+        return observation, {"mode": MODE_NAMES[int(fleet.memory[MODE, 0])]}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Hold a voltage for 10 ms; see the class for what comes back.
+
+        Raises:
+            ValueError: the action is NaN or not of shape (1,).
+            RuntimeError: no episode is running, or the motion left the model's range.
+        """
+        if self._ended:
+            raise RuntimeError("no episode is running: call reset() first")
+        if action.__class__ is not np.ndarray or action.shape != (1,):
+            action = _as_action(action)
+        command = action.item()
+        if command != command:
+            raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
+        info = LazyInfo()
+        info["failure"] = self._end() if self._advance(command) else None
+        info.source = entries, self._block.tobytes()
+        if self.render_mode == "human":
+            self.render()
+        return self._observation.copy(), self._values[REWARD], self._ended, False, info
+
+    def _end(self) -> str:
+        """End the episode and say why, by an error if it is not for the model to end it."""
+        self._ended = True
+        marks = interval.marks(self._block)[:, 0]
+        if not marks[TERMINATED]:
+            raise self._fleet.range_left(0, int(marks[FAILURE_MARK]))
+        return FAILURES[int(marks[FAILURE_MARK])]
+
+    def _bind(self) -> None:
+        """Get hold of what `step` needs of the fleet, as it is now."""
+        self._advance = self._fleet.row_stepper(self._block, self._observation)
+        self._values: Any = memoryview(self._block[:, 0].data)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode: give one to gym.make()")
+            return None
+        from rimless_gym.envs.views import frame_of
+        from rimless_gym.rendering.wheel import Window  # pygame only when it is needed
+
+        if self._fleet.memory[PHI, 0] == 0.0:
+            raise RuntimeError("no episode has begun: call reset() first")
+        frame = frame_of(self._fleet, 0)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            self._window = Window((frame.shape[1], frame.shape[0]), self.metadata["render_fps"])
+        self._window.show(frame)
+        return None
+
+    def get_state(self) -> dict[str, Any]:
+        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+
+        It can be pickled, and taken up by another environment of the same task. A `TimeLimit`
+        around the environment counts its steps by itself.
+        """
+        self._fleet.ended[0] = self._ended
+        generator = self.np_random.bit_generator.state
+        return {"fleet": self._fleet.get_state(), "generators": [generator]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to a snapshot of `get_state`.
+
+        Raises:
+            ValueError: it is that of more than one row, or of another task.
+        """
+        self._fleet.set_state(state["fleet"])
+        self.np_random.bit_generator.state = state["generators"][0]
+        self._ended = bool(self._fleet.ended[0])
+        self._bind()
+        self.__dict__.pop("model", None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        passing = ("model", "_window", *_BOUND)
+        return {name: value for name, value in self.__dict__.items() if name not in passing}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state | {"_window": None}
+        self._bind()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def _as_action(action: Any) -> NDArray[Any]:
+    """An action given as something else than an array of its shape.
+
+    Raises:
+        ValueError: it has another shape.
+    """
+    array = np.asarray(action)
+    if array.shape != (1,):
+        raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
+    return array

@@ -1,0 +1,265 @@
+"""Many wheels and the episodes they are in: what both environments are made of.
+
+The single environment is a fleet of one. Whatever happens to a row is computed by the same
+compiled functions, with the same results, however many rows there are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, columns, step_rows
+from rimless_gym.envs.perturbation import account_rows, disturb_rows
+from rimless_gym.envs.starts import FIELDS, draw_machines, set_terms, start_rows
+from rimless_gym.envs.task import NO_START, Task
+from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
+from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
+from rimless_gym.params import WheelParams
+
+#: Rows that a thread takes at least; fewer are not worth waking it.
+LEAST_ROWS = 256
+
+#: What a snapshot copies; the rest of it never changes.
+_SNAPSHOT = ("memory", "streams", "held", "constants", "poles", "fields", "ended", "params")
+
+
+class Fleet:
+    """N rows, one wheel each.
+
+    Args:
+        params: the machine of each row.
+        task: what is paid for.
+        ranges: what is drawn anew of each machine when an episode begins.
+        disturbances: what disturbs every episode.
+        num_threads: that share a step.
+
+    Attributes:
+        params: the machine of each row before anything of it is drawn, a list of N.
+        memory: what is remembered of each row, see `rimless_gym.envs.interval`.
+        fields: the parameters that are numbers as they are now, (N_FIELDS, N).
+        ended: whether a row's episode is over, or none has begun; bool (N,).
+    """
+
+    def __init__(
+        self,
+        params: Sequence[WheelParams],
+        task: Task,
+        ranges: Ranges,
+        disturbances: Disturbances,
+        num_threads: int = 1,
+    ) -> None:
+        n = len(params)
+        self.num_threads = num_threads
+        self.task = task
+        self.memory = np.zeros((MEMORY_SIZE, columns(n)))
+        self.streams = np.zeros(n, dtype=np.uint64)
+        self.ended = np.ones(n, dtype=np.bool_)
+        self._prices = tuple(float(price) for price in dataclasses.astuple(task))
+        self._works = [scratch() for _ in range(num_threads)]
+        self._pool: ThreadPoolExecutor | None = None
+        self.fields, self.constants, self.poles = np.zeros((3, 1, 1))
+        self.set_machines(params, ranges, np.arange(n))
+        self.set_disturbances(disturbances)
+
+    def __len__(self) -> int:
+        return len(self.streams)
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """A copy of the hybrid states, (N, STATE_SIZE)."""
+        return self.memory[:STATE_SIZE, : len(self)].T.copy()
+
+    def set_machines(
+        self, params: Sequence[WheelParams], ranges: Ranges, rows: NDArray[np.int64]
+    ) -> None:
+        """Give each row its machine; `rows` begin a new episode with it, the others keep theirs."""
+        kept = np.setdiff1d(np.arange(len(self)), rows)
+        before = [a + np.zeros(len(self)) for a in (self.fields, self.constants, self.poles)]
+        different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
+        which = [different[machine] for machine in params]
+        numbers = [[getattr(machine, name) for name in FIELDS] for machine in different]
+        self.fields = np.array(numbers, dtype=np.float64).T[:, which].copy()
+        self.constants, self.poles = machine_arrays(list(different))
+        if len(different) > 1 or ranges.bounds:  # else one column serves all rows
+            self.constants, self.poles = self.constants[:, which].copy(), self.poles[which]
+            now = self.fields, self.constants, self.poles
+            for array, values in zip(now, before, strict=True):
+                array[..., kept] = values[..., kept]
+        self.params, self.ranges = list(params), ranges
+        self._ranged = np.array([FIELDS.index(name) for name in ranges.bounds], dtype=np.int64)
+        self._bounds = np.array(list(ranges.bounds.values()), dtype=np.float64).reshape(-1, 2)
+        set_terms(self.fields, self._prices, self.memory)
+
+    def set_disturbances(self, disturbances: Disturbances) -> None:
+        """Disturb all episodes from now on; they should begin anew."""
+        self.disturbances = disturbances
+        self._settings = disturbances.settings(CONTROL_PERIOD)
+        self._rough = disturbances != Disturbances()
+        self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
+
+    def machine(self, i: int) -> WheelParams:
+        """Row i's machine as it is now, what has been drawn included."""
+        if not self.ranges.bounds:
+            return self.params[i]
+        drawn = {name: self.fields[FIELDS.index(name), i] for name in self.ranges.bounds}
+        return self.params[i].replace(**drawn)
+
+    def begin(
+        self,
+        rows: NDArray[np.int64],
+        keys: NDArray[np.uint64],
+        kind: int,
+        given: NDArray[np.float64],
+        observations: NDArray[np.float32],
+    ) -> None:
+        """Begin the episodes of `rows`; their first observations go into `observations`, flat.
+
+        Raises:
+            RuntimeError: a row found no start.
+        """
+        self.ended[rows] = True
+        self.streams[rows] = keys
+        if self.ranges.bounds:
+            self._draw_machines(rows)
+        failed = start_rows(
+            *(observations, rows, kind, given, self.memory, self.streams, self.held),
+            *(self.constants, self._settings),
+        )
+        if failed >= 0:
+            raise RuntimeError(f"row {failed}: {NO_START}")
+        self.ended[rows] = False
+
+    def _draw_machines(self, rows: NDArray[np.int64]) -> None:
+        failed = draw_machines(
+            *(rows, self._ranged, self._bounds, self.fields, self._prices),
+            *(self.constants, self.poles, self.memory, self.streams),
+        )
+        if failed >= 0:
+            names = self.ranges.bounds
+            drawn = {name: float(self.fields[FIELDS.index(name), failed]) for name in names}
+            raise RuntimeError(
+                f"row {failed}: a machine with {drawn} cannot be stepped (its mass matrix is "
+                "singular, or its motor too stiff): narrow the ranges"
+            )
+
+    def row_stepper(
+        self, block: NDArray[np.float64], observations: NDArray[np.float32]
+    ) -> Callable[[float], int]:
+        """`stepper` of a fleet of one: it takes the command, and writes to `observations`."""
+        if self._rough:
+            return functools.partial(self._command, self.stepper(block), observations)
+        arrays = block, self.memory, self.constants, self.poles, self._works[0], observations
+        return bound_row(*arrays)
+
+    def _command(
+        self,
+        step: Callable[[NDArray[np.float32]], int],
+        observations: NDArray[np.float32],
+        command: float,
+    ) -> int:
+        self.memory[COMMAND, 0] = command
+        return step(observations)
+
+    def stepper(
+        self, block: NDArray[np.float64], limit: float = math.inf
+    ) -> Callable[[NDArray[np.float32]], int]:
+        """What holds the commands in `memory` for one interval, overwriting `block`.
+
+        It takes an array for the observations and returns how many rows failed in any way or
+        reached `limit` intervals; see `step_rows`. What sets something of the fleet puts it
+        out of date.
+        """
+        n = len(self)
+        parts = min(self.num_threads, n // LEAST_ROWS)
+        if parts < 2:
+            return self._part(block, limit, self._works[0], 0, n)
+        cuts = [n * k // parts for k in range(parts + 1)]
+        each = zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
+        return functools.partial(self._together, [self._part(block, limit, *one) for one in each])
+
+    def _part(
+        self,
+        block: NDArray[np.float64],
+        limit: float,
+        work: NDArray[np.float64],
+        first: int,
+        last: int,
+    ) -> Callable[[NDArray[np.float32]], int]:
+        arguments = block, self.memory, self.constants, self.poles, work, limit, first, last
+        step = functools.partial(step_rows, *arguments)
+        return functools.partial(self._disturbed, step, block, first, last) if self._rough else step
+
+    def _disturbed(
+        self,
+        step: Callable[[NDArray[np.float32]], int],
+        block: NDArray[np.float64],
+        first: int,
+        last: int,
+        observations: NDArray[np.float32],
+    ) -> int:
+        memory, streams, settings = self.memory, self.streams, self._settings
+        disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
+        unusual = step(observations)
+        account_rows(observations, block, memory, streams, settings, first, last)
+        return unusual
+
+    def _together(
+        self,
+        parts: Sequence[Callable[[NDArray[np.float32]], int]],
+        observations: NDArray[np.float32],
+    ) -> int:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.num_threads)
+        return sum(self._pool.map(lambda part: part(observations), parts))
+
+    def range_left(self, i: int, code: int) -> RuntimeError:
+        """The error for a motion of row i that left the model's range."""
+        return RuntimeError(
+            f"row {i}: the motion left the model's range ({FAILURES[code]}) at t = "
+            f"{self.memory[TIME, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
+            f"parameters, {self.machine(i)}"
+        )
+
+    def get_state(self) -> dict[str, Any]:
+        """All that the future depends on but the generators, in copies."""
+        return {name: getattr(self, name).copy() for name in _SNAPSHOT} | {
+            "ranges": self.ranges,
+            "disturbances": self.disturbances,
+            "task": self.task,
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to what `get_state` returned, here or in another fleet of as many rows.
+
+        Raises:
+            ValueError: it has another number of rows, or another task.
+        """
+        n = len(state["streams"])
+        if n != len(self) or state["task"] != self.task:
+            raise ValueError(
+                f"the state is of {n} rows and {state['task']}, not of {len(self)} and {self.task}"
+            )
+        if (state["params"], state["ranges"]) != (self.params, self.ranges):
+            self.set_machines(state["params"], state["ranges"], np.arange(n))
+        if state["disturbances"] != self.disturbances:
+            self.set_disturbances(state["disturbances"])
+        for name in _SNAPSHOT:
+            setattr(self, name, state[name].copy())
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_pool": None}

@@ -1,0 +1,65 @@
+"""The random generators of many rows, seeded as Gymnasium seeds single environments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+Seeds = int | Sequence[int | None] | None
+
+
+class Generators:
+    """One generator per row.
+
+    Attributes:
+        each: the generators; none before the first seeding.
+        seeds: what they were seeded with.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.each: list[np.random.Generator] = []
+        self.seeds: list[int] = []
+
+    def seed(self, seed: Seeds, rows: NDArray[np.int64]) -> None:
+        """Seed `rows`: by one number counted up over all rows, or by one (or None) per row.
+
+        A generator that has no seed yet gets one of the system's entropy.
+
+        Raises:
+            ValueError: there is not one seed per row.
+        """
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * self.n
+        elif isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + i for i in range(self.n)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.n:
+            raise ValueError(f"seed: {len(seeds)} seeds for {self.n} rows, must be one per row")
+        if not self.each:
+            made = [seeding.np_random(each) for each in seeds]
+            self.each, self.seeds = [one for one, _ in made], [used for _, used in made]
+            return
+        for i in rows:
+            if seeds[i] is not None:
+                self.each[i], self.seeds[i] = seeding.np_random(seeds[i])
+
+    def keys(self, rows: NDArray[np.int64]) -> NDArray[np.uint64]:
+        """The keys of the next episodes of `rows`, see `rimless_gym.envs.randomness`."""
+        draws = [self.each[i].bit_generator.random_raw() for i in rows.tolist()]
+        return np.array(draws, dtype=np.uint64)
+
+    def get_state(self) -> list[dict[str, Any]]:
+        """The generators' states."""
+        return [dict(one.bit_generator.state) for one in self.each]
+
+    def set_state(self, states: list[dict[str, Any]]) -> None:
+        """Go back to `get_state`'s."""
+        self.seed(None, np.arange(self.n))
+        for one, state in zip(self.each, states, strict=True):
+            one.bit_generator.state = state

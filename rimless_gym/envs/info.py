@@ -1,0 +1,74 @@
+"""What `info` holds: dense arrays over the rows, or the entries of one of them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym.envs.interval import (
+    BLOCK_SIZE,
+    FAILURE_MARK,
+    INFO_NAMES,
+    MARKS,
+    MODE_MARK,
+    N_MARKS,
+    SLIPS,
+    TERMINATED,
+    marks,
+)
+from rimless_gym.hybrid import FAILURES, MODE_NAMES
+
+_BLOCK = struct.Struct(f"{BLOCK_SIZE - 1}d{N_MARKS}b")
+
+
+def entries(block: bytes) -> dict[str, Any]:
+    """The entries in a block of one row."""
+    values = _BLOCK.unpack(block)
+    codes = values[MARKS:]
+    info = dict(zip(INFO_NAMES, values, strict=False))
+    info["slips"] = bool(codes[SLIPS])
+    info["mode"] = MODE_NAMES[codes[MODE_MARK]]
+    info["failure"] = FAILURES[codes[FAILURE_MARK]] if codes[TERMINATED] else None
+    return info
+
+
+def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str, Any]:
+    """The entries of all rows, views (N,) of a block and its marks; modes and failures as codes."""
+    info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
+    info["slips"] = codes[SLIPS].view(np.bool_)
+    info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
+    return info
+
+
+def row_of(columns: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
+    """One row of the dense arrays (N,), as the single environment has it."""
+    info = {name: column.item(row) for name, column in columns.items()}
+    info["mode"] = MODE_NAMES[info["mode"]]
+    if "failure" in info:
+        info["failure"] = FAILURES.get(info["failure"])
+    return info
+
+
+def final_info(
+    ended: NDArray[np.bool_],
+    observations: NDArray[np.float32],
+    block: NDArray[np.float64],
+    codes: NDArray[np.int8],
+) -> dict[str, Any]:
+    """What the episodes that ended, if any, ended with, in Gymnasium's form."""
+    rows = ended.nonzero()[0]
+    if not len(rows):
+        return {}
+    seen, last = np.zeros_like(observations), np.zeros(block.shape)
+    seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
+    marks(last)[:, rows] = codes[:, rows]
+    return {
+        "final_obs": seen,
+        "_final_obs": ended.copy(),
+        "final_info": dense_info(last, marks(last)),
+        "_final_info": ended.copy(),
+    }

@@ -1,0 +1,249 @@
+"""One control interval of many rows: the stepping kernel between a command and its reward.
+
+Every array is field-major: a quantity's values over the rows lie side by side, so that these
+loops and the kernel's run over several rows at once. A row's results are the same however many
+rows there are and however they are divided among calls: the single environment is one row.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from rimless_gym import energy as row
+from rimless_gym.envs.task import OBSERVATION_SIZE, observation
+from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
+from rimless_gym.kernel.stepping import (
+    DPHI,
+    DTHETA,
+    MODE,
+    PHI,
+    SCRATCH_SIZE,
+    SOURCE_FINGERPRINT,
+    STATE_SIZE,
+    THETA,
+    advance_batch,
+)
+from rimless_gym.params import N_CONSTANTS
+
+# What is remembered of each row from step to step, `memory` (MEMORY_SIZE, N): the hybrid state
+# (`rimless_gym.kernel.stepping`), where the episode is, and what task and machine ask for.
+(
+    VOLTAGE,  # held over the interval (V)
+    COMMAND,  # last one given, voltage in units of the limit
+    TIME,  # since the episode began (s)
+    COUNT,  # intervals since then
+    DELAY,  # intervals from command to voltage
+    VOLTAGE_LIMIT,
+    IDLE_POWER,
+    FRICTION,
+    WEIGHT,
+    SLOPE,
+    LEG_SCALE,  # of the observed leg angle
+    VALUE_OF_DISTANCE,
+    END_CHARGE,  # what an early end costs
+    PUSH_WORK,  # of a push before the interval (J)
+    PUSH_SHIFT,  # legs by which it moved the stance foot
+    MEMORY_SIZE,
+) = range(STATE_SIZE, STATE_SIZE + 16)
+
+# What an interval gives, `block` (BLOCK_SIZE, N): the kernel's rows (`rimless_gym.energy`), then
+IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, MARKS, BLOCK_SIZE = range(
+    row.N_ROWS, row.N_ROWS + 8
+)
+
+# and, in the bytes of the row MARKS, what takes a byte: `marks(block)`, int8 (8, N).
+TERMINATED, TRUNCATED, SLIPS, MODE_MARK, FAILURE_MARK, N_MARKS = 0, 1, 2, 3, 4, 8
+
+#: What `info` calls the first rows of a block; "failure" is a code there.
+INFO_NAMES = (
+    *("elapsed", "distance", "electrical", "electrical_positive", "copper", "friction", "drag"),
+    *("collision", "shaft", "mechanical_change", "steps", "touchdowns", "min_normal_force"),
+    *("friction_demand", "impulse_friction_demand", "clearance", "force_x", "force_y", "failure"),
+    *("touchdown_time", "idle", "push", "reward_distance", "reward_energy", "reward_end"),
+)
+
+
+def columns(n: int) -> int:
+    """Columns of an array for n rows of an environment; those beyond n are never used.
+
+    Rows of an array a large power of two apart would drive each other out of the cache.
+    """
+    return n if n <= 64 else 8 * (n // 8 + 2)
+
+
+def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
+    """The marks in a block, (N_MARKS, N); a view."""
+    return block[MARKS].view(np.int8).reshape(N_MARKS, -1)
+
+
+_marks = njit(error_model="numpy")(marks)
+_WIDTH = np.uint64(OBSERVATION_SIZE)
+
+
+@njit(error_model="numpy")
+def _hold(memory, first, last):
+    for i in range(first, last):
+        memory[VOLTAGE, i] = memory[VOLTAGE_LIMIT, i] * min(max(memory[COMMAND, i], -1.0), 1.0)
+
+
+@njit(error_model="numpy")
+def _pay(block, memory, first, last):
+    for i in range(first, last):
+        block[IDLE, i] = memory[IDLE_POWER, i] * block[row.TIME, i]
+    for i in range(first, last):
+        block[REWARD_DISTANCE, i] = memory[VALUE_OF_DISTANCE, i] * block[row.DISTANCE, i]
+    for i in range(first, last):
+        drawn = block[row.ELECTRICAL_POSITIVE, i] + block[IDLE, i]
+        block[REWARD_ENERGY, i] = -drawn / memory[WEIGHT, i]
+    for i in range(first, last):
+        failure = block[row.FAILURE, i]
+        ended = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+        block[REWARD_END, i] = -memory[END_CHARGE, i] if ended else 0.0
+    for i in range(first, last):
+        terms = block[REWARD_DISTANCE, i] + block[REWARD_ENERGY, i]
+        block[REWARD, i] = terms + block[REWARD_END, i]
+
+
+@njit(error_model="numpy")
+def _mark(block, memory, limit, first, last):
+    """Write the marks; how many rows failed in any way or reached the limit."""
+    bits, unusual = _marks(block), 0
+    for i in range(first, last):
+        memory[TIME, i] += block[row.TIME, i]
+    for i in range(first, last):
+        memory[COUNT, i] += 1.0
+        bits[TRUNCATED, i] = memory[COUNT, i] >= limit
+    for i in range(first, last):
+        failure = block[row.FAILURE, i]
+        bits[FAILURE_MARK, i] = int(failure)
+        bits[TERMINATED, i] = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+    for i in range(first, last):
+        demand = max(block[row.FRICTION_DEMAND, i], block[row.IMPULSE_FRICTION_DEMAND, i])
+        bits[SLIPS, i] = demand > memory[FRICTION, i]
+    for i in range(first, last):
+        bits[MODE_MARK, i] = int(memory[MODE, i])
+    for i in range(first, last):
+        unusual += (bits[FAILURE_MARK, i] | bits[TRUNCATED, i]) != 0
+    return unusual
+
+
+@njit(error_model="numpy")
+def observe_row(memory, observations, i):
+    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers a row."""
+    values = observation(
+        memory[PHI, i],
+        memory[THETA, i],
+        memory[DPHI, i],
+        memory[DTHETA, i],
+        memory[MODE, i],
+        memory[LEG_SCALE, i],
+    )
+    for k in range(OBSERVATION_SIZE):
+        observations[i * _WIDTH + np.uint64(k)] = values[k]
+
+
+@njit(error_model="numpy", inline="always")
+def _interval(block, memory, constants, poles, work, limit, begin, end, observations):
+    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+    _hold(memory, first, last)
+    advance_batch(
+        *(constants, poles, memory, memory[VOLTAGE], begin, end),
+        *(CONTROL_PERIOD, 0.0, block, work),
+    )
+    _pay(block, memory, first, last)
+    unusual = _mark(block, memory, limit, first, last)
+    for i in range(first, last):
+        block[PUSH, i] = 0.0
+    for i in range(first, last):
+        observe_row(memory, observations, i)
+    return unusual
+
+
+def _step_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def step_rows(block, memory, constants, poles, work, limit, begin, end, observations):
+        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
+        return _interval(block, memory, constants, poles, work, limit, begin, end, observations)
+
+    return step_rows
+
+
+#: Compiled: (block, memory, constants, poles, work, limit, begin, end, observations) -> how many of
+#: the rows from `begin` to `end` failed in any way or reached `limit`, the greatest COUNT. Holds
+#: `memory[COMMAND]` for one interval: advances `memory`, overwrites `block` and `observations`
+#: (float32, flat).
+step_rows = _step_kernel(SOURCE_FINGERPRINT)
+
+
+@intrinsic
+def _pointer(typing_context, address):
+    """An address as a pointer."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), codegen
+
+
+def _row_kernel(fingerprint: int) -> Callable[[int, float], int]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def step_row(address, command):
+        fingerprint  # noqa: B018  as above
+        where = carray(_pointer(address), 6, np.int64)
+        observations = carray(_pointer(where[5]), OBSERVATION_SIZE, np.float32)
+        memory = carray(_pointer(where[1]), (MEMORY_SIZE, 1), np.float64)
+        memory[COMMAND, 0] = command
+        return _interval(
+            carray(_pointer(where[0]), (BLOCK_SIZE, 1), np.float64),
+            memory,
+            carray(_pointer(where[2]), (N_CONSTANTS, 1), np.float64),
+            carray(_pointer(where[3]), 1, np.float64),
+            carray(_pointer(where[4]), SCRATCH_SIZE, np.float64),
+            np.inf,
+            0,
+            1,
+            observations,
+        )
+
+    return step_row
+
+
+_step_row = _row_kernel(SOURCE_FINGERPRINT)
+
+
+def bound_row(*arrays: NDArray[Any]) -> Callable[[float], int]:
+    """`step_rows` for one row, of a command: unpacking its arrays takes as long as the motion.
+
+    Args:
+        arrays: block, memory, constants, poles, work and observations, contiguous, of the types
+            that `step_rows` takes; they live as long as what is returned.
+    """
+    addresses = np.array([array.ctypes.data for array in arrays], dtype=np.int64)
+    step = functools.partial(_step_row, addresses.ctypes.data)
+    step.arrays = addresses, arrays  # type: ignore[attr-defined]  # kept alive
+    return step
+
+
+def _command_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True)
+    def take_commands(actions, memory):
+        fingerprint  # noqa: B018  as above
+        wrong = 0
+        for i in range(len(actions)):
+            memory[COMMAND, i] = actions[i, 0]
+            wrong += actions[i, 0] != actions[i, 0]
+        return wrong
+
+    return take_commands
+
+
+#: Compiled: (actions, memory) -> how many of the actions (N, 1), copied to `memory`, are NaN.
+take_commands = _command_kernel(SOURCE_FINGERPRINT)

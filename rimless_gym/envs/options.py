@@ -1,0 +1,127 @@
+"""What `reset(options=...)` takes, for one row or many, validated before anything changes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.envs.arguments import machines_of, require_valid
+from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
+from rimless_gym.envs.fleet import Fleet
+from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING
+from rimless_gym.envs.task import normal_force
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.params import WheelParams
+from rimless_gym.trajectory import validated_start
+
+NAMES = ("state", "mode", "params", "ranges", "disturbances")
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What the next episodes of some rows are to be like.
+
+    Attributes:
+        rows: those that begin an episode, K of N.
+        params: the machines of all rows, or None where they and the ranges stay.
+        ranges: of all rows.
+        disturbances: of all rows, or None where they stay.
+        kind: of start, see `rimless_gym.envs.starts`.
+        given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
+    """
+
+    rows: NDArray[np.int64]
+    params: list[WheelParams] | None
+    ranges: Ranges
+    disturbances: Disturbances | None
+    kind: int
+    given: NDArray[np.float64]
+
+    def apply(self, fleet: Fleet) -> None:
+        """Set up the fleet for them."""
+        if self.params is not None:
+            fleet.set_machines(self.params, self.ranges, self.rows)
+        if self.disturbances is not None:
+            fleet.set_disturbances(self.disturbances)
+
+
+def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64]) -> Options:
+    """The options for `rows` of a fleet, none of which has changed yet.
+
+    Raises:
+        TypeError: a value is of another type.
+        ValueError: an option is unknown or its value out of range, or ranges or disturbances, which
+            hold for all rows, are given for some.
+    """
+    options = options or {}
+    for name in options:
+        if name not in NAMES:
+            raise ValueError(f"unknown reset option {name!r}: choose from {NAMES}")
+        if name in ("ranges", "disturbances") and len(rows) < len(fleet):
+            raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
+    params = list(fleet.params)
+    if "params" in options:
+        for i, machine in zip(rows, machines_of(options["params"], len(rows)), strict=True):
+            params[i] = machine
+    ranges = as_ranges(options["ranges"]) if "ranges" in options else fleet.ranges
+    same = "params" not in options and "ranges" not in options
+    if not same:
+        require_valid(ranges, params)
+    disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
+    kind, given = DRAWN, np.empty((0, STATE_SIZE - 1))
+    if "state" in options:
+        modes = options.get("mode", "single_stance")
+        kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
+    elif "mode" in options:
+        if options["mode"] != "double_stance":
+            raise ValueError("reset option 'mode' goes with 'state', unless it is 'double_stance'")
+        kind = HANGING
+    return Options(rows, None if same else params, ranges, disturbances, kind, given)
+
+
+def masked(mask: Any, n: int) -> NDArray[np.int64]:
+    """The rows of N that a `reset_mask` marks; all of them without one.
+
+    Raises:
+        TypeError: it is no array of bool.
+        ValueError: it has another shape, or marks none.
+    """
+    if mask is None:
+        return np.arange(n)
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
+        raise TypeError(f"reset_mask = {mask!r}: must be a NumPy array of bool")
+    if mask.shape != (n,) or not mask.any():
+        raise ValueError(f"reset_mask = {mask}: must have shape ({n},) and mark a row")
+    return np.flatnonzero(mask)
+
+
+def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[np.float64]:
+    """Given states, one for all rows or one per row, with their modes: (N, 5)."""
+    n = len(params)
+    many = np.ndim(states) == 2
+    if many and len(states) != n:
+        raise ValueError(f"state: {len(states)} states for {n} rows, must be one per row")
+    if not isinstance(modes, str) and len(modes) != n:
+        raise ValueError(f"mode: {len(modes)} modes for {n} rows, must be one per row")
+    if many or not isinstance(modes, str):
+        each = states if many else [states] * n
+        named = [modes] * n if isinstance(modes, str) else modes
+        return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
+    starts = {machine: _start(machine, states, modes) for machine in dict.fromkeys(params)}
+    return np.array([starts[machine] for machine in params])
+
+
+def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
+    start = np.empty(STATE_SIZE - 1)
+    start[:4], start[MODE] = validated_start(params, x, mode, "state")
+    force = normal_force(params, start)
+    if force <= 0:
+        raise ValueError(
+            f"state = {x!r}: without voltage the ground would have to pull the foot "
+            f"({force:.3g} N); give a slower state"
+        )
+    return start

@@ -1,0 +1,196 @@
+"""Compiled: how episodes begin, for many rows. Machine, state, delay, first observation.
+
+All of an episode's randomness comes from one key per row; see `rimless_gym.envs.randomness`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import namedtuple
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from rimless_gym import hybrid
+from rimless_gym.envs.interval import (
+    COMMAND,
+    COUNT,
+    DELAY,
+    END_CHARGE,
+    FRICTION,
+    IDLE_POWER,
+    LEG_SCALE,
+    SLOPE,
+    TIME,
+    VALUE_OF_DISTANCE,
+    VOLTAGE,
+    VOLTAGE_LIMIT,
+    WEIGHT,
+    observe_row,
+)
+from rimless_gym.envs.perturbation import (
+    GREATEST_DELAY,
+    LEAST_DELAY,
+    is_noisy,
+    machine,
+    observe_noisily,
+)
+from rimless_gym.envs.randomness import between, next_uniform
+from rimless_gym.envs.task import draw_state, foot_force
+from rimless_gym.hybrid import DOUBLE
+from rimless_gym.kernel.stepping import (
+    DPHI,
+    DTHETA,
+    FOOT,
+    MAX_POLE,
+    MODE,
+    PHI,
+    SOURCE_FINGERPRINT,
+    THETA,
+)
+from rimless_gym.params import Constants, WheelParams, constants_of
+
+DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
+
+#: The parameters that are numbers, in the order of the arrays `fields` (N_FIELDS, N).
+FIELDS = tuple(
+    field.name
+    for field in dataclasses.fields(WheelParams)
+    if field.name not in ("motor_mount", "impact_law")
+)
+N_FIELDS = len(FIELDS)
+Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
+
+_D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
+_solve = hybrid.eq.solve
+_constants_of = njit(error_model="numpy")(constants_of)
+
+
+@njit(error_model="numpy")
+def _set_terms(fields, prices, memory, i):
+    """What the task needs of row i's machine; `prices` are the fields of a `Task`."""
+    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
+    value_of_distance, fall_distance, horizon = prices
+    weight = (f.wheel_mass + f.pendulum_mass) * f.gravity
+    memory[VOLTAGE_LIMIT, i], memory[IDLE_POWER, i] = f.voltage_limit, f.idle_power
+    memory[FRICTION, i], memory[WEIGHT, i], memory[SLOPE, i] = f.friction, weight, f.slope
+    memory[LEG_SCALE, i] = 2 / (2 * math.pi / f.n_legs)
+    memory[VALUE_OF_DISTANCE, i] = value_of_distance
+    memory[END_CHARGE, i] = value_of_distance * fall_distance + f.idle_power * horizon / weight
+
+
+@njit(error_model="numpy")
+def _motor_pole(p):
+    """As `WheelParams.motor_pole`; infinite where the mass matrix is singular.
+
+    The mobility of psi is (M11 + M22 - 2 M12) / (M11 M22 - M12^2) or M11 / (M11 M22 - M12^2),
+    greatest at the ends of M12's range.
+    """
+    fastest = 0.0
+    for angle in (-math.pi / 2, math.pi / 2):
+        m11, m12, m22 = hybrid.mass_matrix(0.0, angle, p)
+        if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
+            return math.inf
+        rates = _solve(m11, m12, m22, p.d1, 1.0)
+        fastest = max(fastest, hybrid.relative_rate(rates[0], rates[1], p))
+    return (p.K * p.K / p.Rm + p.damping) * fastest
+
+
+@njit(error_model="numpy")
+def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
+    """Draw row i's machine; False if it cannot be stepped."""
+    for k in range(len(ranged)):
+        fields[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
+    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
+    p = _constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
+    for k, value in enumerate(p):
+        constants[k, i] = value
+    poles[i] = _motor_pole(p)
+    _set_terms(fields, prices, memory, i)
+    return poles[i] <= MAX_POLE
+
+
+@njit(error_model="numpy")
+def _set_state(kind, given, k, p, memory, streams, i):
+    """Write the state in which row i starts; False if the ground would have to pull there."""
+    if kind == DRAWN:
+        pressed, mode, phi, theta, dphi, dtheta = draw_state(
+            memory[SLOPE, i], memory[WEIGHT, i], p, streams, i
+        )
+    else:
+        if kind == HANGING:
+            mode, phi, theta, dphi, dtheta = DOUBLE, p.a, memory[SLOPE, i], 0.0, 0.0
+        else:
+            phi, theta, dphi, dtheta = given[k, 0], given[k, 1], given[k, 2], given[k, 3]
+            mode = int(given[k, 4])
+        pressed = foot_force(mode, phi, theta, dphi, dtheta, 0.0, p) > 0.0
+    memory[PHI, i], memory[THETA, i], memory[DPHI, i] = phi, theta, dphi
+    memory[DTHETA, i], memory[MODE, i], memory[FOOT, i] = dtheta, mode, 0.0
+    return pressed
+
+
+def _start_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True)
+    def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
+        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
+        failed = -1
+        noisy = is_noisy(settings)
+        for k in range(len(rows)):
+            i = rows[k]
+            if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
+                failed = i
+                continue
+            memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
+            memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
+            choices = settings[GREATEST_DELAY] - settings[LEAST_DELAY] + 1.0
+            if choices > 1.0:
+                memory[DELAY, i] += math.floor(choices * next_uniform(streams, i))
+            if noisy:
+                observe_noisily(memory, streams, settings, observations, i)
+            else:
+                observe_row(memory, observations, np.uint64(i))
+        return failed
+
+    return start_rows
+
+
+#: Compiled: begins the episodes of `rows` at a start of `kind`: drawn, or the states `given` (one
+#: per row: phi, theta, phi', theta', mode). Returns a row that found no start, or -1.
+start_rows = _start_kernel(SOURCE_FINGERPRINT)
+
+
+def _machine_kernel(fingerprint: int) -> Callable[..., int]:
+    @njit(error_model="numpy", cache=True)
+    def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory, streams):
+        fingerprint  # noqa: B018  as above
+        failed = -1
+        for i in rows:
+            if not _draw_machine(
+                ranged, bounds, fields, prices, constants, poles, memory, streams, i
+            ):
+                failed = i
+        return failed
+
+    return draw_machines
+
+
+#: Compiled: draws the fields `ranged` of each machine of `rows` between `bounds`, before
+#: `start_rows`. Returns a row whose machine cannot be stepped, or -1.
+draw_machines = _machine_kernel(SOURCE_FINGERPRINT)
+
+
+def _terms_kernel(fingerprint: int) -> Callable[..., None]:
+    @njit(error_model="numpy", cache=True)
+    def set_terms(fields, prices, memory):
+        fingerprint  # noqa: B018  as above
+        for i in range(fields.shape[1]):
+            _set_terms(fields, prices, memory, i)
+
+    return set_terms
+
+
+#: Compiled: (fields, prices, memory): what the task needs of each row's machine.
+set_terms = _terms_kernel(SOURCE_FINGERPRINT)

@@ -1,0 +1,298 @@
+"""The native vector environment: many rows of the single one, stepped together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.envs import interval
+from rimless_gym.envs import options as reset_options
+from rimless_gym.envs.arguments import check_arguments, fleet_of, machines_of
+from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.generators import Generators, Seeds
+from rimless_gym.envs.info import dense_info, final_info
+from rimless_gym.envs.interval import (
+    BLOCK_SIZE,
+    FAILURE_MARK,
+    MARKS,
+    REWARD,
+    TERMINATED,
+    TRUNCATED,
+    take_commands,
+)
+from rimless_gym.envs.starts import DRAWN
+from rimless_gym.envs.task import EPISODE_STEPS, OBSERVATION_SIZE, Task
+from rimless_gym.kernel.stepping import MODE
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Observations = NDArray[np.float32]
+
+GRID_ROWS = 9  # that a picture shows
+
+_NO_STATES = np.empty((0, MODE + 1))
+
+
+class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """Many actuated rimless wheels, stepped together by one compiled call.
+
+    ## Description
+    Row i is `RimlessWheelEnv`, bit for bit: seeded with `seed`, it goes through the very episodes
+    of the single environment seeded with `seed + i`, whatever `num_envs`, `num_threads` and the
+    other rows do. Make it with `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
+
+    ## Action Space
+    `Box(-1, 1, (num_envs, 1), float32)`, as in the single environment; a NaN raises `ValueError`
+    naming its row.
+
+    ## Observation Space
+    `Box` of shape (num_envs, 6), float32. Every call returns new arrays.
+
+    ## Rewards
+    Those of the single environment, float64 (num_envs,).
+
+    ## Starting State
+    `reset(seed=...)` takes a number (row i gets seed + i), a list of one or None per row, or None.
+    `reset(options=...)` takes the single environment's options, each for all rows or as a list of
+    one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and only
+    their seeds and options count.
+
+    ## Episode End
+    Terminates as the single environment; truncates after `max_episode_steps`. Then, by
+    `autoreset_mode`:
+
+    - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0;
+      its `info` is zero there (`info["elapsed"]` is 0 in no other case).
+    - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold what
+      the episode ended with, for the rows marked in `info["_final_obs"]` and
+      `info["_final_info"]`.
+    - `DISABLED`: the caller resets with `reset_mask`; stepping an ended row raises.
+
+    A motion that leaves the model's range raises `RuntimeError` naming the row; all rows have then
+    been stepped, and that one has ended.
+
+    ## Arguments
+    - `num_envs`: N.
+    - `params`: the machine of all rows, or a list of one per row.
+    - `task`: as in the single environment.
+    - `max_episode_steps`: default 2000 (20 s); None for no limit.
+    - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
+    - `num_threads`: that share a step; pays from some thousand rows on.
+    - `render_mode`: `"rgb_array"`, the first nine rows as a grid, or `"rgb_array_list"`, one frame
+      per row, which is what Gymnasium's `RecordVideo` and `HumanRendering` for vectors take.
+    - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
+
+    `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
+    of rows that end in it too (`mode` alone is that of the state observed, after a reset);
+    `mode` and `failure` are codes there: `rimless_gym.hybrid.MODE_NAMES[mode]`, and 0 or a key of
+    `rimless_gym.hybrid.FAILURES`.
+
+    ## Version History
+    - v0: first version, unreleased.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
+        "render_modes": ["rgb_array", "rgb_array_list"],
+        "render_fps": RimlessWheelEnv.metadata["render_fps"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        params: WheelParams | Sequence[WheelParams] = THESIS_PHYSICAL,
+        task: Task | None = None,
+        *,
+        ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
+        disturbances: Disturbances | None = None,
+        max_episode_steps: int | None = EPISODE_STEPS,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_threads: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        check_arguments(params, task, render_mode, self.metadata["render_modes"])
+        for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
+            if value != int(value) or value < 1:
+                raise ValueError(f"{name} = {value}: must be an integer of at least 1")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(
+                f"max_episode_steps = {max_episode_steps}: must be at least 1, or None"
+            )
+        self.num_envs = num_envs
+        self.task = Task() if task is None else task
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.max_episode_steps = max_episode_steps
+        self._limit = math.inf if max_episode_steps is None else float(max_episode_steps)
+        single = RimlessWheelEnv(task=self.task)
+        self.single_action_space = single.action_space
+        self.single_observation_space = single.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        machines = machines_of(params, num_envs)
+        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads)
+        self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        self._generators = Generators(num_envs)
+
+    @property
+    def params(self) -> tuple[WheelParams, ...]:
+        """The machine of each row, as drawn if there are ranges."""
+        return tuple(self._fleet.machine(i) for i in range(self.num_envs))
+
+    @property
+    def states(self) -> Floats:
+        """A copy of the hybrid states (num_envs, 6): phi, theta, phi', theta', mode, foot."""
+        return self._fleet.states
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each row."""
+        self._generators.seed(None, np.arange(self.num_envs))
+        return tuple(self._generators.each)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each row."""
+        self._generators.seed(None, np.arange(self.num_envs))
+        return tuple(self._generators.seeds)
+
+    def reset(
+        self,
+        *,
+        seed: Seeds = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start episodes, see "Starting State".
+
+        Returns:
+            Observations and `{"mode": codes}` of all rows, those not reset as they are.
+
+        Raises:
+            ValueError: a seed or option is unknown or out of range; nothing has changed then.
+        """
+        fleet = self._fleet
+        options = dict(options or {})
+        rows = reset_options.masked(options.pop("reset_mask", None), self.num_envs)
+        chosen = reset_options.read(options, fleet, rows)
+        self._generators.seed(seed, rows)
+        chosen.apply(fleet)
+        observations = self._seen.copy()
+        self._begin(rows, observations, chosen.kind, chosen.given)
+        self._seen[:] = observations
+        return observations, {"mode": fleet.memory[MODE, : self.num_envs].astype(np.int8)}
+
+    def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
+        """Hold a voltage in every row for 10 ms; see the class for what comes back.
+
+        Raises:
+            ValueError: an action is NaN, or their shape is not (num_envs, 1).
+            RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
+                motion left the model's range.
+        """
+        fleet = self._fleet
+        again = fleet.ended.nonzero()[0]
+        if len(again) and (
+            self.autoreset_mode is AutoresetMode.DISABLED or not self._generators.each
+        ):
+            raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
+        self._command(actions, again)
+        block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
+        observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        unusual = fleet.stepper(block, self._limit)(observations.reshape(-1))
+        block, marks = block[:, : self.num_envs], interval.marks(block)[:, : self.num_envs]
+        if len(again):
+            block[:MARKS, again] = 0.0
+            marks[:, again] = 0
+        terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
+        info = dense_info(block, marks)
+        if unusual:
+            ended = terminated | truncated
+            fleet.ended |= ended
+            self._require_range(marks)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                info |= final_info(ended, observations, block, marks)
+                again = np.union1d(again, ended.nonzero()[0])
+        if len(again):
+            self._begin(again, observations, DRAWN, _NO_STATES)
+            info["mode"][again] = fleet.memory[MODE, again]
+        self._seen[:] = observations
+        return observations, block[REWARD], terminated, truncated, info
+
+    def render(self) -> Any:
+        """The rows' frames, by render mode; see the class.
+
+        Raises:
+            RuntimeError: no episode has begun.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode: give one to gym.make_vec()")
+            return None
+        from rimless_gym.envs.views import CELL, frame_of, grid  # pygame only when it is needed
+
+        if not self._generators.each:
+            raise RuntimeError("no episode has begun: call reset() first")
+        if self.render_mode == "rgb_array_list":
+            return [frame_of(self._fleet, i) for i in range(self.num_envs)]
+        return grid([frame_of(self._fleet, i, CELL) for i in range(min(self.num_envs, GRID_ROWS))])
+
+    def get_state(self) -> dict[str, Any]:
+        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+
+        It can be pickled, and taken up by another environment of as many rows and the same task.
+        """
+        return {
+            "fleet": self._fleet.get_state(),
+            "generators": self._generators.get_state(),
+            "seen": self._seen.copy(),
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go back to a snapshot of `get_state`.
+
+        Raises:
+            ValueError: it has another number of rows, or another task.
+        """
+        self._fleet.set_state(state["fleet"])
+        self._generators.set_state(state["generators"])
+        self._seen[:] = state["seen"]
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let the threads go."""
+        self._fleet.close()
+
+    def _begin(
+        self, rows: NDArray[np.int64], observations: Observations, kind: int, given: Floats
+    ) -> None:
+        keys = self._generators.keys(rows)
+        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
+
+    def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
+        given = np.ascontiguousarray(actions)
+        if given.shape != (self.num_envs, 1):
+            raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
+        if given.dtype != np.float32:
+            given = given.astype(np.float64)
+        if take_commands(given, self._fleet.memory):
+            wrong = np.isnan(given[:, 0])
+            wrong[ignored] = False
+            if wrong.any():
+                raise ValueError(
+                    f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
+                    "[-1, 1]; check the policy's output"
+                )
+
+    def _require_range(self, marks: NDArray[np.int8]) -> None:
+        lost = np.flatnonzero((marks[FAILURE_MARK] != 0) & (marks[TERMINATED] == 0))
+        if len(lost):
+            self._fleet.ended[lost] = True
+            raise self._fleet.range_left(int(lost[0]), int(marks[FAILURE_MARK, lost[0]]))

@@ -1,0 +1,1 @@
+"""The stepping kernel: tiles of wheels advanced by one control interval, compiled by numba."""

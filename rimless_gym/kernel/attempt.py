@@ -1,0 +1,148 @@
+"""One attempt at a step in every lane of a tile: integrated, measured, and accepted or judged."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from rimless_gym.hybrid import (
+    CONTACT_LOST,
+    DIVERGED,
+    DOUBLE,
+    MAX_EVENTS,
+    MAX_RATE,
+    OK,
+    RATE_EXCEEDED,
+    SINGLE,
+    THESIS_BACKWARD,
+    TOO_MANY_EVENTS,
+    after_lift_off,
+    after_touchdown,
+)
+from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.booking import (
+    accept,
+    book_touchdown,
+    close,
+    measure,
+    restart,
+)
+from rimless_gym.kernel.events import LIFT_OFF, NOTHING, RELEASE, force_guard, judge
+from rimless_gym.kernel.integration import rk8
+from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, one_copy
+from rimless_gym.kernel.work import split_at_current, split_work
+
+#: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy
+#: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
+MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
+
+_vectorised = njit(error_model="numpy", fastmath={"contract"})
+
+
+@_vectorised
+def plan(tile):
+    """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
+
+    That is an equal division of the time left. Rates are those of the angles in the equations,
+    phi + theta the fastest, with what half of the time left adds to them; air drag has a pole of
+    its own. Lanes that are done stay where they are. Returns how many lanes stand on two feet or
+    move too fast.
+    """
+    unusual = 0
+    for lane in range(LANES):
+        p, (a0, a1) = machine(tile, lane), get_pair(tile, of.ACC, lane)
+        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+        left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
+        turning = abs(dphi) + abs(dtheta) + 0.5 * left * (abs(a0) + abs(a1))
+        braking = 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
+        damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
+        h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
+        runs = left > 0.0 and tile[of.FAILURE + lane] == OK
+        tile[of.STEP + lane] = h if runs else 0.0
+        usual = tile[of.MODE + lane] == SINGLE and max(abs(dphi), abs(dtheta)) <= MAX_RATE
+        unusual += 0 if usual else 1
+    return unusual
+
+
+@njit(error_model="numpy")
+def prepare(tile, lane, pull):
+    """Before a new step of a lane: let go of the ground if a foot would lift off."""
+    if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
+        return
+    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+    fastest, mode = max(abs(y[2]), abs(y[3])), tile[of.MODE + lane]
+    if not fastest <= MAX_RATE:
+        tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
+    elif mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0:
+        lift_off(tile, lane)
+
+
+@njit(error_model="numpy")
+def lift_off(tile, lane):
+    """From two feet to one."""
+    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+    phi, shift = after_lift_off(y[1], y[3], u, p)
+    restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, (phi, y[1], 0.0, y[3]))
+
+
+@njit(error_model="numpy")
+def arrive(tile, lane, event, duration, pull):
+    """Do what the event at the end of an accepted step does."""
+    if event == RELEASE:
+        tile[of.FAILURE + lane] = CONTACT_LOST
+        return
+    if event == LIFT_OFF:
+        lift_off(tile, lane)
+    else:
+        y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+        mode, phi, dtheta, dphi, shift, legal = after_touchdown(event, y[1], y[2], y[3], u, p)
+        if not legal:
+            tile[of.FAILURE + lane] = THESIS_BACKWARD
+            return
+        after = (phi, y[1], dphi, dtheta)
+        book_touchdown(tile, lane, y, after, shift, duration - tile[of.LEFT + lane])
+        fy = restart(tile, lane, float(mode), tile[of.FOOT + lane] + shift, after)
+        if -pull - fy > 0.0:
+            tile[of.FAILURE + lane] = CONTACT_LOST
+    if tile[of.EVENTS + lane] > MAX_EVENTS:
+        tile[of.FAILURE + lane] = TOO_MANY_EVENTS
+
+
+@njit(error_model="numpy")
+def runs(tile, lane):
+    """Whether there is still something to do in a lane."""
+    return tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
+
+
+@njit(error_model="numpy")
+def attempt_step(tile, count, duration, pull):
+    """One attempt at a step in the first `count` lanes; how many of them need another one."""
+    one_copy()
+    for lane in range(count, LANES):
+        tile[of.LEFT + lane] = 0.0
+    if plan(tile):
+        for lane in range(count):
+            prepare(tile, lane, pull)
+        plan(tile)
+    rk8(tile)
+    current, split, flagged = measure(tile, pull)
+    if current:
+        split_at_current(tile)
+    if flagged:
+        for lane in range(count):
+            if tile[of.FLAG + lane] == of.FLAGGED and judge(tile, lane, pull):
+                tile[of.FLAG + lane] = of.SPLIT
+    if split or flagged:
+        split_work(tile)
+    unfinished = accept(tile, duration)
+    if not flagged:
+        return unfinished
+    unfinished = 0
+    for lane in range(count):
+        event = int(tile[of.EVENT + lane])
+        if event != NOTHING:
+            arrive(tile, lane, event, duration, pull)
+            close(tile, lane, duration)
+        unfinished += 1 if runs(tile, lane) else 0
+    return unfinished

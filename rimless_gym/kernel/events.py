@@ -1,0 +1,234 @@
+"""Where within a step an event is: the attempt at the step is judged, and shortened if need be.
+
+A touchdown is located on the quintic through the step's ends, stepped to, and corrected until the
+leg is on its guard; loss of contact and lift-off likewise, on the forces. Every correction is
+another attempt at the same step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from rimless_gym.hybrid import (
+    DIVERGED,
+    MAX_RATE,
+    SINGLE,
+    accelerations,
+    ground_reaction,
+    lift_off_guards,
+)
+from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.interpolation import (
+    derivative,
+    negative,
+    quintic,
+    slope,
+    upward_root,
+    value,
+)
+from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine
+
+GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
+GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
+
+#: What a step may end on; the first two are also the directions of a touchdown.
+FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
+
+_AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
+_HERE = 1e-6  # fraction of a step within which what should cut it is where it starts, being cut
+
+
+@njit(error_model="numpy")
+def past_guard(direction, y0, acc0, y1, acc1, h, p):
+    """Quintic of how far the leg is past a guard (rad) over a step."""
+    bound = p.b if direction > 0 else p.a
+    return quintic(
+        direction * (y0[0] - bound),
+        direction * y0[2],
+        direction * acc0[0],
+        direction * (y1[0] - bound),
+        direction * y1[2],
+        direction * acc1[0],
+        h,
+    )
+
+
+@njit(error_model="numpy")
+def turning_cut(y0, acc0, y1, acc1, h, p):
+    """Fraction of a step to end it at, so that near a guard the leg turns only at steps' ends.
+
+    1 where the leg is far from its guards. A turning point within `GRAZE` of a guard becomes the
+    end of a step, where the state is exact; so does an inflection, which parts two turning points.
+    """
+    for direction in (FORWARD, BACKWARD):
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
+        if max(c[0], value(c, 1.0)) + 0.5 * h * max(abs(y0[2]), abs(y1[2])) < 0.0:
+            continue
+        if acc0[0] * acc1[0] < 0.0:
+            bend = derivative(derivative(c))
+            s = upward_root(bend if bend[0] < 0.0 else negative(bend), 1.0)
+            if 1e-3 < s < 0.999:
+                return s
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:
+            s = upward_root(negative(derivative(c)), 1.0)
+            if abs(value(c, s)) < GRAZE and _HERE < s < 0.9999:
+                return s
+    return 1.0
+
+
+@njit(error_model="numpy")
+def touchdown_crossing(y0, acc0, y1, acc1, h, p):
+    """First touchdown within a single-stance step: (direction or NOTHING, s near it, s past it)."""
+    found, s_found, s_past = NOTHING, 2.0, 1.0
+    for direction in (FORWARD, BACKWARD):
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
+        s_end = 1.0
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:  # it turns back inside the step: look at the top
+            s_end = upward_root(negative(derivative(c)), 1.0)
+        if value(c, s_end) > 0.1 * GUARD_TOLERANCE:
+            s = upward_root(c, s_end)
+            if s < s_found:
+                found, s_found, s_past = direction, s, s_end
+    return found, s_found, s_past
+
+
+@njit(error_model="numpy")
+def reversal(y0, acc0, y1, acc1, h):
+    """Fraction of a step at which phi' changes sign, given that it does."""
+    rate = derivative(quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h))
+    return upward_root(rate if y1[2] > 0.0 else negative(rate), 1.0)
+
+
+@njit(error_model="numpy")
+def between(y0, acc0, y1, acc1, h, s):
+    """State at fraction s of a step, from the quintics through its ends."""
+    c = quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h)
+    e = quintic(y0[1], y0[3], acc0[1], y1[1], y1[3], acc1[1], h)
+    return value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h
+
+
+@njit(error_model="numpy")
+def force_guard(kind, mode, y, u, pull, p):
+    """Positive once a foot would have to be pulled down.
+
+    `LIFT_OFF`: one of two standing feet, in units of phi''. `RELEASE`: the feet together, in N
+    beyond the largest `pull` that the ground can exert.
+    """
+    if kind == LIFT_OFF:
+        leading, trailing = lift_off_guards(y[1], y[3], u, p)
+        return max(leading, -trailing)
+    a0, a1 = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
+    return -pull - ground_reaction(y[0], y[1], y[2], y[3], a0, a1, p)[1]
+
+
+@njit(error_model="numpy")
+def judge(tile, lane, pull):
+    """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
+    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
+    end, acc_end = get_state(tile, of.NEXT, lane), get_pair(tile, of.NEXT_ACC, lane)
+    mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
+    goal, cut, p = int(tile[of.GOAL + lane]), int(tile[of.CUT + lane]), machine(tile, lane)
+    if not max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE:
+        tile[of.FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
+        return False
+    if goal == NOTHING:
+        if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
+            tile[of.CUT + lane] = _AT_REVERSAL
+            s = reversal(y, acc, end, acc_end, h)
+            if s > _HERE:
+                tile[of.ATTEMPT + lane] = s * h
+                return False
+        if mode == SINGLE:
+            if cut < _AT_TURN:
+                s = turning_cut(y, acc, end, acc_end, h, p)
+                if s < 1.0:
+                    tile[of.CUT + lane] = _AT_TURN
+                    tile[of.ATTEMPT + lane] = s * h
+                    return False
+            event, s, s_past = touchdown_crossing(y, acc, end, acc_end, h, p)
+            if event != NOTHING:
+                tile[of.GOAL + lane] = event
+                tile[of.HIGH + lane] = s_past * h
+                tile[of.ATTEMPT + lane] = s * h
+                return False
+        elif force_guard(LIFT_OFF, mode, end, u, pull, p) > 0.0:
+            _aim_at_force(tile, lane, LIFT_OFF, end, h, pull)
+            return False
+    elif not (_lands(tile, lane, goal, h) if abs(goal) == 1 else _lets_go(tile, lane, goal, pull)):
+        return False
+    if goal != RELEASE and h > 0.0:
+        end = get_state(tile, of.NEXT, lane)
+        for s in (0.5, 1.0):
+            there = between(y, acc, end, acc_end, h, s) if s < 1.0 else end
+            if force_guard(RELEASE, mode, there, u, pull, p) > 0.0:
+                _aim_at_force(tile, lane, RELEASE, there, s * h, pull)
+                return False
+    return True
+
+
+@njit(error_model="numpy")
+def _lands(tile, lane, direction, tau):
+    """Whether an attempt of length tau ends on the guard; else Newton's method along phi'.
+
+    It is kept within its bracket by bisection.
+    """
+    p = machine(tile, lane)
+    bound = p.b if direction > 0 else p.a
+    phi, dphi = tile[of.NEXT + lane], tile[of.NEXT + 2 * LANES + lane]
+    low, high, tries = tile[of.LOW + lane], tile[of.HIGH + lane], tile[of.TRIES + lane]
+    miss = direction * (phi - bound)
+    if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16 or tries >= 60:
+        tile[of.NEXT + lane] = bound
+        return True
+    if miss > 0.0:
+        high = tau
+    else:
+        low = tau
+    newton = tau - miss / (direction * dphi)
+    tile[of.ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
+    tile[of.LOW + lane] = low
+    tile[of.HIGH + lane] = high
+    tile[of.TRIES + lane] = tries + 1
+    return False
+
+
+@njit(error_model="numpy")
+def _aim_at_force(tile, lane, kind, end, h, pull):
+    """Aim at where a force guard turns positive, given a state `end` after h where it is so.
+
+    Bisection on the quintics brings the first attempt near.
+    """
+    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
+    mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
+    acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
+    low, high = 0.0, 1.0
+    while high - low > 1e-15:
+        middle = 0.5 * (low + high)
+        if force_guard(kind, mode, between(y, acc, end, acc_end, h, middle), u, pull, p) > 0.0:
+            high = middle
+        else:
+            low = middle
+    tile[of.GOAL + lane] = kind
+    tile[of.ATTEMPT + lane] = high * h
+    tile[of.HIGH + lane] = h
+    tile[of.BEFORE + lane] = h
+    tile[of.MISS_BEFORE + lane] = force_guard(kind, mode, end, u, pull, p)
+    tile[of.TRIES + lane] = 0.0
+
+
+@njit(error_model="numpy")
+def _lets_go(tile, lane, kind, pull):
+    """Whether an attempt ends where a force guard turns positive; else one of two secant steps."""
+    end, tau = get_state(tile, of.NEXT, lane), tile[of.STEP + lane]
+    mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
+    miss, tries = force_guard(kind, mode, end, u, pull, p), tile[of.TRIES + lane]
+    before, miss_before = tile[of.BEFORE + lane], tile[of.MISS_BEFORE + lane]
+    if tries >= 2 or miss in (0.0, miss_before):
+        return True
+    corrected = tau - miss * (tau - before) / (miss - miss_before)
+    tile[of.ATTEMPT + lane] = min(max(corrected, 0.0), tile[of.HIGH + lane])
+    tile[of.BEFORE + lane] = tau
+    tile[of.MISS_BEFORE + lane] = miss
+    tile[of.TRIES + lane] = tries + 1
+    return False

@@ -1,0 +1,134 @@
+"""One 8th-order Runge-Kutta step of the smooth motion between events (Dormand-Prince, DOP853).
+
+Positions and rates of a stage come from the accelerations of the stages before it alone,
+
+    v_i = v + h sum_j A_ij a_j,    x_i = x + c_i h v + h^2 sum_j (A A)_ij a_j,
+
+the same method with half of its memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+
+from rimless_gym.hybrid import SINGLE, accelerations, inlined, losses, relative_rate
+from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.tile import (
+    LANES,
+    STAGES,
+    TILE_SIZE,
+    get_pair,
+    get_state,
+    machine,
+    put_pair,
+    put_state,
+)
+from rimless_gym.params import N_CONSTANTS, WheelParams
+
+_A, _B = DOP853.A, DOP853.B
+_vectorised = njit(error_model="numpy", fastmath={"contract"})
+
+
+@inlined
+def _integrands(tile, lane, dphi, dtheta):
+    """psi'^2, and the power of the air drag."""
+    p = machine(tile, lane)
+    dpsi = relative_rate(dphi, dtheta, p)
+    return dpsi * dpsi, losses(dphi, dpsi, 0.0, p)[2]
+
+
+def _stage(i: int) -> Callable[..., None]:
+    """Compiled: NEXT at stage `i` from the accelerations before; at the end of the step, i = 12.
+
+    With it goes what the stage contributes to the two integrals.
+    """
+    rates = _A[i, :i] if i < STAGES else _B
+    positions = rates @ _A[:i, :i]
+    used = [j for j in range(i) if rates[j] or positions[j]]
+    terms, offsets = len(used), tuple(of.STAGE_ACC + 2 * j * LANES for j in used)
+    w, ww = tuple(float(rates[j]) for j in used), tuple(float(positions[j]) for j in used)
+    c = float(rates.sum())
+    acc = of.STAGE_ACC + 2 * i * LANES
+    share = float(_B[i]) if i < STAGES else 0.0
+
+    @_vectorised
+    def stage(tile):
+        for lane in range(LANES):
+            h, (phi, theta, dphi, dtheta) = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
+            v0 = v1 = x0 = x1 = 0.0
+            for m in range(terms):
+                a0, a1 = tile[offsets[m] + lane], tile[offsets[m] + LANES + lane]
+                v0 += w[m] * a0
+                v1 += w[m] * a1
+                x0 += ww[m] * a0
+                x1 += ww[m] * a1
+            x0, x1 = phi + h * (c * dphi + h * x0), theta + h * (c * dtheta + h * x1)
+            v0, v1 = dphi + h * v0, dtheta + h * v1
+            if i < STAGES:
+                mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
+                a = accelerations(mode, x0, x1, v0, v1, u, p)
+                tile[acc + lane], tile[acc + LANES + lane] = a
+            else:
+                put_state(tile, of.NEXT, lane, (x0, x1, v0, v1))
+            if share != 0.0:
+                turned, braked = _integrands(tile, lane, v0, v1)
+                tile[of.TURNED + lane] += share * h * turned
+                tile[of.BRAKED + lane] += share * h * braked
+
+    return stage
+
+
+@_vectorised
+def _begin(tile):
+    for lane in range(LANES):
+        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+        turned, braked = _integrands(tile, lane, dphi, dtheta)
+        tile[of.TURNED + lane] = _SHARE * tile[of.STEP + lane] * turned
+        tile[of.BRAKED + lane] = _SHARE * tile[of.STEP + lane] * braked
+        put_pair(tile, of.STAGE_ACC, lane, get_pair(tile, of.ACC, lane))
+
+
+_SHARE = float(_B[0])
+_s1, _s2, _s3, _s4, _s5, _s6, _s7, _s8, _s9, _s10, _s11, _end = (
+    _stage(i) for i in range(1, STAGES + 1)
+)
+
+
+@_vectorised
+def rk8(tile):
+    """Advance all lanes from STATE by STEP: NEXT, TURNED and BRAKED; ACC is that of STATE."""
+    _begin(tile)
+    _s1(tile)
+    _s2(tile)
+    _s3(tile)
+    _s4(tile)
+    _s5(tile)
+    _s6(tile)
+    _s7(tile)
+    _s8(tile)
+    _s9(tile)
+    _s10(tile)
+    _s11(tile)
+    _end(tile)
+
+
+def smooth_states(
+    params: WheelParams, y: Sequence[float], u: float, duration: float, steps: int
+) -> Iterator[NDArray[np.float64]]:
+    """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, unguarded."""
+    tile = np.zeros(TILE_SIZE)
+    lane = tile.reshape(-1, LANES)[:, 0]  # of the others nobody asks
+    state, acc, end = (q // LANES for q in (of.STATE, of.ACC, of.NEXT))
+    lane[of.CONSTANTS // LANES :][:N_CONSTANTS] = params.constants
+    lane[of.VOLTAGE // LANES], lane[of.STEP // LANES] = u, duration / steps
+    lane[end : end + 4] = y
+    for _ in range(steps):
+        now = lane[state : state + 4] = lane[end : end + 4].copy()
+        lane[acc : acc + 2] = accelerations(SINGLE, *now, u, params.constants)
+        rk8(tile)
+        yield lane[end : end + 4].copy()

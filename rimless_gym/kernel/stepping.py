@@ -1,0 +1,242 @@
+"""The stepping kernel: advance hybrid states at constant voltage, events located, energy booked.
+
+Wheels are advanced `LANES` at a time, in a tile (`rimless_gym.kernel.tile`), by attempts at steps
+that vectorise: integrate, measure, and accept, unless a lane's attempt ran into an event; then it
+is judged by itself, and makes another attempt (`rimless_gym.kernel.events`). Wheels that need more
+steps than one wait until there are enough of them for a tile of their own. A wheel's motion is the
+same to the last bit whatever moves beside it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rimless_gym import energy as row
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.attempt import attempt_step, runs
+from rimless_gym.kernel.booking import open_interval
+from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
+from rimless_gym.params import N_CONSTANTS, WheelParams
+
+# Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
+PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
+
+_QUEUE = 2 * TILE_SIZE  # where in the work space the wheels wait that need more steps
+SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
+
+#: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
+MAX_POLE = 1e4
+
+
+@njit(error_model="numpy")
+def share_machine(work, constants, poles):
+    """Put one machine into all lanes of both tiles, unless it is there from the call before."""
+    same = work[-1] == 1.0 and work[of.POLE] == poles[0]
+    for c in range(N_CONSTANTS):
+        same = same and work[of.CONSTANTS + c * LANES] == constants[c, 0]
+    if not same:
+        for lane in range(LANES):
+            load_machine(work, lane, constants, poles, 0)
+            load_machine(work, TILE_SIZE + lane, constants, poles, 0)
+    work[-1] = 1.0
+
+
+@njit(error_model="numpy")
+def load_machine(tile, lane, constants, poles, i):
+    """Put machine i of the caller's into a lane."""
+    for c in range(N_CONSTANTS):
+        tile[of.CONSTANTS + c * LANES + lane] = constants[c, i]
+    tile[of.POLE + lane] = poles[i]
+
+
+@njit(error_model="numpy")
+def load(tile, states, voltages, base, count, stride):
+    """Put wheels base, base + 1, ... into the tile's lanes; `states` is flat, by `stride`."""
+    for lane in range(LANES):
+        tile[of.INDEX + lane] = base + lane
+    if count == LANES:
+        for c in range(STATE_SIZE):
+            copy_lanes(tile, of.STATE + c * LANES, states, c * stride + base)
+        copy_lanes(tile, of.VOLTAGE, voltages, base)
+        return
+    for lane in range(count):
+        for c in range(STATE_SIZE):
+            tile[of.STATE + c * LANES + lane] = states[c * stride + base + lane]
+        tile[of.VOLTAGE + lane] = voltages[base + lane]
+
+
+@njit(error_model="numpy")
+def store(tile, states, out, base, count, stride):
+    """Write wheels base, base + 1, ... back from the tile's lanes."""
+    if count < LANES:
+        for lane in range(count):
+            store_lane(tile, lane, states, out, stride)
+        return
+    for c in range(STATE_SIZE):
+        copy_lanes(states, c * stride + base, tile, of.STATE + c * LANES)
+    for c in range(row.N_ROWS):
+        copy_lanes(out, c * stride + base, tile, of.BOOKED + c * LANES)
+
+
+@njit(error_model="numpy")
+def store_lane(tile, lane, states, out, stride):
+    """Write one wheel back."""
+    i = int(tile[of.INDEX + lane])
+    for c in range(STATE_SIZE):
+        states[c * stride + i] = tile[of.STATE + c * LANES + lane]
+    for c in range(row.N_ROWS):
+        out[c * stride + i] = tile[of.BOOKED + c * LANES + lane]
+
+
+@njit(error_model="numpy")
+def enqueue(tile, count, work, waiting):
+    """Add the lanes that need another step to those waiting; how many there are then."""
+    for lane in range(count):
+        if runs(tile, lane):
+            place = _QUEUE + waiting * CARRIED
+            for quantity in range(CARRIED):
+                work[place + quantity] = tile[quantity * LANES + lane]
+            waiting += 1
+    return waiting
+
+
+@njit(error_model="numpy")
+def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, duration, pull):
+    """A step for a tile of waiting wheels; how many wait afterwards."""
+    count = min(waiting, LANES)
+    waiting -= count
+    for lane in range(count):
+        place = _QUEUE + (waiting + lane) * CARRIED
+        for quantity in range(CARRIED):
+            tile[quantity * LANES + lane] = work[place + quantity]
+        if constants.shape[1] > 1:
+            load_machine(tile, lane, constants, poles, int(tile[of.INDEX + lane]))
+    attempt_step(tile, count, duration, pull)
+    for lane in range(count):
+        if not runs(tile, lane):
+            store_lane(tile, lane, states, out, stride)
+    return enqueue(tile, count, work, waiting)
+
+
+def _batch(fingerprint: int) -> Callable[..., None]:
+    @njit(error_model="numpy", cache=True, nogil=True)
+    def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
+        fingerprint  # noqa: B018  in numba's cache key, so that no stale machine code is loaded
+        one_copy()
+        flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
+        tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
+        if constants.shape[1] == 1:
+            share_machine(work, constants, poles)
+        else:
+            work[-1] = 0.0
+        for base in range(first, last, LANES):
+            count = min(LANES, last - base)
+            load(tile, flat, voltages, base, count, stride)
+            if constants.shape[1] > 1:
+                for lane in range(count):
+                    load_machine(tile, lane, constants, poles, base + lane)
+            open_interval(tile, duration, pull)
+            unfinished = attempt_step(tile, count, duration, pull)
+            while unfinished and last - first <= LANES:
+                unfinished = attempt_step(tile, count, duration, pull)
+            store(tile, flat, flat_out, base, count, stride)
+            if unfinished:
+                waiting = enqueue(tile, count, work, waiting)
+            while waiting >= LANES or (waiting and base + count == last):
+                waiting = advance_waiting(
+                    *(spare, work, waiting, constants, poles),
+                    *(flat, flat_out, stride, duration, pull),
+                )
+
+    return advance_batch
+
+
+def _source_fingerprint() -> int:
+    """Digest of the package's sources: numba looks only at the file of the cached function."""
+    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
+    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
+    return int.from_bytes(digest[:7], "big")
+
+
+SOURCE_FINGERPRINT = _source_fingerprint()
+
+
+#: Compiled: advances the hybrid states in columns `first` to `last` of `states`, whose first
+#: STATE_SIZE rows they are, at `voltages`, on one machine for all, `constants` (N_CONSTANTS, 1) and
+#: `poles` (1,), or on one each, (N_CONSTANTS, N) and (N,). Overwrites the first energy.N_ROWS rows
+#: of `out`, which has as many columns as `states`; failure codes of `hybrid` are in row FAILURE.
+#: `pull` is the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin
+#: joint. `work` is `scratch()`, one per thread.
+advance_batch = _batch(SOURCE_FINGERPRINT)
+
+
+def require_steppable(params: WheelParams) -> None:
+    """Refuse machines for which a control interval would take forever.
+
+    Raises:
+        ValueError: the motor's pole is faster than `MAX_POLE`.
+    """
+    if not params.motor_pole <= MAX_POLE:
+        raise ValueError(
+            f"the motor damps psi' at {params.motor_pole:.3g}/s, faster than the {MAX_POLE:.3g}/s "
+            "that stepping allows: raise the inertias or armature_resistance, or lower "
+            "motor_constant, gear_ratio or hub_damping"
+        )
+
+
+def machine_arrays(
+    machines: Sequence[WheelParams],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,).
+
+    Raises:
+        ValueError: see `require_steppable`.
+    """
+    for params in machines:
+        require_steppable(params)
+    constants = np.stack([params.constants_array for params in machines], axis=1)
+    return np.ascontiguousarray(constants), np.array([params.motor_pole for params in machines])
+
+
+def scratch() -> NDArray[np.float64]:
+    """Work space for one call of the kernel at a time."""
+    return np.zeros(SCRATCH_SIZE)
+
+
+def advance(
+    params: WheelParams,
+    states: NDArray[np.float64],
+    voltages: NDArray[np.float64],
+    duration: float = CONTROL_PERIOD,
+    pull: float = 0.0,
+) -> NDArray[np.float64]:
+    """Advance N hybrid states, each at its own constant voltage.
+
+    Args:
+        params: the machine.
+        states: (N, STATE_SIZE), advanced in place.
+        voltages: (N,) in V.
+        duration: s.
+        pull: largest force (N) with which the ground holds a foot down.
+
+    Returns:
+        Rows of `rimless_gym.energy` per state, (N, N_ROWS).
+
+    Raises:
+        ValueError: see `require_steppable`.
+    """
+    columns, out = np.ascontiguousarray(states.T), np.empty((row.N_ROWS, len(states)))
+    volts = np.ascontiguousarray(voltages, dtype=np.float64)
+    advance_batch(
+        *(*machine_arrays([params]), columns, volts, 0, len(volts)),
+        *(float(duration), float(pull), out, scratch()),
+    )
+    states[:] = columns.T
+    return np.ascontiguousarray(out.T)

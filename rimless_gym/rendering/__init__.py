@@ -1,0 +1,1 @@
+"""Pictures of the wheel: drawn without a display, shown in a window, saved as an animation."""

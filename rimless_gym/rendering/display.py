@@ -1,0 +1,91 @@
+"""Where pictures go: a window on the screen, or an animated GIF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rimless_gym.rendering._pygame import pygame
+
+Frame = NDArray[np.uint8]
+
+
+class Window:
+    """A window that shows frames at a steady rate; the only thing here that needs a display.
+
+    Args:
+        size: width and height in pixels.
+        fps: frames per second that `show` keeps to by waiting.
+        title: of the window.
+
+    Attributes:
+        is_open: False once the user or `close` has closed the window.
+    """
+
+    def __init__(self, size: tuple[int, int], fps: float, title: str = "rimless-gym") -> None:
+        pygame.display.init()
+        self._screen = pygame.display.set_mode(size)
+        pygame.display.set_caption(title)
+        self._clock = pygame.time.Clock()
+        self._fps = fps
+        self.is_open = True
+
+    def show(self, frame: Frame) -> None:
+        """Show a frame, uint8 of shape (height, width, 3); without effect on a closed window."""
+        if not self.is_open:
+            return
+        if any(event.type == pygame.QUIT for event in pygame.event.get()):
+            self.close()
+            return
+        pygame.surfarray.blit_array(self._screen, frame.swapaxes(0, 1))
+        pygame.display.flip()
+        self._clock.tick(self._fps)
+
+    def close(self) -> None:
+        """Close the window; closing twice is fine."""
+        if self.is_open:
+            self.is_open = False
+            pygame.display.quit()
+
+
+def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: int = 64) -> None:
+    """Write an endless animation.
+
+    All frames share one palette and nothing is dithered, which keeps the file small and areas of
+    one colour steady.
+
+    Args:
+        frames: uint8 arrays of shape (height, width, 3).
+        path: of the file.
+        fps: frames per second, at most 50; a GIF counts in 1/100 s, so 50, 25 or 20 are exact.
+        colours: size of the palette, at most 256.
+
+    Raises:
+        ValueError: there are no frames, or more per second than browsers show.
+    """
+    if not len(frames):
+        raise ValueError("cannot save a GIF of no frames")
+    if not 0 < fps <= 50:
+        raise ValueError(
+            f"fps = {fps}: must be above 0 and at most 50, leave out frames if need be"
+        )
+    samples = frames[:: max(1, len(frames) // 8)]
+    palette = Image.fromarray(np.concatenate(samples)).quantize(
+        colours, method=Image.Quantize.MEDIANCUT, kmeans=1
+    )
+    images = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
+    images[0].save(
+        path,
+        save_all=True,
+        append_images=images[1:],
+        duration=10 * round(100 / fps),
+        loop=0,
+        optimize=False,
+    )

@@ -1,0 +1,322 @@
+"""Pushes, sensor noise, actuator delay and drawn machines: what they do and leave alone."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from rimless_gym import (
+    PROTOTYPE,
+    THESIS_PHYSICAL,
+    Disturbances,
+    Pushes,
+    Ranges,
+    SensorNoise,
+    Task,
+    WheelParams,
+)
+from rimless_gym.envs.fleet import Fleet
+from rimless_gym.envs.interval import PUSH_SHIFT, PUSH_WORK
+from rimless_gym.envs.perturbation import disturb_rows
+from rimless_gym.envs.starts import GIVEN, HANGING
+from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE
+from rimless_gym.equations import equations
+from rimless_gym.export import joint_state
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
+
+number = equations(math.sin, math.cos)
+MACHINES = {
+    "THESIS_PHYSICAL": THESIS_PHYSICAL,
+    "PROTOTYPE with a rotor": PROTOTYPE.replace(rotor_inertia=3e-7),
+    "frame mount": THESIS_PHYSICAL.replace(motor_mount="frame", rotor_inertia=3e-7),
+}
+ALWAYS = 1e9  # pushes per second: one in every interval
+
+
+def make(**settings: Any) -> Any:
+    return gym.make("RimlessWheel-v0", **settings).unwrapped
+
+
+def swinging(steps: int, seed: int = 0) -> np.ndarray:
+    """Random actions (steps, 1), each held for 0.2 s."""
+    levels = np.random.default_rng(seed).uniform(-1, 1, (-(-steps // 20), 1)).astype(np.float32)
+    return np.repeat(levels, 20, axis=0)[:steps]
+
+
+def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Fleet:
+    """64 rows that started alike and were pushed, in their own random directions."""
+    pushes = Pushes(rate=ALWAYS, impulse=(impulse, impulse))
+    fleet = Fleet([params] * 64, Task(), Ranges({}), Disturbances(pushes=pushes))
+    rows, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
+    fleet.begin(rows, rows.astype(np.uint64), kind, np.array([given] * 64), seen)
+    settings = fleet.disturbances.settings(CONTROL_PERIOD)
+    disturb_rows(fleet.memory, fleet.constants, fleet.streams, fleet.held, settings, 0, 64)
+    return fleet
+
+
+@pytest.mark.parametrize("params", MACHINES.values(), ids=MACHINES)
+def test_a_push_changes_the_rates_as_mujocos_machine_pinned_at_its_foot(params, free_wheel):
+    rng, p = np.random.default_rng(0), params.constants
+    x = rng.uniform([p.a, -7, -6, -12], [p.b, 7, 6, 12], (200, 4))
+    impulses = rng.uniform(-2, 2, (200, 2))
+    q, v = joint_state(params, x)
+    free = free_wheel(params).stack(q, v, np.zeros(200))
+    angles = np.array([[1, 0], [p.d1, 1]])
+    for state, inertia, jacobian, j in zip(x, free.inertia, free.jacobian, impulses, strict=True):
+        shapes = np.vstack([-jacobian[:, 2:] @ angles, angles])  # joint rates that hold the foot
+        jump = np.linalg.solve(shapes.T @ inertia @ shapes, shapes[:2].T @ j)
+        assert number.push(*state, *j, p) == pytest.approx(state[2:] + jump, rel=1e-9, abs=1e-12)
+
+
+def test_a_push_works_by_the_mean_speed_of_the_hub():
+    p, start = THESIS_PHYSICAL.constants, [1.3, 0.7, 1.1, -2.0, 0]
+    fleet = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
+    ways = fleet.memory[DPHI] > start[2]
+    assert 16 < ways.sum() < 48
+    speeds = p.L1 * math.sin(start[0]) * (start[2] + fleet.memory[DPHI]) / 2
+    assert fleet.memory[PUSH_WORK] == pytest.approx(np.where(ways, 0.8, -0.8) * speeds, rel=1e-9)
+    assert not fleet.memory[PUSH_SHIFT].any()
+    assert np.all(fleet.memory[[PHI, THETA]] == np.array([start[:2]]).T)
+
+
+def test_a_push_tips_a_wheel_at_rest_over_the_foot_it_is_pushed_towards():
+    fleet, p = pushed(THESIS_PHYSICAL, 0.8, HANGING, [0.0] * 5), THESIS_PHYSICAL.constants
+    forward = fleet.memory[FOOT] == 0
+    assert 16 < forward.sum() < 48
+    for ways, phi, foot, j in ((forward, p.a, 0, 0.8), (~forward, p.b, -1, -0.8)):
+        expected = number.push(phi, 0.0, 0.0, 0.0, j, 0.0, p)
+        for row, value in ((PHI, phi), (FOOT, foot), (MODE, 0), (PUSH_SHIFT, foot)):
+            assert np.all(fleet.memory[row, ways] == value)
+        assert fleet.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
+        assert fleet.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
+        assert np.sign(fleet.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
+    assert np.all(fleet.memory[PUSH_WORK] > 0)
+
+
+def test_the_ledger_of_a_pushed_episode_closes_and_counts_its_steps():
+    env = make(disturbances=Disturbances(pushes=Pushes(rate=20.0, impulse=(0.2, 1.0))))
+    for seed in range(5):
+        env.reset(seed=seed, options={"mode": "double_stance"})
+        start, feet, work, blows, total = env.model.mechanical_energy, 0.0, 0.0, 0, 0.0
+        before = float(start(env.state[:4]))
+        for action in swinging(200, seed):
+            _, _, terminated, _, info = env.step(0.2 * action)
+            spent = sum(info[name] for name in ("copper", "friction", "drag", "collision"))
+            given = info["electrical"] + info["push"]
+            assert given == pytest.approx(spent + info["mechanical_change"], abs=1e-9)
+            feet, work = feet + info["steps"], work + info["push"]
+            blows, total = blows + (info["push"] != 0.0), total + info["mechanical_change"]
+            if terminated:
+                break
+        assert feet == env.state[FOOT]
+        assert total == pytest.approx(float(start(env.state[:4])) - before, abs=1e-8)
+        assert blows
+        assert work
+
+
+def test_pushes_come_as_often_and_as_hard_as_asked():
+    pushes = Pushes(rate=20.0, impulse=(0.3, 0.5))
+    envs = gym.make_vec(
+        "RimlessWheel-v0", num_envs=2000, disturbances=Disturbances(pushes=pushes)
+    ).unwrapped
+    envs.reset(seed=0, options={"state": [math.pi / 2, 0.0, 0.0, 0.0]})
+    still = np.zeros((2000, 1), np.float32)
+    info = envs.step(still)[-1]
+    share = np.count_nonzero(info["push"]) / 2000
+    assert share == pytest.approx(1 - math.exp(-0.2), abs=0.03)
+    p = THESIS_PHYSICAL.constants
+    unit = number.push(math.pi / 2, 0.0, 0.0, 0.0, 1.0, 0.0, p)
+    per_square = number.kinetic_energy(math.pi / 2, 0.0, *unit, p)
+    sizes = np.sqrt(info["push"][info["push"] > 0] / per_square)  # from rest, work ~ impulse^2
+    assert 0.3 <= sizes.min() < 0.31
+    assert 0.49 < sizes.max() <= 0.5
+    assert np.mean(sizes) == pytest.approx(0.4, abs=0.02)
+
+
+def test_sensor_noise_is_of_the_size_asked_for_and_changes_no_motion():
+    noise = SensorNoise(leg_angle=0.01, pendulum_angle=0.05, leg_rate=0.2, pendulum_rate=0.4)
+    exact, noisy = make(), make(disturbances=Disturbances(sensor_noise=noise))
+    errors = []
+    for seed in range(10):
+        seen = exact.reset(seed=seed)[0], noisy.reset(seed=seed)[0]
+        for action in swinging(150, seed):
+            angles = [math.atan2(each[1], each[2]) for each in seen]
+            turned = math.remainder(angles[1] - angles[0], 2 * math.pi)
+            rates = (seen[1] - seen[0])[3:5] * [5.0, 10.0]
+            if max(abs(each[0]) for each in seen) < 1.0:  # beyond it the leg's angle is clipped
+                leg = float(seen[1][0] - seen[0][0]) * THESIS_PHYSICAL.leg_angle / 2
+                errors.append((leg, turned, *rates))
+            assert noisy.observation_space.contains(seen[1])
+            assert seen[0][5] == seen[1][5]
+            results = exact.step(action), noisy.step(action)
+            assert results[0][1:4] == results[1][1:4]
+            assert dict(results[0][4]) == dict(results[1][4])
+            seen = results[0][0], results[1][0]
+            if results[0][2]:
+                break
+        assert np.array_equal(exact.state, noisy.state)
+    scales = 0.01, 0.05, 0.2, 0.4
+    assert np.std(errors, axis=0) == pytest.approx(scales, rel=0.1)
+    assert np.all(np.abs(np.mean(errors, axis=0)) < np.array(scales) / 10)
+    assert np.abs(np.corrcoef(np.array(errors).T) - np.eye(4)).max() < 0.1
+
+
+def test_noise_leaves_observations_within_their_bounds():
+    noise = SensorNoise(leg_angle=9.0, pendulum_angle=9.0, leg_rate=900.0, pendulum_rate=900.0)
+    env = make(disturbances=Disturbances(sensor_noise=noise))
+    seen = [env.reset(seed=0)[0]] + [env.step(action)[0] for action in 0.1 * swinging(100)]
+    assert all(env.observation_space.contains(each) for each in seen)
+    assert np.all(np.max(np.abs(seen), axis=0)[:5] > 0.9 * OBSERVATION_BOUND[:5])
+
+
+@pytest.mark.parametrize("delay", [1, 2, 7])
+def test_a_delayed_command_acts_so_many_intervals_later(delay: int):
+    late, prompt = make(disturbances=Disturbances(actuator_delay=delay)), make()
+    for seed in range(3):
+        late.reset(seed=seed)
+        prompt.reset(seed=seed)
+        commands = 0.3 * swinging(60, seed)
+        shifted = np.concatenate([np.zeros((delay, 1), np.float32), commands])
+        for given, acting in zip(commands, shifted, strict=False):
+            assert np.array_equal(late.step(given)[0], prompt.step(acting)[0])
+        assert np.array_equal(late.state, prompt.state)
+
+
+def test_delays_are_drawn_for_each_episode():
+    env = make(disturbances=Disturbances(actuator_delay=(1, 3)))
+    delays = []
+    for seed in range(60):
+        env.reset(seed=seed, options={"mode": "double_stance"})
+        drawn = [env.step(np.ones(1, np.float32))[-1]["electrical"] != 0 for _ in range(5)]
+        delays.append(drawn.index(True))
+    assert {delay: delays.count(delay) > 8 for delay in set(delays)} == {1: True, 2: True, 3: True}
+
+
+def test_machines_are_drawn_anew_for_each_episode_from_the_whole_range():
+    ranges = {"slope": (-0.02, 0.01), "leg_length": (0.36, 0.4), "voltage_limit": (18.0, 18.0)}
+    envs = gym.make_vec(
+        "RimlessWheel-v0", num_envs=50, ranges=ranges, max_episode_steps=1
+    ).unwrapped
+    envs.reset(seed=0)
+    drawn = []
+    for _ in range(20):
+        drawn += envs.params
+        for _ in range(2):
+            envs.step(np.zeros((50, 1), np.float32))
+    assert {machine.voltage_limit for machine in drawn} == {18.0}
+    for name, (low, high) in list(ranges.items())[:2]:
+        values = np.array([getattr(machine, name) for machine in drawn])
+        assert len(np.unique(values)) == 1000
+        assert low <= values.min() < low + 0.01 * (high - low)
+        assert high - 0.01 * (high - low) < values.max() < high
+        assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.05 * (high - low))
+    assert {machine.replace(**ranges_of(THESIS_PHYSICAL, ranges)) for machine in drawn} == {
+        THESIS_PHYSICAL
+    }
+
+
+def ranges_of(params: WheelParams, names: Any) -> dict[str, float]:
+    return {name: getattr(params, name) for name in names}
+
+
+def test_a_drawn_machine_moves_and_pays_as_the_same_machine_given():
+    ranges = {
+        "slope": (-0.02, 0.02),
+        "pendulum_mass": (2.0, 2.4),
+        "idle_power": (0.0, 5.0),
+        "voltage_limit": (15.0, 20.0),
+        "friction": (0.3, 1.0),
+        "rotor_inertia": (0.0, 1e-7),
+    }
+    env = make(ranges=ranges)
+    for seed in range(5):
+        env.reset(seed=seed)
+        twin = make(params=env.params)
+        twin.reset(
+            options={
+                "state": env.state[:4],
+                "mode": ["single_stance", "double_stance"][int(env.state[MODE])],
+            }
+        )
+        for action in swinging(80, seed):
+            one, two = env.step(action), twin.step(action)
+            assert one[0] == pytest.approx(two[0], abs=1e-6)
+            assert one[1] == pytest.approx(two[1], abs=1e-9)
+            assert one[4]["idle"] == pytest.approx(two[4]["idle"], rel=1e-12)
+            assert one[4]["slips"] == two[4]["slips"]
+            if one[2] or two[2]:
+                break
+
+
+def test_ranges_and_disturbances_hold_until_given_anew():
+    env = make()
+    env.reset(seed=0, options={"ranges": {"slope": (0.01, 0.02)}})
+    slopes = [env.params.slope]
+    for options in (None, {"params": PROTOTYPE}, {"ranges": {}}):
+        env.reset(options=options)
+        slopes.append(env.params.slope)
+    assert all(0.01 <= slope < 0.02 for slope in slopes[:3])
+    assert len(set(slopes[:3])) == 3
+    assert slopes[3] == 0.0
+    assert env.params == PROTOTYPE
+    pushes = Disturbances(pushes=Pushes(rate=ALWAYS, impulse=(0.1, 0.1)))
+    for options, push in (
+        ({"disturbances": pushes}, True),
+        ({}, True),
+        ({"disturbances": None}, False),
+    ):
+        env.reset(options=options)
+        assert (env.step(np.zeros(1, np.float32))[-1]["push"] != 0.0) is push
+
+
+def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
+    plain, empty = make(), make(ranges={}, disturbances=Disturbances())
+    rough = make(
+        disturbances=Disturbances(actuator_delay=(0, 5), pushes=Pushes(rate=9.0, impulse=(0, 1)))
+    )
+    for seed in range(20):
+        first = plain.reset(seed=seed)[0]
+        assert np.array_equal(first, empty.reset(seed=seed)[0])
+        assert np.array_equal(first, rough.reset(seed=seed)[0])
+        for action in swinging(20, seed):
+            assert np.array_equal(plain.step(action)[0], empty.step(action)[0])
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (lambda: Pushes(rate=-1.0, impulse=(0, 1)), ValueError, "rate = -1.0"),
+        (lambda: Pushes(rate=1.0, impulse=(-1, 1)), ValueError, "impulse = -1"),
+        (lambda: Pushes(rate=1.0, impulse=(2, 1)), ValueError, "the least first"),
+        (lambda: Pushes(rate=1.0, impulse=1.0), TypeError, "least and the greatest"),
+        (lambda: SensorNoise(leg_rate=math.nan), ValueError, "leg_rate = nan"),
+        (lambda: SensorNoise(leg_rate="loud"), TypeError, "leg_rate = 'loud'"),
+        (lambda: Disturbances(pushes=3.0), TypeError, "pushes = 3.0"),
+        (lambda: Disturbances(actuator_delay=-1), ValueError, "actuator_delay = -1"),
+        (lambda: Disturbances(actuator_delay=(3, 1)), ValueError, "the least first"),
+        (lambda: Disturbances(actuator_delay=0.5), TypeError, "must be integers"),
+        (lambda: Disturbances(actuator_delay=(1, 2, 3)), ValueError, "one number, or two"),
+        (lambda: Ranges({"n_legs": (4, 6)}), ValueError, "'n_legs' cannot be drawn"),
+        (lambda: Ranges({"slope": (0.1, -0.1)}), ValueError, "slope = "),
+        (lambda: make(ranges={"wheel_mass": (-1, 1)}), ValueError, "wheel_mass = -1"),
+        (lambda: make(ranges={"armature_resistance": (1e-6, 5)}), ValueError, "motor damps"),
+        (lambda: make(disturbances=Pushes(rate=1, impulse=(0, 1))), TypeError, "Disturbances"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(given: Any, error: type, message: str):
+    with pytest.raises(error, match=message):
+        given()
+
+
+def test_a_drawn_machine_that_cannot_be_stepped_is_an_error_that_names_it():
+    ranges = Ranges({"armature_resistance": (1e-6, 1e-5)})
+    fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), ranges, Disturbances())
+    rows, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
+    with pytest.raises(RuntimeError, match=r"row 1: a machine with .*armature_resistance"):
+        fleet.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
+    assert fleet.ended.all()

@@ -1,0 +1,61 @@
+"""What the task lets a policy see."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.task import OBSERVATION_BOUND, observe
+from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.kernel.stepping import STATE_SIZE
+
+P = THESIS_PHYSICAL
+ANY = st.floats(-1e4, 1e4)
+STATES = st.tuples(ANY, ANY, ANY, ANY, st.sampled_from([0.0, 1.0]), st.just(0.0)).map(np.array)
+
+
+def unbounded(x: np.ndarray) -> np.ndarray:
+    leg = (x[0] - math.pi / 2) / (P.leg_angle / 2)
+    return np.array([leg, math.sin(x[1]), math.cos(x[1]), x[2] / 5, x[3] / 10, x[4]])
+
+
+@given(STATES)
+def test_every_state_is_seen_within_the_bounds_and_unchanged_if_it_is_within_them(
+    state: np.ndarray,
+) -> None:
+    seen = observe(P, state)
+    assert seen.dtype == np.float32
+    assert np.all(np.abs(seen) <= OBSERVATION_BOUND)
+    expected = np.clip(unbounded(state), -OBSERVATION_BOUND, OBSERVATION_BOUND)
+    assert np.allclose(seen, expected, rtol=1e-6, atol=1e-6)
+
+
+@given(st.lists(STATES, min_size=1, max_size=5))
+def test_many_states_are_seen_as_each_alone(states: list[np.ndarray]) -> None:
+    assert np.array_equal(observe(P, np.array(states)), [observe(P, x) for x in states])
+
+
+def test_an_episode_that_ends_beyond_the_fastest_rate_ends_within_the_observation_space() -> None:
+    strong = P.replace(pendulum_length=0.0, pendulum_inertia=0.01, voltage_limit=400.0)
+    env = RimlessWheelEnv(strong)
+    env.reset(options={"state": [math.pi / 2, 0.0, 0.0, 0.0]})
+    info: dict[str, Any] = {"failure": None}
+    while info["failure"] is None:
+        seen, _, _, _, info = env.step(np.ones(1, np.float32))
+        assert env.observation_space.contains(seen)
+    assert info["failure"] == "rate_exceeded"
+    assert np.abs(env.state[2:4]).max() > MAX_RATE
+
+
+def test_an_observation_is_a_copy_that_later_steps_leave_alone() -> None:
+    state = np.zeros(STATE_SIZE)
+    state[0] = math.pi / 2
+    seen = observe(P, state)
+    state[:] = 1.0
+    assert np.array_equal(seen, observe(P, np.array([math.pi / 2, 0, 0, 0, 0, 0])))

@@ -1,0 +1,49 @@
+"""The order of the integration step and of the interpolation between its ends."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.kernel.integration import smooth_states
+from rimless_gym.kernel.interpolation import quintic, upward_root, value
+
+START, VOLTS = (1.3, 0.8, 2.0, -4.0), 7.0
+
+
+def stepped(duration: float, steps: int) -> np.ndarray:
+    *_, end = smooth_states(THESIS_PHYSICAL, START, VOLTS, duration, steps)
+    return np.array(end)
+
+
+def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
+    exact = stepped(0.4, 128)
+    errors = [np.abs(stepped(0.4, n) - exact).max() for n in (6, 12, 24)]
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
+    assert min(orders) > 7.8
+    assert errors[-1] < 1e-10
+
+
+def test_the_quintic_through_a_steps_ends_is_exact_for_quintics_and_of_sixth_order() -> None:
+    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -0.7, 0.1])
+    rate, acceleration = polynomial.deriv(), polynomial.deriv(2)
+    h = 0.8
+    c = quintic(*(f(t) for t in (0.0, h) for f in (polynomial, rate, acceleration)), h)
+    s = np.linspace(0, 1, 11)
+    assert np.abs(value(c, s) - polynomial(h * s)).max() < 1e-14
+
+    def error(h: float) -> float:
+        c = quintic(0.0, 1.0, 0.0, math.sin(h), math.cos(h), -math.sin(h), h)
+        return float(np.abs(value(c, s) - np.sin(h * s)).max())
+
+    assert math.log2(error(0.4) / error(0.2)) > 5.8
+
+
+def test_the_root_at_the_start_is_that_of_leaving_not_of_coming_back() -> None:
+    assert upward_root((0.0, 1.0, 0.0, 0.0, 0.0, 0.0), 1.0) == 0.0
+    assert upward_root((0.0, -0.5, 1.0, 0.0, 0.0, 0.0), 1.0) == 0.5
+    assert abs(upward_root((0.0, 0.0, -0.25, 1.0, 0.0, 0.0), 1.0) - 0.25) < 1e-15
+    assert abs(upward_root((-0.125, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0) - 0.5) < 1e-15

@@ -1,0 +1,149 @@
+"""Wheels side by side in tiles: what one does is its own affair."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams
+from rimless_gym import energy as row
+from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, OK, TOO_MANY_EVENTS
+from rimless_gym.kernel.stepping import (
+    MODE,
+    STATE_SIZE,
+    advance,
+    advance_batch,
+    machine_arrays,
+    scratch,
+)
+
+MACHINES = (
+    THESIS_PHYSICAL,
+    PROTOTYPE,
+    THESIS_PHYSICAL.replace(n_legs=8, slope=0.05, drag=0.2, hub_damping=0.05),
+)
+
+
+def restless_states(count: int, seed: int) -> np.ndarray:
+    """Columns: everything from resting wheels to such as touch down, lose contact or race."""
+    rng = np.random.default_rng(seed)
+    states = np.zeros((STATE_SIZE, count))
+    p = THESIS_PHYSICAL.constants
+    states[0] = rng.choice([p.a + 1e-9, p.b - 1e-3, 0.5 * math.pi], count)
+    states[1] = rng.uniform(-math.pi, math.pi, count)
+    states[2], states[3] = rng.uniform(-4, 4, count), rng.uniform(-25, 25, count)
+    rest = rng.random(count) < 0.2
+    states[0, rest], states[2, rest], states[3, rest], states[MODE, rest] = p.a, 0, 0.1, DOUBLE
+    return states
+
+
+def run(
+    machines: list[WheelParams], states: np.ndarray, volts: np.ndarray, intervals: int = 8
+) -> tuple[np.ndarray, np.ndarray]:
+    """States after some intervals, and the rows of the last."""
+    states, out, work = states.copy(), np.empty((row.N_ROWS, states.shape[1])), scratch()
+    arrays = machine_arrays(machines)
+    for k in range(intervals):
+        u = np.ascontiguousarray(volts[k])
+        advance_batch(*arrays, states, u, 0, states.shape[1], 0.01, 0.0, out, work)
+    return states, out
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_a_wheel_moves_the_same_to_the_last_bit_whatever_moves_beside_it(machine):
+    states = restless_states(101, seed=1)
+    volts = np.random.default_rng(2).uniform(-20, 20, (8, 101))
+    together, rows = run([machine], states, volts)
+    assert {OK, CONTACT_LOST} <= set(rows[row.FAILURE])
+    order = np.random.default_rng(3).permutation(101)
+    shuffled, shuffled_rows = run([machine], states[:, order].copy(), volts[:, order])
+    assert np.array_equal(together[:, order], shuffled)
+    assert np.array_equal(rows[:, order], shuffled_rows)
+    for i in range(101):
+        alone, alone_rows = run([machine], states[:, i : i + 1].copy(), volts[:, i : i + 1])
+        assert np.array_equal(together[:, i : i + 1], alone)
+        assert np.array_equal(rows[:, i : i + 1], alone_rows)
+
+
+def test_machines_side_by_side_move_as_each_does_among_its_like():
+    which = np.arange(90) % len(MACHINES)
+    states = restless_states(90, seed=4)
+    volts = np.random.default_rng(5).uniform(-20, 20, (8, 90))
+    mixed, rows = run([MACHINES[k] for k in which], states, volts)
+    for k, machine in enumerate(MACHINES):
+        here = which == k
+        own, own_rows = run([machine], states[:, here].copy(), volts[:, here])
+        assert np.array_equal(mixed[:, here], own)
+        assert np.array_equal(rows[:, here], own_rows)
+
+
+def test_a_call_for_some_columns_leaves_the_others_alone_and_gives_the_same():
+    states = restless_states(60, seed=6)
+    volts = np.random.default_rng(7).uniform(-20, 20, (1, 60))
+    whole, rows = run([THESIS_PHYSICAL], states, volts, intervals=1)
+    part, out, work = states.copy(), np.full((row.N_ROWS, 60), 7.0), scratch()
+    advance_batch(
+        *machine_arrays([THESIS_PHYSICAL]), part, volts[0].copy(), 13, 42, 0.01, 0.0, out, work
+    )
+    assert np.array_equal(part[:, 13:42], whole[:, 13:42])
+    assert np.array_equal(out[:, 13:42], rows[:, 13:42])
+    assert np.array_equal(part[:, :13], states[:, :13])
+    assert np.all(out[:, 42:] == 7.0)
+
+
+def test_work_space_remembers_no_machine_that_was_used_before():
+    states = restless_states(3, seed=8)
+    volts = np.zeros(3)
+    fresh, used = scratch(), scratch()
+    out = np.empty((row.N_ROWS, 3))
+    for machines in ([PROTOTYPE], list(MACHINES)):
+        advance_batch(*machine_arrays(machines), states.copy(), volts, 0, 3, 0.01, 0.0, out, used)
+    results = []
+    for work in (fresh, used):
+        x = states.copy()
+        advance_batch(*machine_arrays([THESIS_PHYSICAL]), x, volts, 0, 3, 0.01, 0.0, out, work)
+        results.append(x)
+    assert np.array_equal(*results)
+
+
+def test_the_time_of_the_last_touchdown_is_booked():
+    p = THESIS_PHYSICAL.constants
+    start = np.array([[p.b - 0.004, 0.0, 1.0, 0.0, 0, 0]])
+    whole = start.copy()
+    rows = advance(THESIS_PHYSICAL, whole, np.zeros(1))[0]
+    assert rows[row.TOUCHDOWNS] == 1
+    before = start.copy()
+    assert (
+        advance(THESIS_PHYSICAL, before, np.zeros(1), rows[row.TOUCHDOWN_TIME] * (1 - 1e-9))[
+            0, row.TOUCHDOWNS
+        ]
+        == 0
+    )
+    assert before[0, 0] == pytest.approx(p.b, abs=1e-9)
+    assert (
+        advance(THESIS_PHYSICAL, np.array([[1.5, 0.0, 0.0, 0.0, 0, 0]]), np.zeros(1))[
+            0, row.TOUCHDOWN_TIME
+        ]
+        == -1
+    )
+
+
+def test_a_wheel_that_chatters_between_its_feet_is_an_error_not_an_endless_loop():
+    """A tiny wheel that loses nothing in its touchdowns rocks hundreds of times in 10 ms."""
+    size = 1e-4
+    tiny = THESIS_PHYSICAL.replace(
+        impact_law="relabel",
+        leg_length=0.375 * size,
+        pendulum_length=0.34 * size,
+        wheel_inertia=0.092 * size**2,
+        pendulum_inertia=0.0855 * size**2,
+        motor_constant=0.0,
+    )
+    p = tiny.constants
+    state = np.array([[p.a, 0.0, 0.01 / math.sqrt(size), 0.0, 0, 0]])
+    rows = advance(tiny, state, np.zeros(1), pull=math.inf)[0]
+    assert rows[row.FAILURE] == TOO_MANY_EVENTS
+    assert rows[row.TOUCHDOWNS] == 201
+    assert 0 < rows[row.TIME] < 0.01

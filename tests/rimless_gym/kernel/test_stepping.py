@@ -1,0 +1,233 @@
+"""The stepping kernel against the reference simulator, and its own conservation laws."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, hybrid, simulate
+from rimless_gym import energy as row
+from rimless_gym.energy import Ledger
+from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, MODE_NAMES, OK, RATE_EXCEEDED, SINGLE
+from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
+
+EVERYTHING = THESIS_PHYSICAL.replace(
+    slope=0.1, rotor_inertia=1e-7, hub_damping=0.02, drag=0.3, idle_power=1.0, n_legs=7
+)
+MACHINES = {
+    "THESIS_NOMINAL": THESIS_NOMINAL,
+    "THESIS_PHYSICAL": THESIS_PHYSICAL,
+    "PROTOTYPE": PROTOTYPE,
+    "frame mount": THESIS_PHYSICAL.replace(motor_mount="frame"),
+    "relabel law": THESIS_PHYSICAL.replace(impact_law="relabel"),
+    "every loss, slope 0.1, 7 legs": EVERYTHING,
+}
+
+
+def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> np.ndarray:
+    p = params.constants
+    states = np.zeros((count, STATE_SIZE))
+    states[:, 0] = rng.uniform(p.a, p.b, count)
+    states[:, 1] = rng.uniform(-math.pi, math.pi, count)
+    states[:, 2] = rng.uniform(-3, 4, count)
+    states[:, 3] = rng.uniform(-8, 8, count)
+    return states
+
+
+def walk(params: WheelParams, state: np.ndarray, voltages: np.ndarray) -> Ledger:
+    total = np.zeros(row.N_ROWS)
+    for voltage in voltages:
+        total += advance(params, state[None], np.array([voltage]), pull=math.inf)[0]
+    return Ledger.from_rows(total, params)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_kernel_and_reference_agree_on_states_events_and_energies(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(7)
+    touchdowns = 0
+    for smooth, start in enumerate(random_states(params, rng, 6)):
+        volts = 6 * np.sin(np.arange(60) / 9) if smooth % 2 else rng.uniform(-15, 15, 60)
+        reference = simulate(params, start[:4], volts, 0.6)
+        state = start.copy()
+        ledger = walk(params, state, volts)
+        assert MODE_NAMES[int(state[MODE])] == reference.final_mode
+        assert state[FOOT] == reference.foot[-1]
+        assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
+        ours, theirs = dataclasses.asdict(ledger), dataclasses.asdict(reference.ledger)
+        assert ours == pytest.approx(theirs, abs=1e-7)
+        touchdowns += len(reference.touchdowns)
+    assert touchdowns > 3
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_ledger_balances_and_no_leg_sinks_from_random_states(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(1)
+    states, p = random_states(params, rng, 300), params.constants
+    for _ in range(20):
+        volts = rng.uniform(-params.voltage_limit, params.voltage_limit, len(states))
+        rows = advance(params, states, volts, pull=math.inf)
+        for out in rows:
+            ledger = Ledger.from_rows(out, params)
+            in_play = max(abs(value) for value in dataclasses.astuple(ledger))
+            assert abs(ledger.residual) <= 1e-9 * max(in_play, 1.0)
+            assert ledger.electrical_positive >= ledger.electrical - 1e-12
+            assert params.impact_law != "plastic" or ledger.collision >= -1e-12
+        states = states[rows[:, row.FAILURE] == OK]
+        assert np.all((states[:, 0] >= p.a - 1e-12) & (states[:, 0] <= p.b + 1e-12))
+
+
+def test_a_million_intervals_balance_and_neither_chatter_nor_tunnel() -> None:
+    rng, count, worst = np.random.default_rng(1), 0, 0.0
+    while count < 1_000_000:
+        base = list(MACHINES.values())[rng.integers(len(MACHINES))]
+        params = base.replace(
+            n_legs=int(rng.integers(3, 11)),
+            slope=rng.uniform(-0.2, 0.2),
+            hub_damping=rng.choice([0, 0.1]),
+            drag=rng.choice([0, 0.5]),
+            rotor_inertia=rng.choice([0, 1e-6]),
+        )
+        states, p = random_states(params, rng, 500), params.constants
+        states[:, 2:4] = np.clip(rng.choice([0.1, 1, 5]) * states[:, 2:4], -40, 40)
+        size, pull = rng.choice([0.2, 6, 20]), rng.choice([0, math.inf])
+        for _ in range(40):
+            out = advance(params, states, rng.uniform(-size, size, len(states)), pull=pull)
+            count += len(out)
+            spent = out[:, [row.COPPER, row.FRICTION, row.DRAG, row.COLLISION]]
+            change, drawn = out[:, row.MECHANICAL_CHANGE], out[:, row.ELECTRICAL]
+            in_play = np.maximum(1.0, np.abs(np.column_stack([spent, change, drawn])).max(axis=1))
+            worst = max(worst, (np.abs(drawn - spent.sum(axis=1) - change) / in_play).max())
+            assert np.all((states[:, 0] >= p.a - 1e-12) & (states[:, 0] <= p.b + 1e-12))
+            assert set(out[:, row.FAILURE]) <= {OK, CONTACT_LOST, RATE_EXCEEDED}
+            states = states[out[:, row.FAILURE] == OK]
+            if len(states) == 0:
+                break
+    assert worst <= 1e-9
+
+
+def dropped(rate: float) -> np.ndarray:
+    """A wheel that comes down on its leading foot with a small rate, its pendulum hanging."""
+    return np.array([THESIS_PHYSICAL.constants.b - 1e-3, 0.05, rate, 0.1, SINGLE, 0.0])
+
+
+@pytest.mark.parametrize("rate", [0.05, 0.3, 1.0])
+def test_the_zeno_sequence_ends_in_double_stance_with_the_same_energy_booked(rate: float) -> None:
+    state = dropped(rate)
+    reference = simulate(THESIS_PHYSICAL, state[:4], np.zeros(100), 1.0)
+    ledger = walk(THESIS_PHYSICAL, state, np.zeros(100))
+    assert reference.final_mode == "double_stance"
+    assert state[MODE] == DOUBLE
+    assert len(reference.touchdowns) > 3
+    assert ledger.collision == pytest.approx(reference.ledger.collision, abs=1e-10)
+    assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("excess", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])
+def test_grazing_touchdowns_are_met_or_missed_as_the_reference_says(excess: float) -> None:
+    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
+    pushing = np.full(30, -12.0)  # turns the wheel back on its way forward
+
+    def top(rate: float) -> float:
+        free = params.replace(n_legs=3)  # no touchdown until far beyond b of five legs
+        motion = simulate(free, [1.9, -1.0, rate, 0.0], pushing, 0.3)
+        return float(motion.state(np.linspace(0, motion.t[-1], 3001))[:, 0].max())
+
+    rate = brentq(lambda rate: top(rate) - p.b - excess, 0.5, 3.0, xtol=1e-13)
+    state = np.array([1.9, -1.0, rate, 0.0, SINGLE, 0.0])
+    reference = simulate(params, state[:4], pushing, 0.3)
+    touchdowns = 0.0
+    for voltage in pushing:
+        out = advance(params, state[None], np.array([voltage]), pull=math.inf)[0]
+        touchdowns += out[row.TOUCHDOWNS]
+    assert touchdowns == len(reference.touchdowns)
+    assert np.abs(state[:4] - reference.x[-1]).max() < 1e-7
+
+
+def test_two_half_intervals_make_a_whole_one() -> None:
+    rng = np.random.default_rng(3)
+    whole = random_states(THESIS_PHYSICAL, rng, 200)
+    halves, volts = whole.copy(), rng.uniform(-20, 20, 200)
+    rows = advance(THESIS_PHYSICAL, whole, volts, 0.02, math.inf)
+    parts = advance(THESIS_PHYSICAL, halves, volts, 0.008, math.inf)
+    parts += advance(THESIS_PHYSICAL, halves, volts, 0.012, math.inf)
+    assert rows[:, row.TOUCHDOWNS].sum() > 5
+    assert np.abs(whole - halves).max() < 1e-9
+    assert np.abs(rows[:, : row.STEPS] - parts[:, : row.STEPS]).max() < 1e-6
+
+
+def test_left_alone_the_wheel_comes_to_rest_on_two_feet() -> None:
+    states = random_states(THESIS_PHYSICAL, np.random.default_rng(2), 40)
+    for _ in range(1500):
+        advance(THESIS_PHYSICAL, states, np.zeros(len(states)), pull=math.inf)
+    assert np.all(states[:, MODE] == DOUBLE)
+    assert np.abs(states[:, 2:4]).max() < 1e-2
+
+
+def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
+    params, rng = THESIS_PHYSICAL, np.random.default_rng(4)
+    states = random_states(params, rng, 400)
+    states[:, 3] *= 2
+    located = 0
+    for _ in range(30):
+        rows = advance(params, states, np.zeros(len(states)))
+        lost = (rows[:, row.FAILURE] == CONTACT_LOST) & (rows[:, row.TIME] > 0)
+        lost &= rows[:, row.TOUCHDOWNS] == 0  # an impact makes the force jump
+        assert np.abs(rows[lost, row.FORCE_Y]).max(initial=0) < 1e-6
+        located += np.count_nonzero(lost)
+        states = states[rows[:, row.FAILURE] == OK]
+    assert located > 20
+
+
+def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> None:
+    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
+    state = np.array([[p.a, 0.0, 0.0, 0.0, DOUBLE, 0.0]])
+    for _ in range(100):
+        before = state[0].copy()
+        advance(params, state, np.array([-20.0]))
+        if state[0, MODE] == SINGLE:
+            break
+    assert state[0, MODE] == SINGLE
+    assert hybrid.both_feet_press(before[1], before[3], -20.0, p)
+    reference = simulate(params, [p.a, 0, 0, 0], np.full(100, -20.0), 1.0, mode="double_stance")
+    assert reference.events[0].kind == "lift_off"
+    leading, trailing = hybrid.lift_off_guards(*reference.events[0].before[[1, 3]], -20.0, p)
+    assert min(abs(leading), abs(trailing)) < 1e-8
+
+
+def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
+    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
+    rng, lifted = np.random.default_rng(6), 0
+    for _ in range(2000):
+        theta, dtheta = rng.uniform(-1.2, 1.2), rng.uniform(-3, 3)
+        guards = np.array([hybrid.lift_off_guards(theta, dtheta, v, p) for v in (0.0, 1.0)])
+        side = int(rng.integers(2))  # the voltage at which this foot is pulled by next to nothing
+        volts = -guards[0, side] / (guards[1, side] - guards[0, side])
+        volts += rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -1)
+        state = np.array([[p.a, theta, 0.0, dtheta, DOUBLE, 0.0]])
+        out = advance(params, state, np.array([volts]), pull=math.inf)[0]
+        assert out[row.FAILURE] == OK
+        lifted += out[row.TOUCHDOWNS] > 0 or state[0, MODE] == SINGLE
+    assert lifted > 500
+
+
+@pytest.mark.parametrize("name", ["THESIS_NOMINAL", "THESIS_PHYSICAL", "PROTOTYPE"])
+def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
+    params, rng, count = MACHINES[name], np.random.default_rng(12), 30_000
+    p = params.constants
+    whole = random_states(params, rng, count)
+    whole[:, 0] = rng.choice([p.a, p.b], count)
+    whole[:, 0] += np.sign(math.pi / 2 - whole[:, 0]) * rng.uniform(0, 3e-3, count)
+    whole[:, 2] = rng.normal(0, 0.1, count)
+    whole[:, 3] = rng.uniform(-15, 15, count)
+    parts, volts = whole.copy(), rng.uniform(-20, 20, count)
+    rows = advance(params, whole, volts, pull=math.inf)
+    touchdowns = sum(
+        advance(params, parts, volts, 0.01 / 8, math.inf)[:, row.TOUCHDOWNS] for _ in range(8)
+    )
+    assert touchdowns.sum() > 1000
+    assert np.array_equal(rows[:, row.TOUCHDOWNS], touchdowns)
+    assert np.array_equal(whole[:, [MODE, FOOT]], parts[:, [MODE, FOOT]])
