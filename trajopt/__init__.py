@@ -1,8 +1,20 @@
-"""Optimal control of the rimless wheel: periodic gaits of least cost of transport."""
+"""Optimal control of hybrid systems, and the rimless wheel's gaits of least cost of transport."""
 
-from trajopt.fronts import CotFront, cot_front
-from trajopt.gaits import NoGaitError, periodic_gait
-from trajopt.solution import Solution
-from trajopt.verify import Verification
+from trajopt.extremal import Extremal
+from trajopt.mesh import Mesh
+from trajopt.problem import Constraint, InfeasibleBoundsError, Linkage, Phase, Problem, nonnegative
+from trajopt.solve import solve
+from trajopt.trajectory import PhaseTrajectory
 
-__all__ = ["CotFront", "NoGaitError", "Solution", "Verification", "cot_front", "periodic_gait"]
+__all__ = [
+    "Constraint",
+    "Extremal",
+    "InfeasibleBoundsError",
+    "Linkage",
+    "Mesh",
+    "Phase",
+    "PhaseTrajectory",
+    "Problem",
+    "nonnegative",
+    "solve",
+]

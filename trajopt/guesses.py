@@ -1,75 +1,48 @@
-"""Gaits that were found once and now start every search near them."""
+"""Guesses for a problem about which nothing is known."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Sequence
-from functools import lru_cache
-from pathlib import Path
-
 import numpy as np
 
-from rimless_gym.params import WheelParams
-from trajopt.solution import Solution
-
-#: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
-NEAR = 0.02
-
-FOLDER = Path(__file__).parent / "guesses"
+from trajopt.problem import Array, Problem, pair
+from trajopt.trajectory import PhaseTrajectory
 
 
-@lru_cache
-def shipped() -> tuple[Solution, ...]:
-    """The gaits in the package, in order of file name."""
-    return tuple(Solution.load(path) for path in sorted(FOLDER.glob("*.npz")))
+def straight_lines(problem: Problem) -> tuple[PhaseTrajectory, ...]:
+    """States on straight lines from the middle of the start's bounds to that of the end's.
 
-
-def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """Shipped gaits of as many steps and legs: of each family, by turns of theta, the nearest.
-
-    Nearest in machine, then in speed.
+    A state that is free at an end keeps the value of the other end, or 0. Controls are in the
+    middle of their bounds; durations are 1 s, or the nearest that their bounds allow.
     """
-    fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
-    families: dict[int, Solution] = {}
-    for solution in sorted(fitting, key=lambda s: _distance(s, params, speed)):
-        families.setdefault(solution.theta_turns, solution)
-    return list(families.values())
+    phases = []
+    low, high = pair(problem.duration)
+    share = 1.0 if not np.isfinite(high) else high / len(problem.phases)
+    for phase in problem.phases:
+        least, most = pair(phase.duration)
+        T = min(max(share if low > 0 or np.isfinite(high) else 1.0, least), most)
+        first, last = (middles(*phase.state_bounds(where)) for where in ("start", "end"))
+        first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+        control = np.nan_to_num(middles(*phase.control_bounds()))
+        phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, T))
+    return tuple(phases)
 
 
-def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """Shipped gaits to start from, the most promising first.
-
-    Shorter strides that divide `steps` count as repeated. Of those about as near in speed, the
-    cheaper is the more promising.
-    """
-    leads = []
-    for divisor in range(1, steps + 1):
-        if steps % divisor == 0:
-            found = nearest(params, speed, divisor)
-            leads += [repeated(solution, steps // divisor) for solution in found]
-    return by_promise(leads, params, speed)
+def line(first: Array, last: Array, control: Array, duration: float) -> PhaseTrajectory:
+    """A straight line between two states in `duration` (s), at constant control."""
+    ends = np.array([0.0, 1.0])
+    controls = np.tile(control, (1, 2, 1))
+    return PhaseTrajectory(duration * ends, ends, np.stack([first, last])[None], ends, controls)
 
 
-def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> list[Solution]:
-    """Guesses sorted by machine, then by speed to within `NEAR`, then by cost of transport."""
-
-    def promise(solution: Solution) -> tuple[int, int, float]:
-        differing, gap = _distance(solution, params, speed)
-        return differing, round(gap / NEAR), solution.cot
-
-    return sorted(leads, key=promise)
+def polyline(t: Array, x: Array, controls: int = 1) -> PhaseTrajectory:
+    """States x (N, nx) at times t (N,), joined by straight lines; controls of 0."""
+    ends = np.array([0.0, 1.0])
+    states = np.stack([x[:-1], x[1:]], axis=1)
+    return PhaseTrajectory(t, ends, states, ends, np.zeros((len(t) - 1, 2, controls)))
 
 
-def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[int, float]:
-    mine, theirs = (dataclasses.asdict(p) for p in (params, solution.params))
-    return sum(mine[name] != theirs[name] for name in mine), abs(solution.speed - speed)
-
-
-def repeated(solution: Solution, times: int) -> Solution:
-    """The same gait with strides `times` as long; its verification is that of one stride."""
-    turns, phases = solution.theta_turns, []
-    for stride in range(times):
-        turned = np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0])
-        phases += [dataclasses.replace(p, states=p.states + turned) for p in solution.phases]
-    return dataclasses.replace(solution, phases=tuple(phases), theta_turns=turns * times)
+def middles(lower: Array, upper: Array) -> Array:
+    """Middles of bounds (n,); NaN where there is no finite one."""
+    both = np.isfinite(lower) & np.isfinite(upper)
+    one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
+    return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)

@@ -1,13 +1,22 @@
-"""What is to be optimised: phases of continuous motion, linkages between them, and their cost.
+"""What is to be optimised: phases of smooth motion, linkages between them, and their cost.
 
-Nothing here knows how a problem is discretised (`trajopt.radau`) or what walks
-(`trajopt.walking`).
+    minimise    endpoint_cost + sum over phases of
+                    integral of  cost(x, u, p) + sum of max(power_k(x, u, p), floor_k)
+    subject to  x' = flow(x, u, p),   path, integral, start and end constraints of each phase,
+                x(start of target) = map(x(end of source), p) + offset   for every linkage,
+                bounds on states, controls, durations and the static parameters p
+
+Expressions are plain Python functions of CasADi symbols and are traced once, when the problem is
+made; a problem can then be pickled. Nothing here knows how a problem is discretised
+(`trajopt.schemes`), nor what walks.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,22 +24,39 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: (x, u, p) -> a scalar, or a vector as a sequence; or the `casadi.Function` of it.
+Expression = Callable[..., Any]
+
+#: Bounds by name: a pair, or one number where both are equal; nothing where there are none.
+Bounds = Mapping[str, float | tuple[float, float]]
+
+
+class InfeasibleBoundsError(ValueError):
+    """Bounds contradict each other: there is nothing to solve."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Constraint:
     """``lower <= function(...) <= upper``, elementwise.
 
     Attributes:
-        function: a `casadi.Function` of one vector output with m rows.
+        function: m expressions.
         lower: bounds, shape (m,).
         upper: bounds, shape (m,).
         names: what each row means, for messages; m of them.
     """
 
-    function: ca.Function
+    function: Expression
     lower: Array
     upper: Array
     names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Check that there is a bound for every name, and room between them."""
+        for side in ("lower", "upper"):
+            values = np.broadcast_to(np.asarray(getattr(self, side), float), (len(self.names),))
+            object.__setattr__(self, side, values)
+        _require_room(dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True)))
 
     def violation(self, values: Array) -> Array:
         """How far `values` (..., m) lie outside the bounds; 0 inside."""
@@ -38,64 +64,259 @@ class Constraint:
         return np.maximum(outside, 0.0)
 
 
+def nonnegative(function: Expression, *names: str) -> Constraint:
+    """The constraint ``function(...) >= 0``, row by row."""
+    return Constraint(function, np.zeros(len(names)), np.full(len(names), np.inf), names)
+
+
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """A stretch of smooth motion x' = flow(x, u) of free duration.
-
-    Its cost is the integral of ``max(power(x, u), floor)``; an infinitely low floor leaves the
-    integral of the power itself.
+    """A stretch of smooth motion x' = flow(x, u, p) of free or fixed duration.
 
     Attributes:
-        flow: (x, u) -> x', shapes (nx,), (nu,) -> (nx,).
-        power: (x, u) -> integrand of the cost, a scalar.
-        path: constraints on (x, u) all along.
-        end: constraints on x at the end of the phase.
-        state_bounds: (lower, upper) on x all along, each (nx,).
-        start_bounds: likewise at the start.
-        end_bounds: likewise at the end.
-        control_bounds: (lower, upper) on u, each (nu,).
-        duration_bounds: (s).
-        floor: least value of the integrand that counts.
+        name: for messages.
+        states: names of the nx states.
+        flow: (x, u, p) -> x'.
+        controls: names of the nu controls; none for a passive phase.
+        cost: (x, u, p) -> running cost.
+        powers: (x, u, p) -> k powers, of which max(power, floor) is paid; the maximum is exact,
+            by slack variables, not smoothed.
+        floor: the least that counts of every power; minus infinity pays the powers themselves.
+        path: constraint on (x, u, p) all along.
+        integral: constraint on the integrals of expressions in (x, u, p) over the phase.
+        at_start: constraint on (x, p) at the start.
+        at_end: constraint on (x, p) at the end.
+        bounds: on states and controls, by name, all along.
+        start: on states at the start, besides.
+        end: on states at the end, besides.
+        duration: bounds (s), or the duration.
     """
 
-    flow: ca.Function
-    power: ca.Function
-    path: Constraint
-    end: Constraint
-    state_bounds: tuple[Array, Array]
-    start_bounds: tuple[Array, Array]
-    end_bounds: tuple[Array, Array]
-    control_bounds: tuple[Array, Array]
-    duration_bounds: tuple[float, float] = (1e-3, math.inf)
+    name: str
+    states: tuple[str, ...]
+    flow: Expression
+    controls: tuple[str, ...] = ()
+    cost: Expression | None = None
+    powers: Expression | None = None
     floor: float = 0.0
+    path: Constraint | None = None
+    integral: Constraint | None = None
+    at_start: Constraint | None = None
+    at_end: Constraint | None = None
+    bounds: Bounds = dataclasses.field(default_factory=dict)
+    start: Bounds = dataclasses.field(default_factory=dict)
+    end: Bounds = dataclasses.field(default_factory=dict)
+    duration: float | tuple[float, float] = (1e-3, math.inf)
 
-    @property
-    def n_states(self) -> int:
-        """nx."""
-        return int(self.flow.size1_in(0))
+    def __post_init__(self) -> None:
+        """Check names and bounds."""
+        for where, known in (
+            ("bounds", self.states + self.controls),
+            ("start", self.states),
+            ("end", self.states),
+        ):
+            table = getattr(self, where)
+            unknown = [name for name in table if name not in known]
+            if unknown:
+                raise ValueError(
+                    f"phase {self.name!r}: {where} names {unknown}, which are not among {known}"
+                )
+            _require_room({f"{self.name}: {where} of {n}": pair(b) for n, b in table.items()})
+        for where in ("start", "end"):
+            lower, upper = self.state_bounds(where)
+            for name, low, high in zip(self.states, lower, upper, strict=True):
+                if low > high:
+                    raise InfeasibleBoundsError(
+                        f"phase {self.name!r}: {name} at the {where} is bounded by "
+                        f"{getattr(self, where)[name]}, all along by {self.bounds[name]}: "
+                        "widen one of them"
+                    )
+        low, high = pair(self.duration)
+        if not 0.0 < low <= high:
+            raise InfeasibleBoundsError(
+                f"phase {self.name!r}: duration = {self.duration} s: must be positive, "
+                "lower bound first"
+            )
+
+    def state_bounds(self, where: str = "all along") -> tuple[Array, Array]:
+        """(lower, upper) on the states at the "start", the "end" or "all along", each (nx,)."""
+        lower, upper = _table(self.bounds, self.states)
+        if where == "all along":
+            return lower, upper
+        low, high = _table(self.start if where == "start" else self.end, self.states)
+        return np.maximum(lower, low), np.minimum(upper, high)
+
+    def control_bounds(self) -> tuple[Array, Array]:
+        """(lower, upper) on the controls, each (nu,)."""
+        return _table(self.bounds, self.controls)
 
 
 @dataclasses.dataclass(frozen=True)
 class Linkage:
-    """x at the start of phase `target` = map(x at the end of phase `source`) + offset.
+    """x at the start of phase `target` = map(x at the end of phase `source`, p) + offset.
 
     Attributes:
         source: index of a phase.
-        target: index of a phase.
-        map: x -> x.
-        offset: constant shift, shape (nx,).
+        target: index of a phase; an earlier or the same one closes a cycle.
+        map: (x, p) -> x, any reset map; the identity by default.
+        offset: constant shift, such as whole turns of an angle, by state; none by default.
     """
 
     source: int
     target: int
-    map: ca.Function
-    offset: Array
+    map: Expression = lambda x, p: x
+    offset: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """Phases, the linkages that join them, and their total duration (s), which is given."""
+    """Phases and what joins them.
+
+    Attributes:
+        phases: in any order; time runs within each.
+        linkages: between their ends.
+        parameters: bounds on the static parameters p, by name; a number holds one fixed.
+        duration: bounds on the sum of the phases' durations (s), or that sum.
+        boundary: constraint on (starts, ends, durations, p): sequences, one entry per phase.
+        endpoint_cost: (starts, ends, durations, p) -> scalar.
+    """
 
     phases: tuple[Phase, ...]
-    linkages: tuple[Linkage, ...]
-    duration: float
+    linkages: tuple[Linkage, ...] = ()
+    parameters: Bounds = dataclasses.field(default_factory=dict)
+    duration: float | tuple[float, float] = (0.0, math.inf)
+    boundary: Constraint | None = None
+    endpoint_cost: Expression | None = None
+
+    def __post_init__(self) -> None:
+        """Check bounds and trace all expressions."""
+        n = len(self.parameters)
+        object.__setattr__(self, "phases", tuple(_traced_phase(p, n) for p in self.phases))
+        object.__setattr__(self, "linkages", tuple(self._traced_linkage(k) for k in self.linkages))
+        sizes = [len(p.states) for p in self.phases]
+
+        def at_ends(function: Expression) -> Expression:
+            def split(starts: Any, ends: Any, durations: Any, p: Any) -> Any:
+                cuts = np.cumsum([0, *sizes]).tolist()
+                both = (ca.vertsplit(x, cuts) for x in (starts, ends))
+                return function(*both, ca.vertsplit(durations), p)
+
+            return split
+
+        dimensions = (sum(sizes), sum(sizes), len(sizes), n)
+        if self.boundary is not None and not isinstance(self.boundary.function, ca.Function):
+            traced = _traced("boundary", at_ends(self.boundary.function), *dimensions)
+            self._set("boundary", dataclasses.replace(self.boundary, function=traced))
+        if self.endpoint_cost is not None and not isinstance(self.endpoint_cost, ca.Function):
+            traced = _traced("endpoint_cost", at_ends(self.endpoint_cost), *dimensions)
+            self._set("endpoint_cost", traced)
+        _require_room({f"parameter {n}": pair(b) for n, b in self.parameters.items()})
+        least = sum(pair(p.duration)[0] for p in self.phases)
+        most = sum(pair(p.duration)[1] for p in self.phases)
+        low, high = pair(self.duration)
+        if low > high or least > high or most < low:
+            raise InfeasibleBoundsError(
+                f"duration = {self.duration} s, but the phases' own bounds add up to "
+                f"{least:g} to {most:g} s: widen one of them"
+            )
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _traced_linkage(self, link: Linkage) -> Linkage:
+        for side, index in (("source", link.source), ("target", link.target)):
+            if not 0 <= index < len(self.phases):
+                raise ValueError(
+                    f"linkage: {side} = {index}: there are {len(self.phases)} phases, from 0"
+                )
+        source, target = self.phases[link.source], self.phases[link.target]
+        unknown = [name for name in link.offset if name not in target.states]
+        if unknown:
+            raise ValueError(f"linkage: offset names {unknown}, not among {target.states}")
+        reset = _traced("map", link.map, len(source.states), len(self.parameters))
+        if reset.size1_out(0) != len(target.states):
+            raise ValueError(
+                f"linkage from {source.name!r} to {target.name!r}: its map gives "
+                f"{reset.size1_out(0)} numbers for the {len(target.states)} states {target.states}"
+            )
+        return dataclasses.replace(link, map=reset)
+
+    def offset(self, link: Linkage) -> Array:
+        """The linkage's offset as a vector (nx,)."""
+        return np.array([link.offset.get(name, 0.0) for name in self.phases[link.target].states])
+
+    @property
+    def functions(self) -> tuple[Any, ...]:
+        """Everything but numbers: problems that share these differ in their bounds alone."""
+        per_phase = [
+            (p.flow, p.cost, p.powers, *(c and c.function for c in _constraints(p)))
+            for p in self.phases
+        ]
+        resets = [(k.source, k.target, k.map) for k in self.linkages]
+        boundary = self.boundary and self.boundary.function
+        return (*per_phase, *resets, boundary, self.endpoint_cost, tuple(self.parameters))
+
+
+def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
+    """(lower, upper) of a pair, or of one number for both."""
+    low, high = bounds if isinstance(bounds, Sequence) else (bounds, bounds)
+    return float(low), float(high)
+
+
+def _constraints(phase: Phase) -> tuple[Constraint | None, ...]:
+    return phase.path, phase.integral, phase.at_start, phase.at_end
+
+
+def _table(bounds: Bounds, names: Sequence[str]) -> tuple[Array, Array]:
+    pairs = [pair(bounds.get(name, (-math.inf, math.inf))) for name in names]
+    lower, upper = np.array(pairs, dtype=float).reshape(-1, 2).T
+    return lower, upper
+
+
+def _require_room(bounds: Mapping[str, tuple[float, float]]) -> None:
+    for name, (low, high) in bounds.items():
+        if math.isnan(low) or math.isnan(high):
+            raise InfeasibleBoundsError(f"{name}: bounds ({low}, {high}): must be numbers, not NaN")
+        if low > high:
+            raise InfeasibleBoundsError(
+                f"{name}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
+            )
+
+
+def _traced_phase(phase: Phase, parameters: int) -> Phase:
+    nx, nu = len(phase.states), len(phase.controls)
+    changes: dict[str, Any] = {}
+    for name in ("flow", "cost", "powers"):
+        if getattr(phase, name) is not None:
+            changes[name] = _traced(name, getattr(phase, name), nx, nu, parameters)
+    if changes["flow"].size1_out(0) != nx:
+        raise ValueError(
+            f"phase {phase.name!r}: flow gives {changes['flow'].size1_out(0)} rates for the "
+            f"{nx} states {phase.states}"
+        )
+    for name, sizes in (
+        ("path", (nx, nu, parameters)),
+        ("integral", (nx, nu, parameters)),
+        ("at_start", (nx, parameters)),
+        ("at_end", (nx, parameters)),
+    ):
+        constraint = getattr(phase, name)
+        if constraint is None:
+            continue
+        function = _traced(name, constraint.function, *sizes)
+        if function.size1_out(0) != len(constraint.names):
+            raise ValueError(
+                f"phase {phase.name!r}: {name} gives {function.size1_out(0)} numbers for its "
+                f"{len(constraint.names)} names {constraint.names}"
+            )
+        changes[name] = dataclasses.replace(constraint, function=function)
+    return dataclasses.replace(phase, **changes)
+
+
+def _traced(name: str, function: Expression, *sizes: int) -> ca.Function:
+    if isinstance(function, ca.Function):
+        return function
+    symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
+    out = function(*symbols)
+    column = ca.vertcat(*out) if isinstance(out, Sequence) else out
+    return ca.Function(name, symbols, [ca.densify(ca.SX(column))])

@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trajopt.interpolant import PhaseTrajectory
+from trajopt.trajectory import PhaseTrajectory
 from trajopt.mesh import assess, refined
-from trajopt.polynomials import (
+from trajopt.schemes.polynomials import (
     bernstein_matrix,
     differentiation_matrix,
     lagrange_matrix,

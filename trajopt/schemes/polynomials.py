@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import comb
+from scipy.special import comb, roots_jacobi
 
 Array = NDArray[np.float64]
 
@@ -32,7 +31,8 @@ def lagrange_matrix(nodes: Array, points: Array) -> Array:
 @lru_cache
 def radau_nodes(degree: int) -> Array:
     """0 followed by the `degree` flipped Radau points in (0, 1], shape (degree + 1,)."""
-    nodes = np.array([0.0, *ca.collocation_points(degree, "radau")])
+    inner = roots_jacobi(degree - 1, 1.0, 0.0)[0] if degree > 1 else np.empty(0)
+    nodes = np.array([0.0, *(0.5 + 0.5 * inner), 1.0])
     nodes.setflags(write=False)
     return nodes
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rimless_gym.params import WheelParams
-from trajopt.interpolant import PhaseTrajectory
 from trajopt.problem import Array
 from trajopt.provenance import provenance
 from trajopt.stability import floquet_multipliers
+from trajopt.trajectory import PhaseTrajectory
 from trajopt.verify import Verification
 
 FORMAT = "rimless-gym gait 2"

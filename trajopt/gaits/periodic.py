@@ -9,13 +9,13 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from trajopt.guesses import leads_for
-from trajopt.interpolant import PhaseTrajectory
 from trajopt.mesh import solve_refined
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
 from trajopt.radau import Transcription
 from trajopt.search import Candidate, distinct, multi_start
 from trajopt.solution import Optimum, Solution
+from trajopt.trajectory import PhaseTrajectory
 from trajopt.transcription import Mesh, Result
 from trajopt.verify import polished, verify
 from trajopt.walking import gait_problem

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.polynomials import lagrange_matrix
+from trajopt.schemes.polynomials import lagrange_matrix
 
 Array = NDArray[np.float64]
 

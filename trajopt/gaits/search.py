@@ -13,8 +13,8 @@ import numpy as np
 from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
-from trajopt.interpolant import PhaseTrajectory
 from trajopt.radau import Transcription
+from trajopt.trajectory import PhaseTrajectory
 from trajopt.transcription import Mesh, Result
 from trajopt.walking import gait_problem
 

@@ -1,0 +1,129 @@
+"""How far a solution is, between its nodes, from the differential equation and its limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from trajopt.packing import evaluated
+from trajopt.problem import Array, Phase, Problem
+from trajopt.rows import NOTEWORTHY, Breach
+from trajopt.schemes.polynomials import full_differentiation_matrix, lagrange_matrix
+from trajopt.trajectory import PhaseTrajectory
+
+SAMPLES = 12  # per element, between the nodes
+STEPS = 2  # of the 8th-order integrator, per element
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+    """A phase's shortcomings, element by element, between the nodes of its mesh.
+
+    Errors of states are relative to 1 + the largest magnitude of that state in the phase.
+
+    Attributes:
+        defect_error: integral of the residual x' - flow(x, u) from the element's left edge to
+            wherever it is largest, shape (M,).
+        step_error: the right edge against an explicit 8th-order integration from the left edge
+            under the element's own control, shape (M,).
+        limit_violation: of the bounds on states and controls, shape (M,).
+        path_violation: of each path constraint, shape (M, m).
+    """
+
+    defect_error: Array
+    step_error: Array
+    limit_violation: Array
+    path_violation: Array
+
+    @property
+    def state_error(self) -> Array:
+        """The larger of both estimates, shape (M,)."""
+        return np.maximum(self.defect_error, self.step_error)
+
+
+def assess(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Quality:
+    """Measure a phase on a dense grid within its elements."""
+    states, rates, controls = _dense(trajectory)
+    scale = 1.0 + np.abs(states).max(axis=(0, 1))
+    flow = evaluated(phase.flow, states, controls, p)
+    residual = rates - trajectory.element_durations[:, None, None] * flow
+    integral = np.cumsum(0.5 * (residual[:, 1:] + residual[:, :-1]), axis=1) / SAMPLES
+    step = stepped(phase, trajectory, p) - trajectory.states[:, -1]
+    path = np.zeros((len(states), 1))
+    if phase.path is not None:
+        values = evaluated(phase.path.function, states, controls, p)
+        path = phase.path.violation(values).max(axis=1)
+    outside = np.concatenate(
+        [
+            beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory),
+            beyond(controls, *phase.control_bounds()),
+        ],
+        axis=-1,
+    )
+    return Quality(
+        (np.abs(integral) / scale).max(axis=(1, 2)),
+        (np.abs(step) / scale).max(axis=1),
+        np.maximum(outside, 0.0).max(axis=(1, 2)),
+        path,
+    )
+
+
+def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
+    """States (M, nx) at the elements' right edges, integrated from their left edges."""
+    y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / STEPS
+    for step in range(STEPS):
+        rates: list[Array] = []
+        for i, row in enumerate(DOP853.A):
+            x = y + h * sum((a * f for a, f in zip(row, rates, strict=False)), start=0.0 * y)
+            s = (step + DOP853.C[i]) / STEPS
+            basis = lagrange_matrix(trajectory.control_nodes, np.array([s]))[0]
+            u = np.einsum("m,emu->eu", basis, trajectory.controls)
+            rates.append(evaluated(phase.flow, x, u, p))
+        y = y + h * sum((b * f for b, f in zip(DOP853.B, rates, strict=True)), start=0.0 * y)
+    return y
+
+
+def beyond(values: Array, lower: Array, upper: Array) -> Array:
+    """How far values (..., m) are outside bounds (m,), negative inside."""
+    return np.asarray(np.maximum(lower - values, values - upper))
+
+
+def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
+    """By how much the ends, which have bounds of their own, are outside those all along."""
+    ends = np.stack([trajectory.start, trajectory.end])
+    return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
+
+
+def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
+    """States, their derivatives by the fraction of the element, and controls: (M, samples, .)."""
+    s = np.linspace(0.0, 1.0, SAMPLES + 1)
+    basis = lagrange_matrix(trajectory.nodes, s)
+    slope = basis @ full_differentiation_matrix(tuple(trajectory.nodes))
+    controls = lagrange_matrix(trajectory.control_nodes, s) @ trajectory.controls
+    return basis @ trajectory.states, slope @ trajectory.states, controls
+
+
+def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tuple[Breach, ...]:
+    """The worst point of every limit that is violated anywhere between the nodes, worst first."""
+    found: list[Breach] = []
+    s = np.linspace(0.0, 1.0, SAMPLES + 1)
+    for phase, trajectory in zip(problem.phases, phases, strict=True):
+        states, _, controls = _dense(trajectory)
+        times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * s
+        limits = [
+            ("bound", phase.states, beyond(states, *phase.state_bounds())),
+            ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
+        ]
+        if phase.path is not None:
+            values = evaluated(phase.path.function, states, controls, p)
+            limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
+        for kind, names, outside in limits:
+            for name, excess in zip(names, np.moveaxis(outside, -1, 0), strict=True):
+                worst = np.unravel_index(np.argmax(excess), excess.shape)
+                amount = float(excess[worst])
+                if amount > NOTEWORTHY:
+                    found.append(Breach(kind, name, phase.name, float(times[worst]), amount))
+    return tuple(sorted(found, key=lambda breach: -breach.amount))

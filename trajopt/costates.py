@@ -1,0 +1,95 @@
+"""Costates of a discretised solution, its Hamiltonian, and what optimality says of them.
+
+The costate at an element's edge is the gradient of what is left to pay by the state there: that of
+the next element's Lagrangian. At the optimum the Hamiltonian, running cost + costate . flow, is
+constant along every phase (nothing depends on time explicitly), and it is minus the price of a
+phase's duration. Both hold for the continuous problem: how well they hold on a mesh certifies it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from trajopt.nlp import Result, Transcription
+from trajopt.packing import evaluated
+from trajopt.problem import Array, Phase
+from trajopt.trajectory import PhaseTrajectory
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """First-order optimality, phase by phase.
+
+    Attributes:
+        costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
+        hamiltonian: at both ends of every element, shape (M, 2) each.
+        duration_price: the derivative of the least cost by each phase's duration, as the program
+            sees it, shape (phases,).
+    """
+
+    costates: tuple[Array, ...]
+    hamiltonian: tuple[Array, ...]
+    duration_price: Array
+
+    @property
+    def hamiltonian_spread(self) -> float:
+        """Largest deviation from its mean over a phase, relative to 1 + its magnitude."""
+        spreads = [np.abs(h - h.mean()).max() / (1 + np.abs(h).max()) for h in self.hamiltonian]
+        return float(max(spreads))
+
+    @property
+    def transversality_error(self) -> float:
+        """Largest mismatch of the mean Hamiltonian and the price of duration, likewise relative."""
+        pairs = zip(self.hamiltonian, self.duration_price, strict=True)
+        return float(max(abs(h.mean() - price) / (1 + abs(price)) for h, price in pairs))
+
+
+def certificate(transcription: Transcription, result: Result) -> Certificate:
+    """Costates and Hamiltonian of a solution from its multipliers."""
+    problem, layout = transcription.problem, transcription.layout
+    costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
+    for (index, group), block in transcription.element_blocks:
+        v, d = block.function.sx_in()
+        outputs, cost = block.function(v, d)
+        mu = ca.SX.sym("mu", outputs.numel())
+        gradient = ca.Function("g", [v, d, mu], [ca.gradient(cost + ca.dot(mu, outputs), v)])
+        values = np.asarray(
+            gradient.map(block.count)(
+                result.unknowns[block.variables], block.data, result.multipliers[block.rows]
+            )
+        )
+        nx, n = len(problem.phases[index].states), len(group.scheme.nodes)
+        costates[index][group.elements] = values[:nx].T
+        if group.elements[-1] == len(costates[index]) - 2:
+            right = nx * (n - 1)
+            costates[index][-1] = -values[right : right + nx, -1]
+    hamiltonians = [
+        hamiltonian(phase, trajectory, rates, result.parameters)
+        for phase, trajectory, rates in zip(problem.phases, result.phases, costates, strict=True)
+    ]
+    kinds = transcription.multipliers_of(result)
+    total = next(multiplier for rows, multiplier in kinds if rows.kind == "total duration")
+    where = [layout.indices(i, "duration", 0)[0, 0] for i in range(len(problem.phases))]
+    price = -(result.bound_multipliers[where] + total)
+    return Certificate(tuple(costates), tuple(hamiltonians), price)
+
+
+def hamiltonian(phase: Phase, trajectory: PhaseTrajectory, costates: Array, p: Array) -> Array:
+    """At both ends of every element, shape (M, 2)."""
+    x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
+    rates = np.stack([costates[:-1], costates[1:]], axis=1)
+    value = np.einsum("esx,esx->es", rates, evaluated(phase.flow, x, u, p))
+    return np.asarray(value + running_cost(phase, x, u, p))
+
+
+def running_cost(phase: Phase, x: Array, u: Array, p: Array) -> Array:
+    """What is paid per second at states (..., nx) and controls (..., nu)."""
+    paid = np.zeros(x.shape[:-1])
+    if phase.cost is not None:
+        paid = paid + evaluated(phase.cost, x, u, p)[..., 0]
+    if phase.powers is not None:
+        paid = paid + np.maximum(evaluated(phase.powers, x, u, p), phase.floor).sum(axis=-1)
+    return np.asarray(paid)

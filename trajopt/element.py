@@ -1,0 +1,67 @@
+"""One element of a discretised phase: what it asks of its unknowns, and what it costs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.problem import Phase
+from trajopt.schemes import Scheme
+
+Indices = NDArray[np.intp]
+
+
+def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
+    """The element's equations, as a block of the program: (v, width) -> (outputs, cost).
+
+    v is left (nx), interior (nx (n - 2)), right (nx), controls (nu m), slacks (k w), the phase's
+    duration, and p; the width is a fraction of that duration. Outputs, in this order: defects
+    (nx r), path constraints at `path_nodes`, power slacks less powers (k w), integrals.
+    """
+    nx, nu, n = len(phase.states), len(phase.controls), len(scheme.nodes)
+    weighted, collocated = scheme.weighted, scheme.collocated
+    k, m = powers(phase), len(scheme.control_nodes)
+    sizes = [nx, nx * (n - 2), nx, nu * m, k * len(weighted), 1, parameters]
+    v, width = ca.SX.sym("v", sum(sizes)), ca.SX.sym("width")
+    cuts = np.cumsum([0, *sizes]).tolist()
+    left, interior, right, coefficients, slacks, duration, p = ca.vertsplit(v, cuts)
+    h = width * duration
+    X = ca.horzcat(left, ca.reshape(interior, nx, n - 2), right)
+    U = ca.reshape(coefficients, nu, m) @ ca.DM(scheme.control_basis).T
+
+    def at(function: Any, nodes: Indices) -> ca.SX:
+        return ca.horzcat(*(function(X[:, int(j)], U[:, int(j)], p) for j in nodes))
+
+    F = at(phase.flow, collocated)
+    defects = X @ ca.DM(scheme.D).T - h * (F @ ca.DM(scheme.A[:, collocated]).T)
+    b = ca.DM(scheme.quadrature[weighted])
+    cost, outputs = ca.SX(0), [ca.vec(defects)]
+    if phase.path is not None:
+        outputs.append(ca.vec(at(phase.path.function, path_nodes(scheme))))
+    if phase.cost is not None:
+        cost += h * (at(phase.cost, weighted) @ b)
+    if phase.powers is not None:
+        paid = ca.reshape(slacks, k, len(weighted))
+        outputs.append(ca.vec(paid - at(phase.powers, weighted)))
+        cost += h * ca.sum1(paid @ b)
+    if phase.integral is not None:
+        outputs.append(h * (at(phase.integral.function, weighted) @ b))
+    return ca.Function("element", [v, width], [ca.densify(ca.vertcat(*outputs)), cost])
+
+
+def path_nodes(scheme: Scheme) -> Indices:
+    """Nodes at which an element imposes path constraints.
+
+    Where controls are shared an element's right end is its neighbour's left end, and would be
+    imposed twice; where they are not, the control has a limit from either side.
+    """
+    n = len(scheme.nodes)
+    return np.arange(n - 1 if scheme.shared_controls else n)
+
+
+def powers(phase: Phase) -> int:
+    """How many powers a phase pays for."""
+    return phase.powers.size1_out(0) if isinstance(phase.powers, ca.Function) else 0

@@ -1,0 +1,156 @@
+"""A solved problem: its trajectory, what is known of its accuracy and optimality, on file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from trajopt.costates import Certificate
+from trajopt.mesh import Mesh
+from trajopt.problem import Array, Problem
+from trajopt.provenance import provenance
+from trajopt.resimulation import Resimulation
+from trajopt.rows import Breach
+from trajopt.trajectory import PhaseTrajectory
+
+#: Of re-simulated against interpolated states, relative to the tolerance of the mesh.
+RESIMULATION_FACTOR = 100.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Attempt:
+    """One run of IPOPT: on how many elements, with which options, how it ended, iterations."""
+
+    elements: int
+    options: dict[str, Any]
+    status: str
+    iterations: int
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether IPOPT says so."""
+        return self.status == "Solve_Succeeded"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Extremal:
+    """A trajectory that satisfies the first-order conditions of optimality, or the nearest miss.
+
+    Attributes:
+        problem: what was solved.
+        mesh: the last, and best.
+        phases: the trajectory, phase by phase.
+        parameters: values of the static parameters, shape (np,).
+        tolerance: that was asked of `mesh_error`.
+        transcribed_cost: as the transcription sees it.
+        mesh_error: largest estimated relative error of the states within an element.
+        attempts: every run of IPOPT, in order.
+        breaches: constraints that the last of them violates, worst first.
+        audit: limits that are violated between the nodes, worst first.
+        certificate: costates and Hamiltonian.
+        resimulation: the solution played back; None if that was not asked for.
+        provenance: versions and git revision.
+    """
+
+    problem: Problem
+    mesh: Mesh
+    phases: tuple[PhaseTrajectory, ...]
+    parameters: Array
+    tolerance: float
+    transcribed_cost: float
+    mesh_error: float
+    attempts: tuple[Attempt, ...]
+    breaches: tuple[Breach, ...]
+    audit: tuple[Breach, ...]
+    certificate: Certificate
+    resimulation: Resimulation | None
+    provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+
+    @property
+    def cost(self) -> float:
+        """The objective, by quadrature along the solution played back."""
+        if self.resimulation is None:
+            return self.transcribed_cost
+        return self.resimulation.cost
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is wrong with it, in words; empty if it converged."""
+        found = []
+        if not self.attempts[-1].succeeded:
+            found.append(f"IPOPT: {self.attempts[-1].status}")
+        found += [str(breach) for breach in self.breaches[:3]]
+        if not self.mesh_error <= self.tolerance:
+            found.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
+        if self.resimulation is not None:
+            worst = max(self.resimulation.phase_errors)
+            if not worst <= RESIMULATION_FACTOR * self.tolerance:
+                found.append(f"played back, a phase is off by {worst:.1e}")
+        return tuple(found)
+
+    @property
+    def converged(self) -> bool:
+        """Whether IPOPT succeeded, the mesh is fine enough, and playing it back agrees."""
+        return not self.failures
+
+    @property
+    def duration(self) -> float:
+        """Sum of the phases' durations (s)."""
+        return sum(phase.duration for phase in self.phases)
+
+    def __repr__(self) -> str:
+        verdict = "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
+        return f"Extremal(cost {self.cost:.6g}, {len(self.phases)} phase(s), {verdict})"
+
+    def report(self) -> str:
+        """Everything worth knowing, as text; failures in capitals."""
+        verdict = "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
+        elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
+        runs = len(self.attempts)
+        lines = [
+            f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
+            f"  verdict              {verdict}",
+            f"  cost                 {self.cost:.9g} (transcribed {self.transcribed_cost:.9g})",
+            f"  mesh                 {self.mesh.scheme}, {elements} elements, "
+            f"error {self.mesh_error:.1e}",
+            f"  IPOPT                {runs} run(s), "
+            f"{sum(a.iterations for a in self.attempts)} iterations",
+            f"  Hamiltonian          spread {self.certificate.hamiltonian_spread:.1e}, "
+            f"transversality {self.certificate.transversality_error:.1e}",
+        ]
+        if self.resimulation is not None:
+            lines.append(
+                f"  played back          off by {max(self.resimulation.phase_errors):.1e} a phase, "
+                f"{self.resimulation.chain_error:.1e} in all"
+            )
+        for name, value in zip(self.problem.parameters, self.parameters, strict=True):
+            lines.append(f"  parameter            {name} = {value:.9g}")
+        for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
+            pairs = zip(phase.states, trajectory.end, strict=True)
+            end = ", ".join(f"{name} {value:.6g}" for name, value in pairs)
+            lines.append(f"  {phase.name:<20} {trajectory.duration:.6g} s, ends at {end}")
+        lines += [f"  between the nodes    {breach}" for breach in self.audit[:5]]
+        retried = [a for a in self.attempts if not a.succeeded]
+        lines += [f"  retried              {a.status} with {a.options}" for a in retried]
+        return "\n".join(lines)
+
+    def state(self, t: float, side: str = "right") -> Array:
+        """State at time t (s) from the start of the first phase, phases one after the other."""
+        phase, local = self._locate(t, side)
+        return np.asarray(self.phases[phase].state(local)[0])
+
+    def control(self, t: float, side: str = "right") -> Array:
+        """Control (nu,) at time t (s), likewise."""
+        phase, local = self._locate(t, side)
+        return np.asarray(self.phases[phase].control(local, side)[0])
+
+    def _locate(self, t: float, side: str) -> tuple[int, float]:
+        ends = np.cumsum([phase.duration for phase in self.phases])
+        if not -1e-12 <= t <= ends[-1] * (1 + 1e-12) or math.isnan(t):
+            raise ValueError(f"t = {t}: must be from 0 to {ends[-1]} s")
+        index = int(np.searchsorted(ends, t, side="right" if side == "right" else "left"))
+        index = min(index, len(self.phases) - 1)
+        return index, t - (ends[index] - self.phases[index].duration)

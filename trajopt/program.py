@@ -1,0 +1,139 @@
+"""A nonlinear program that is a sum of small blocks, with its exact sparse derivatives.
+
+    minimise  f(w) = sum of cost(v, d)    subject to  lower <= g(w) = sum of outputs(v, d) <= upper
+
+A block is one function applied many times (`count`): to columns of variables v, picked out of w,
+and of constants d, and each time its outputs are added to rows of g. Derivatives are those of the
+block, traced once, and put in place as a finite element code puts its element matrices: two to
+three times faster, to build and to solve, than differentiating the whole program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """One function applied many times.
+
+    Attributes:
+        function: (v, d) -> (outputs, cost), traced with SX symbols.
+        variables: indices into w, shape (len(v), count).
+        rows: indices into g, shape (len(outputs), count).
+        data: the constants, shape (len(d), count).
+    """
+
+    function: ca.Function
+    variables: Indices
+    rows: Indices
+    data: Array
+
+    @property
+    def count(self) -> int:
+        """How many times it is applied."""
+        return self.variables.shape[1]
+
+
+def assembled(
+    blocks: Sequence[Block], size: int, rows: int
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The program and its derivatives as `casadi.nlpsol` takes them: (problem, options).
+
+    Args:
+        blocks: any number of them.
+        size: of w.
+        rows: of g.
+    """
+    w, lam_f, lam_g = ca.MX.sym("x", size), ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
+    none = ca.MX.sym("p", 0)
+    f, g, gradient, J, H = ca.MX(0), [], [], [], []
+    for block in blocks:
+        parts = _Derivatives(block.function)
+        v, d = _picked(w, block.variables), ca.DM(block.data)
+        outputs, cost = block.function.map(block.count)(v, d)
+        weights = _picked(lam_g, block.rows), ca.repmat(lam_f, 1, block.count)
+        f += ca.sum2(cost)
+        g.append((block.rows, outputs))
+        gradient.append((block.variables, parts.gradient.map(block.count)(v, d)))
+        i, j = parts.jacobian_at
+        entries = parts.jacobian.map(block.count)(v, d)
+        J.append((block.rows[i], block.variables[j], entries))
+        i, j = (block.variables[k] for k in parts.hessian_at)
+        entries = parts.hessian.map(block.count)(v, d, *weights)
+        H.append((np.minimum(i, j), np.maximum(i, j), entries))  # the upper triangle
+    values = _added(g, rows)
+    oracles: dict[str, tuple[list[ca.MX], dict[str, ca.MX]]] = {
+        "grad_f": ([w, none], {"f": f, "grad_f_x": _added(gradient, size)}),
+        "jac_g": ([w, none], {"g": values, "jac_g_x": _matrix(J, (rows, size))}),
+        "hess_lag": ([w, none, lam_f, lam_g], {"hess_gamma_x_x": _matrix(H, (size, size))}),
+    }
+    names = ["x", "p", "lam_f", "lam_g"]
+    functions = {
+        name: ca.Function(name, inputs, list(out.values()), names[: len(inputs)], list(out))
+        for name, (inputs, out) in oracles.items()
+    }
+    return {"x": w, "p": none, "f": f, "g": values}, functions
+
+
+def _picked(w: ca.MX, where: Indices) -> ca.MX:
+    return ca.reshape(w[where.ravel(order="F").tolist()], *where.shape)
+
+
+class _Derivatives:
+    """Of a block's function: nonzeros, as columns, and where they are."""
+
+    def __init__(self, function: ca.Function) -> None:
+        v, d = function.sx_in()
+        outputs, cost = function(v, d)
+        mu, weight = ca.SX.sym("mu", outputs.numel()), ca.SX.sym("weight")
+        jacobian = ca.jacobian(outputs, v)
+        lagrangian = weight * cost + ca.dot(mu, outputs)
+        hessian = ca.triu(ca.hessian(lagrangian, v)[0])
+        self.gradient = ca.Function("gradient", [v, d], [ca.densify(ca.gradient(cost, v))])
+        self.jacobian = ca.Function("jacobian", [v, d], [_nonzeros(jacobian)])
+        self.hessian = ca.Function("hessian", [v, d, mu, weight], [_nonzeros(hessian)])
+        self.jacobian_at = _places(jacobian)
+        self.hessian_at = _places(hessian)
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+
+
+def _places(matrix: ca.SX) -> tuple[Indices, Indices]:
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
+
+
+def _added(parts: Sequence[tuple[Indices, ca.MX]], size: int) -> ca.MX:
+    """A dense vector to which values are added at indices."""
+    where = np.concatenate([i.ravel(order="F") for i, _ in parts])
+    values = ca.vertcat(*(ca.vec(v) for _, v in parts))
+    return ca.densify(_summed(where, size) @ values)
+
+
+def _matrix(parts: Sequence[tuple[Indices, Indices, ca.MX]], shape: tuple[int, int]) -> ca.MX:
+    """A sparse matrix from entries that are added where they coincide."""
+    rows, columns = (np.concatenate([p[k].ravel(order="F") for p in parts]) for k in (0, 1))
+    places, where = np.unique(columns * shape[0] + rows, return_inverse=True)
+    column, row = np.divmod(places, shape[0])
+    sparsity = ca.Sparsity.triplet(*shape, row.tolist(), column.tolist())
+    values = ca.vertcat(*(ca.vec(v) for _, _, v in parts))
+    return ca.MX(sparsity, _summed(where, len(places)) @ values)
+
+
+def _summed(where: Indices, size: int) -> ca.DM:
+    """The matrix of ones that adds entry k of a vector to element where[k]."""
+    order = np.arange(len(where))
+    ones = ca.DM.ones(len(where))
+    return ca.DM.triplet(where.tolist(), order.tolist(), ones, size, len(where))

@@ -1,0 +1,107 @@
+"""hp mesh refinement: higher degrees where the solution is smooth, more elements where it is not.
+
+After Patterson, Hager and Rao, A ph mesh refinement method for optimal control, Optim. Control
+Appl. Methods 36 (2015), with splits at the control's own switches.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from trajopt.accuracy import Quality
+from trajopt.mesh import FIXED_DEGREE, Mesh
+from trajopt.packing import evaluated
+from trajopt.problem import Array, Phase, Problem
+from trajopt.schemes.polynomials import lagrange_matrix
+from trajopt.trajectory import PhaseTrajectory
+
+MAX_DEGREE = 12
+MAX_ELEMENTS = 400
+
+#: Elements shorter than this fraction of their phase are split no further.
+SHORTEST = 1e-5
+
+#: Where a fall of the Legendre coefficients by less than this per degree says "not smooth".
+DECAY = 0.5
+
+_SEARCHED = np.linspace(0.0, 1.0, 101)
+
+
+def refined(
+    mesh: Mesh,
+    problem: Problem,
+    phases: Sequence[PhaseTrajectory],
+    p: Array,
+    qualities: Sequence[Quality],
+    state_tolerance: float,
+    limit_tolerance: float,
+) -> Mesh:
+    """A finer mesh where a tolerance is missed; the same mesh if none is, or the caps forbid it.
+
+    An element in which the control switches (a power changes sign, a bound is met or left) is
+    split there. Else, if its states are smooth, its degree rises by as much as the error asks for;
+    if they are not, or the degree is at its cap, it is halved.
+    """
+    fractions, degrees = [], []
+    room = MAX_ELEMENTS - mesh.elements
+    for i, (phase, trajectory, quality) in enumerate(
+        zip(problem.phases, phases, qualities, strict=True)
+    ):
+        edges, orders = [0.0], []
+        limits = np.maximum(quality.limit_violation, quality.path_violation.max(axis=1))
+        for e, degree in enumerate(mesh.degrees[i]):
+            left, right = mesh.fractions[i][e : e + 2]
+            excess = quality.state_error[e] / state_tolerance
+            inside: list[float] = []
+            if max(excess, limits[e] / limit_tolerance) > 1.0:
+                raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
+                fixed = mesh.scheme in FIXED_DEGREE
+                switches = switch_points(phase, trajectory, e, p)
+                smooth = not fixed and is_smooth(trajectory, e) and not switches
+                if smooth and raised <= MAX_DEGREE and excess > 1.0:
+                    degree = raised
+                elif right - left > SHORTEST and room > 0:
+                    inside = switches or [0.5]
+                    room -= len(inside)
+            edges += [left + (right - left) * s for s in inside] + [right]
+            orders += [degree] * (len(inside) + 1)
+        fractions.append(tuple(edges))
+        degrees.append(tuple(orders))
+    return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
+
+
+def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Array) -> list[float]:
+    """Fractions of an element at which a power passes its floor, or a control meets its bound."""
+    u = lagrange_matrix(trajectory.control_nodes, _SEARCHED) @ trajectory.controls[element]
+    x = lagrange_matrix(trajectory.nodes, _SEARCHED) @ trajectory.states[element]
+    signals = []
+    if phase.powers is not None and np.isfinite(phase.floor):
+        signals.append(evaluated(phase.powers, x, u, p) - phase.floor)
+    lower, upper = phase.control_bounds()
+    width = np.where(np.isfinite(upper - lower), upper - lower, np.inf)
+    near = 1e-3 * np.where(np.isfinite(width), width, 0.0)
+    bounded = [(u - lower - near), (upper - near - u)]
+    signals += [s[:, np.isfinite(s).all(axis=0)] for s in bounded]
+    found: set[float] = set()
+    for values in np.concatenate(signals, axis=1).T:
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0.0):
+            s = _SEARCHED[k] + 0.01 * values[k] / (values[k] - values[k + 1])
+            if 0.05 < s < 0.95 and all(abs(s - other) > 0.05 for other in found):
+                found.add(float(s))
+    return sorted(found)
+
+
+def is_smooth(trajectory: PhaseTrajectory, element: int) -> bool:
+    """Whether the Legendre coefficients of an element's states fall fast enough."""
+    n = len(trajectory.nodes)
+    if n < 4:
+        return True
+    basis = np.polynomial.legendre.legvander(2 * trajectory.nodes - 1, n - 1)
+    size = np.abs(np.linalg.solve(basis, trajectory.states[element])).max(axis=1)
+    largest = size.max()
+    high = size[2:] + 1e-12 * largest
+    decay = np.polyfit(np.arange(len(high)), np.log(high), 1)[0]
+    return bool(np.exp(decay) < DECAY)

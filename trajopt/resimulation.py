@@ -1,0 +1,101 @@
+"""A solution played back: an adaptive integrator follows its controls, and pays for them.
+
+A solver's "success" is not accuracy. Every phase is integrated from its own start, and the phases
+one after the other from the first one's start through the linkages; the cost is a quadrature along
+the way. (A wheel's touchdowns are located by `rimless_gym.simulate` besides: `trajopt.gaits`.)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from trajopt.problem import Array, Phase, Problem
+from trajopt.trajectory import PhaseTrajectory
+
+RTOL, ATOL = 1e-11, 1e-12
+
+
+@dataclasses.dataclass(frozen=True)
+class Resimulation:
+    """What playing a solution back gives.
+
+    Attributes:
+        phase_errors: largest deviation from the solution's states, each phase from its own start.
+        chain_error: the same with each phase starting where the one before led, by the linkages
+            from phase i to i + 1; equal to the largest phase error where there are none.
+        cost: integrals and endpoint cost along the phases played back each from its own start.
+    """
+
+    phase_errors: tuple[float, ...]
+    chain_error: float
+    cost: float
+
+
+def resimulated(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Resimulation:
+    """Play a solution back."""
+    errors, chain, cost, ends = [], [], 0.0, []
+    following = {k.source: k for k in problem.linkages if k.target == k.source + 1}
+    start = phases[0].start
+    for i, (phase, trajectory) in enumerate(zip(problem.phases, phases, strict=True)):
+        error, end, paid = played(phase, trajectory, trajectory.start, p)
+        errors.append(error)
+        ends.append(end)
+        cost += paid
+        if np.array_equal(start, trajectory.start):
+            chain.append(error)
+        else:
+            error, end, _ = played(phase, trajectory, start, p)
+            chain.append(error)
+        if i in following:
+            link = following[i]
+            start = np.asarray(link.map(end, p)).ravel() + problem.offset(link)
+        elif i + 1 < len(phases):
+            start = phases[i + 1].start
+    if problem.endpoint_cost is not None:
+        starts = np.concatenate([t.start for t in phases])
+        durations = np.array([t.duration for t in phases])
+        cost += float(problem.endpoint_cost(starts, np.concatenate(ends), durations, p))
+    return Resimulation(tuple(errors), max(chain), cost)
+
+
+def played(
+    phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
+) -> tuple[float, Array, float]:
+    """One phase from `start`: largest deviation from its states, the end, and what was paid."""
+    nx, y, error = len(phase.states), np.append(start, 0.0), 0.0
+    coefficients = np.linalg.solve(
+        np.vander(trajectory.control_nodes), trajectory.controls
+    )  # (M, m, nu)
+    for e, (begin, end) in enumerate(zip(trajectory.edges, trajectory.edges[1:], strict=False)):
+        powers, h = coefficients[e], end - begin
+
+        def rates(
+            t: float, y: Array, powers: Array = powers, begin: float = begin, h: float = h
+        ) -> Array:
+            u = powers[0]
+            for c in powers[1:]:
+                u = u * ((t - begin) / h) + c
+            flow = np.asarray(phase.flow(y[:nx], u, p)).ravel()
+            return np.append(flow, paid_rate(phase, y[:nx], u, p))
+
+        times = begin + h * np.linspace(0.0, 1.0, 9)
+        times[-1] = end
+        run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=RTOL, atol=ATOL)
+        if not run.success:
+            return np.inf, y[:nx], np.nan
+        inside = trajectory.state(np.minimum(times, trajectory.duration))
+        error = max(error, float(np.abs(run.y[:nx].T - inside).max()))
+        y = run.y[:, -1]
+    return error, y[:nx], float(y[nx])
+
+
+def paid_rate(phase: Phase, x: Array, u: Array, p: Array) -> float:
+    """Running cost and powers at one point."""
+    paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
+    if phase.powers is not None:
+        paid += float(np.maximum(np.asarray(phase.powers(x, u, p)), phase.floor).sum())
+    return paid

@@ -1,0 +1,176 @@
+"""Solve a problem: discretise, refine until it is accurate, verify."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from trajopt.accuracy import Quality, assess, audit
+from trajopt.costates import certificate
+from trajopt.extremal import Attempt, Extremal
+from trajopt.guesses import straight_lines
+from trajopt.mesh import Mesh
+from trajopt.nlp import Result, Transcription
+from trajopt.problem import Array, Constraint, Problem
+from trajopt.refinement import refined
+from trajopt.resimulation import resimulated
+from trajopt.trajectory import PhaseTrajectory
+
+#: What is tried, one after the other, where IPOPT fails: options over `nlp.IPOPT`.
+LADDER: tuple[dict[str, Any], ...] = (
+    {},
+    {"mu_strategy": "adaptive"},
+    {"mu_init": 1.0, "bound_push": 0.1, "bound_frac": 0.1},
+    {"mu_strategy": "adaptive", "nlp_scaling_method": "none", "max_iter": 1500},
+)
+
+#: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum.
+WARM_BARRIER = 1e-4
+
+
+def solve(
+    problem: Problem,
+    guess: Sequence[PhaseTrajectory] | None = None,
+    mesh: Mesh | None = None,
+    *,
+    parameters: Array | None = None,
+    tolerance: float = 1e-7,
+    limit_tolerance: float = 1e-6,
+    passes: int = 10,
+    verify: bool = True,
+    **options: Any,
+) -> Extremal:
+    """A local optimum near a guess, on a mesh refined to a tolerance, verified.
+
+    Args:
+        problem: what to solve.
+        guess: one trajectory per phase on any mesh, such as another solution's `phases`; straight
+            lines between the bounds by default.
+        mesh: to begin with; 10 elements of degree 4 per phase by default.
+        parameters: guess of the static parameters; the middle of their bounds by default.
+        tolerance: of the estimated relative error of the states within an element.
+        limit_tolerance: of bounds and path constraints between the nodes.
+        passes: refinements at most; 0 solves on `mesh` alone.
+        verify: whether to play the solution back; without, its `cost` is the transcription's.
+        options: of IPOPT; a small ``mu_init`` keeps a warm start near.
+
+    Returns:
+        The solution, whether it converged or not: see `Extremal.converged` and `report`.
+    """
+    mesh = mesh or Mesh.uniform(problem)
+    guess = straight_lines(problem) if guess is None else guess
+    transcription = Transcription(problem, mesh)
+    attempts: list[Attempt] = []
+    result = _climb(transcription, guess, parameters, attempts, options)
+    qualities = _assess(problem, result)
+    best = transcription, result, qualities
+    for _ in range(passes):
+        if not result.success:
+            break
+        finer = refined(
+            *(mesh, problem, result.phases, result.parameters, qualities),
+            *(tolerance, limit_tolerance),
+        )
+        if finer == mesh:
+            break
+        mesh, transcription = finer, Transcription(problem, finer)
+        warm = {"mu_init": WARM_BARRIER} | options
+        result = _climb(transcription, result.phases, result.parameters, attempts, warm)
+        qualities = _assess(problem, result)
+        if result.success and _error(qualities) <= _error(best[2]):
+            best = transcription, result, qualities
+    transcription, result, qualities = best
+    if passes and result.success:
+        result = _backed_off(transcription, result, limit_tolerance, options)
+        qualities = _assess(problem, result)
+    return Extremal(
+        problem=problem,
+        mesh=transcription.mesh,
+        phases=result.phases,
+        parameters=result.parameters,
+        tolerance=tolerance,
+        transcribed_cost=result.cost,
+        mesh_error=_error(qualities),
+        attempts=tuple(attempts),
+        breaches=result.breaches,
+        audit=audit(problem, result.phases, result.parameters),
+        certificate=certificate(transcription, result),
+        resimulation=resimulated(problem, result.phases, result.parameters) if verify else None,
+    )
+
+
+def _assess(problem: Problem, result: Result) -> list[Quality]:
+    pairs = zip(problem.phases, result.phases, strict=True)
+    return [assess(phase, trajectory, result.parameters) for phase, trajectory in pairs]
+
+
+def _error(qualities: Sequence[Quality]) -> float:
+    return float(max(quality.state_error.max() for quality in qualities))
+
+
+def _climb(
+    transcription: Transcription,
+    guess: Sequence[PhaseTrajectory],
+    parameters: Array | None,
+    attempts: list[Attempt],
+    options: dict[str, Any],
+) -> Result:
+    """Solve, with the ladder's other options where IPOPT fails; the first success, or the best."""
+    best: Result | None = None
+    for rung in LADDER:
+        tried = options | rung
+        result = transcription.solve(guess, parameters=parameters, **tried)
+        attempts.append(
+            Attempt(transcription.mesh.elements, tried, result.status, result.iterations)
+        )
+        if result.success:
+            return result
+        if best is None or _violation(result) < _violation(best):
+            best = result
+    assert best is not None  # the ladder has rungs
+    return best
+
+
+def _violation(result: Result) -> float:
+    return result.breaches[0].amount if result.breaches else 0.0
+
+
+def _backed_off(
+    transcription: Transcription, result: Result, tolerance: float, options: dict[str, Any]
+) -> Result:
+    """Move path constraints inwards by what polynomials overshoot between the nodes.
+
+    Where an optimal control switches they do a little, whatever the mesh.
+    """
+    problem = transcription.problem
+    margins = [0.0 for _ in problem.phases]
+    for _ in range(3):
+        excess = [quality.path_violation.max(axis=0) for quality in _assess(problem, result)]
+        if max(e.max() for e in excess) < tolerance:
+            break
+        margins = [m + 1.2 * e for m, e in zip(margins, excess, strict=True)]
+        warm = {"mu_init": WARM_BARRIER} | options
+        tighter = transcription.solve(
+            result.phases, tightened(problem, margins), result.parameters, **warm
+        )
+        if not tighter.success:
+            break
+        result = tighter
+    return result
+
+
+def tightened(problem: Problem, margins: Sequence[Array | float]) -> Problem:
+    """`problem` with every phase's path bounds moved inwards by margins (m,)."""
+    phases = []
+    for phase, margin in zip(problem.phases, margins, strict=True):
+        path = phase.path
+        if path is not None:
+            middle = 0.5 * (path.lower + path.upper)
+            lower = np.fmin(path.lower + margin, np.where(np.isfinite(middle), middle, np.inf))
+            upper = np.fmax(path.upper - margin, np.where(np.isfinite(middle), middle, -np.inf))
+            path = Constraint(path.function, lower, upper, path.names)
+        phases.append(dataclasses.replace(phase, path=path))
+    return dataclasses.replace(problem, phases=tuple(phases))
