@@ -24,6 +24,10 @@ MAX_ELEMENTS = 400
 #: Elements shorter than this fraction of their phase are split no further.
 SHORTEST = 1e-5
 
+#: Path constraints violated by more than this between nodes ask for a finer mesh; what is less is
+#: left to margins (`trajopt.solve`), for where a control switches no mesh is fine enough.
+COARSE = 1e-3
+
 #: Where a fall of the Legendre coefficients by less than this per degree says "not smooth".
 DECAY = 0.5
 
@@ -51,12 +55,14 @@ def refined(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = np.maximum(quality.limit_violation, quality.path_violation.max(axis=1))
+        limits = np.maximum(
+            quality.limit_violation / limit_tolerance, quality.path_violation.max(axis=1) / COARSE
+        )
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = quality.state_error[e] / state_tolerance
             inside: list[float] = []
-            if max(excess, limits[e] / limit_tolerance) > 1.0:
+            if max(excess, limits[e]) > 1.0:
                 raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
                 fixed = mesh.scheme in FIXED_DEGREE
                 switches = switch_points(phase, trajectory, e, p)

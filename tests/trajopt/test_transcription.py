@@ -5,9 +5,12 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
+from trajopt.radau import Transcription
+from trajopt.search import polyline
+from trajopt.transcription import Mesh
 
-from trajopt.trajectory import PhaseTrajectory
 from trajopt.mesh import assess, refined
+from trajopt.problem import Constraint, Phase, Problem
 from trajopt.schemes.polynomials import (
     bernstein_matrix,
     differentiation_matrix,
@@ -15,10 +18,7 @@ from trajopt.schemes.polynomials import (
     quadrature_weights,
     radau_nodes,
 )
-from trajopt.problem import Constraint, Phase, Problem
-from trajopt.radau import Transcription
-from trajopt.search import polyline
-from trajopt.transcription import Mesh
+from trajopt.trajectory import PhaseTrajectory
 
 FREE = np.inf
 

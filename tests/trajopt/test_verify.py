@@ -10,9 +10,9 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, hybrid, simulate
 from trajopt import Solution, periodic_gait
-from trajopt.guesses import nearest
-from trajopt.verify import playback, verify
-from trajopt.walking import stance
+from trajopt.gaits.shipped import nearest
+from trajopt.gaits.stance import stance
+from trajopt.gaits.verify import playback, verify
 
 P = THESIS_PHYSICAL
 ONE = nearest(P, 0.5, 1)[0]
