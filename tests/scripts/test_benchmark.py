@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # scripts are not installed
-
 from scripts.benchmarks import environments
 from scripts.benchmarks.cases import CASES, SINGLE, Case
 from scripts.benchmarks.driver import Worker, WorkerError, measure_all

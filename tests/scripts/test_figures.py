@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # scripts are not installed
-
 from rimless_gym.params import PRESETS
 from scripts.documents import accuracy, errata, integrator, machines
 from scripts.documents.motions import CASES
