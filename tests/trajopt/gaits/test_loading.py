@@ -10,7 +10,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import NoGaitError, Solution, periodic_gait
-from trajopt.gaits import _validate
+from trajopt.gaits.periodic import _validate
 from trajopt.gaits.shipped import FOLDER, shipped
 from trajopt.gaits.solution import DIGEST, FORMAT, HEADER, GaitFileError, _digest
 from trajopt.gaits.verify import verify

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from trajopt.search import Candidate, distinct, random_guess
+from trajopt.gaits.search import Candidate, distinct, random_guess
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
