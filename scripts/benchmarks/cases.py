@@ -154,16 +154,16 @@ CASES = (
     ),
     _swing_up(
         "drake-ipopt",
-        "Drake, DirectCollocation",
+        "Drake, DirectCollocation with IPOPT",
         "drake",
-        f"{_SIMPSON}, force linear, cost by trapezoids; IPOPT, no Hessian",
+        f"{_SIMPSON}, force linear, cost by trapezoids; no Hessian",
         solver="ipopt",
     ),
     _swing_up(
         "drake-snopt",
-        "Drake, DirectCollocation",
+        "Drake, DirectCollocation with SNOPT",
         "drake",
-        f"{_SIMPSON}, force linear, cost by trapezoids; SNOPT",
+        f"{_SIMPSON}, force linear, cost by trapezoids; no Hessian",
         solver="snopt",
     ),
     dataclasses.replace(

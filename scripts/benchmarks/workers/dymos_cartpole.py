@@ -1,6 +1,7 @@
 """dymos on the cart-pole: its own example's equations, Gauss-Lobatto of order 3, SciPy's SLSQP.
 
-There are no wheels of pyOptSparse, with whose IPOPT or SNOPT dymos would be faster.
+There are no wheels of pyOptSparse, with whose IPOPT or SNOPT dymos would be faster. One thread for
+linear algebra, because SLSQP on its small dense matrices is several times as slow with two.
 """
 
 from __future__ import annotations
