@@ -7,11 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 import casadi as ca
-from rockit import (  # type: ignore[import-not-found]
-    DirectCollocation,
-    MultipleShooting,
-    Ocp,
-)
+from rockit import DirectCollocation, MultipleShooting, Ocp  # type: ignore[import-not-found]
 
 from scripts.benchmarks import cartpole
 from scripts.benchmarks.protocol import Measure, serve
