@@ -3,7 +3,7 @@
 The costate at an element's edge is the gradient of what is left to pay by the state there: that of
 the next element's Lagrangian. At the optimum the Hamiltonian, running cost + costate . flow, is
 constant along every phase (nothing depends on time explicitly), and it is minus the price of a
-phase's duration. Both hold for the continuous problem: how well they hold on a mesh certifies it.
+phase's duration. What integral constraints bound counts as a running cost, at their multipliers. Both hold for the continuous problem: how well they hold on a mesh certifies it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Certificate:
 
 def certificate(transcription: Transcription, result: Result) -> Certificate:
     """Costates and Hamiltonian of a solution from its multipliers."""
-    problem, layout = transcription.problem, transcription.layout
+    problem, price = transcription.problem, np.zeros(len(result.phases))
     costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
     for (index, group), block in transcription.element_blocks:
         v, d = block.function.sx_in()
@@ -66,22 +66,28 @@ def certificate(transcription: Transcription, result: Result) -> Certificate:
         if group.elements[-1] == len(costates[index]) - 2:
             right = nx * (n - 1)
             costates[index][-1] = -values[right : right + nx, -1]
+        price[index] += values[-1 - len(result.parameters)].sum()
+    prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
     hamiltonians = [
-        hamiltonian(phase, trajectory, rates, result.parameters)
-        for phase, trajectory, rates in zip(problem.phases, result.phases, costates, strict=True)
+        hamiltonian(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
+        for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
-    kinds = transcription.multipliers_of(result)
-    total = next(multiplier for rows, multiplier in kinds if rows.kind == "total duration")
-    where = [layout.indices(i, "duration", 0)[0, 0] for i in range(len(problem.phases))]
-    price = -(result.bound_multipliers[where] + total)
     return Certificate(tuple(costates), tuple(hamiltonians), price)
 
 
-def hamiltonian(phase: Phase, trajectory: PhaseTrajectory, costates: Array, p: Array) -> Array:
-    """At both ends of every element, shape (M, 2)."""
+def hamiltonian(
+    phase: Phase,
+    trajectory: PhaseTrajectory,
+    costates: Array,
+    p: Array,
+    prices: Array | None = None,
+) -> Array:
+    """At both ends of every element, shape (M, 2); `prices` are of integral constraints."""
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
     rates = np.stack([costates[:-1], costates[1:]], axis=1)
     value = np.einsum("esx,esx->es", rates, evaluated(phase.flow, x, u, p))
+    if phase.integral is not None and prices is not None:
+        value = value + evaluated(phase.integral.function, x, u, p) @ prices
     return np.asarray(value + running_cost(phase, x, u, p))
 
 
