@@ -3,7 +3,8 @@
 The costate at an element's edge is the gradient of what is left to pay by the state there: that of
 the next element's Lagrangian. At the optimum the Hamiltonian, running cost + costate . flow, is
 constant along every phase (nothing depends on time explicitly), and it is minus the price of a
-phase's duration. What integral constraints bound counts as a running cost, at their multipliers. Both hold for the continuous problem: how well they hold on a mesh certifies it.
+phase's duration. (An integral that is bounded counts as a running cost, at its multiplier.) Both
+hold for the continuous problem: how well they hold on a mesh certifies it.
 """
 
 from __future__ import annotations
