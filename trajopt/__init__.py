@@ -2,7 +2,15 @@
 
 from trajopt.extremal import Extremal
 from trajopt.mesh import Mesh
-from trajopt.problem import Constraint, InfeasibleBoundsError, Linkage, Phase, Problem, nonnegative
+from trajopt.problem import (
+    Constraint,
+    InfeasibleBoundsError,
+    Linkage,
+    Phase,
+    Problem,
+    equal,
+    nonnegative,
+)
 from trajopt.solve import solve
 from trajopt.trajectory import PhaseTrajectory
 
@@ -15,6 +23,7 @@ __all__ = [
     "Phase",
     "PhaseTrajectory",
     "Problem",
+    "equal",
     "nonnegative",
     "solve",
 ]

@@ -58,7 +58,7 @@ def _pack_group(
         used = scheme.weighted
         at_nodes = scheme.control_basis[used] @ coefficients
         power = evaluated(phase.powers, states[:, used], at_nodes, p)
-        slacks = _columns(np.maximum(power, phase.floor))
+        slacks = _columns(np.asarray(np.maximum(power, phase.floor)))
     return {
         "interior": _columns(states[:, 1:-1]),
         "controls": _columns(own),

@@ -69,6 +69,11 @@ def nonnegative(function: Expression, *names: str) -> Constraint:
     return Constraint(function, np.zeros(len(names)), np.full(len(names), np.inf), names)
 
 
+def equal(function: Expression, values: Sequence[float], *names: str) -> Constraint:
+    """The constraint ``function(...) == values``, row by row."""
+    return Constraint(function, np.array(values), np.array(values), names)
+
+
 @dataclasses.dataclass(frozen=True)
 class Phase:
     """A stretch of smooth motion x' = flow(x, u, p) of free or fixed duration.

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from rimless_gym import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.problem import Constraint, Linkage, Phase, Problem
+from trajopt.problem import Linkage, Phase, Problem, equal
 
 GRAVITY = 9.81
 
@@ -73,25 +73,26 @@ def bouncing_ball(distance: float = 3.0, restitution: float = 0.8) -> Problem:
 
     The launch is free; it costs its kinetic energy.
     """
-    flights = [
-        Phase(
+
+    def flight(name: str, start: dict[str, float], end: dict[str, float]) -> Phase:
+        return Phase(
             name,
             states=("x", "y", "vx", "vy"),
             flow=lambda s, u, p: (s[2], s[3], 0.0, -GRAVITY),
-            start={"y": 0.0, "vy": (0.0, math.inf)},
-            end={"y": 0.0},
+            start={"y": 0.0, "vy": (0.0, math.inf), **start},
+            end={"y": 0.0, **end},
             duration=(0.01, 10.0),
         )
-        for name in ("first flight", "second flight", "third flight")
-    ]
 
     def bounce(s: Any, p: Any) -> Any:
         return s[0], s[1], s[2], -restitution * s[3]
 
-    flights[0] = dataclasses.replace(flights[0], start=flights[0].start | {"x": 0.0})
-    flights[2] = dataclasses.replace(flights[2], end=flights[2].end | {"x": distance})
     return Problem(
-        tuple(flights),
+        phases=(
+            flight("first flight", {"x": 0.0}, {}),
+            flight("second flight", {}, {}),
+            flight("third flight", {}, {"x": distance}),
+        ),
         linkages=(Linkage(0, 1, bounce), Linkage(1, 2, bounce)),
         endpoint_cost=lambda starts, ends, durations, p: (
             0.5 * (starts[0][2] ** 2 + starts[0][3] ** 2)
@@ -196,7 +197,7 @@ def hanging_chain(length: float = 1.5) -> Problem:
         controls=("slope",),
         flow=lambda x, u, p: (u,),
         cost=lambda x, u, p: x * ca.sqrt(1 + u**2),
-        integral=Constraint(lambda x, u, p: ca.sqrt(1 + u**2), length, length, ("length",)),
+        integral=equal(lambda x, u, p: ca.sqrt(1 + u**2), [length], "length"),
         start={"height": 0.0},
         end={"height": 0.0},
         duration=1.0,
