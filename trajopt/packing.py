@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.layout import Group, Key, Layout, groups
 from trajopt.problem import Array, Phase, Problem, pair
@@ -58,7 +60,7 @@ def _pack_group(
         used = scheme.weighted
         at_nodes = scheme.control_basis[used] @ coefficients
         power = evaluated(phase.powers, states[:, used], at_nodes, p)
-        slacks = _columns(np.asarray(np.maximum(power, phase.floor)))
+        slacks = _columns(np.maximum(power, phase.floor))
     return {
         "interior": _columns(states[:, 1:-1]),
         "controls": _columns(own),
@@ -71,7 +73,7 @@ def _sampled(function: object, times: Array) -> Array:
     return np.array(values.reshape(*times.shape, values.shape[-1]))
 
 
-def _columns(values: Array) -> Array:
+def _columns(values: NDArray[Any]) -> Array:
     """One column per element of values (elements, nodes, m), of which there may be none."""
     return values.reshape(len(values), math.prod(values.shape[1:])).T
 
