@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.integrate import DOP853
 
+from trajopt.costates import running_cost
+from trajopt.nlp import Result, Transcription
 from trajopt.packing import evaluated
 from trajopt.problem import Array, Phase, Problem
 from trajopt.rows import NOTEWORTHY, Breach
@@ -31,12 +33,17 @@ class Quality:
             under the element's own control, shape (M,).
         limit_violation: of the bounds on states and controls, shape (M,).
         path_violation: of each path constraint, shape (M, m).
+        cost_error: of the program's quadrature of costs and integrals, relative to 1 + the
+            magnitude of the whole, shape (M,).
+        cost_gap: see `Certificate.cost_gaps`, shape (M,).
     """
 
     defect_error: Array
     step_error: Array
     limit_violation: Array
     path_violation: Array
+    cost_error: Array
+    cost_gap: Array
 
     @property
     def state_error(self) -> Array:
@@ -44,7 +51,13 @@ class Quality:
         return np.maximum(self.defect_error, self.step_error)
 
 
-def assess(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Quality:
+def assess(
+    phase: Phase,
+    trajectory: PhaseTrajectory,
+    p: Array,
+    cost_error: Array | float = 0.0,
+    cost_gap: Array | float = 0.0,
+) -> Quality:
     """Measure a phase on a dense grid within its elements."""
     states, rates, controls = _dense(trajectory)
     scale = 1.0 + np.abs(states).max(axis=(0, 1))
@@ -68,7 +81,37 @@ def assess(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Quality:
         (np.abs(step) / scale).max(axis=1),
         np.maximum(outside, 0.0).max(axis=(1, 2)),
         path,
+        cost_error + np.zeros(len(states)),
+        cost_gap + np.zeros(len(states)),
     )
+
+
+def cost_errors(transcription: Transcription, result: Result) -> list[Array]:
+    """`Quality.cost_error` of every phase: the program's quadrature against a finer one."""
+    problem, p = transcription.problem, result.parameters
+    paid = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
+    scale = [1.0 + np.abs(values.sum(axis=0)) for values in paid]
+    for values in scale:
+        values[0] = 1.0 + abs(result.cost)
+    for (index, group), block in transcription.element_blocks:
+        mapped = block.function.map(block.count)
+        outputs, cost = mapped(result.unknowns[block.variables], block.data)
+        rows = paid[index].shape[1] - 1
+        integrals = np.asarray(outputs)[len(block.rows) - rows :]
+        paid[index][group.elements] -= np.vstack([np.asarray(cost), integrals]).T
+    return [(np.abs(v) / s).max(axis=1) for v, s in zip(paid, scale, strict=True)]
+
+
+def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
+    """Over every element, of the running cost and of what is bounded: (M, 1 + m)."""
+    s, weights = np.polynomial.legendre.leggauss(SAMPLES)
+    x = lagrange_matrix(trajectory.nodes, 0.5 + 0.5 * s) @ trajectory.states
+    u = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * s) @ trajectory.controls
+    rates = running_cost(phase, x, u, p)[..., None]
+    if phase.integral is not None:
+        rates = np.concatenate([rates, evaluated(phase.integral.function, x, u, p)], axis=-1)
+    h = trajectory.element_durations[:, None]
+    return np.asarray(h * np.einsum("s,esm->em", 0.5 * weights, rates))
 
 
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:

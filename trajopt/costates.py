@@ -10,6 +10,7 @@ hold for the continuous problem: how well they hold on a mesh certifies it.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -27,12 +28,14 @@ class Certificate:
     Attributes:
         costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
         hamiltonian: at both ends of every element, shape (M, 2) each.
-        duration_price: the derivative of the least cost by each phase's duration, as the program
-            sees it, shape (phases,).
+        mean_hamiltonian: of every element, as the program sees it: the derivative of the least
+            cost by the element's duration, shape (M,) each.
+        duration_price: the same by each phase's duration, shape (phases,).
     """
 
     costates: tuple[Array, ...]
     hamiltonian: tuple[Array, ...]
+    mean_hamiltonian: tuple[Array, ...]
     duration_price: Array
 
     @property
@@ -47,10 +50,23 @@ class Certificate:
         pairs = zip(self.hamiltonian, self.duration_price, strict=True)
         return float(max(abs(h.mean() - price) / (1 + abs(price)) for h, price in pairs))
 
+    def cost_gaps(self, phases: Sequence[PhaseTrajectory], cost: float) -> tuple[Array, ...]:
+        """What each element may cost too much, relative to 1 + |cost|, shape (M,) per phase.
+
+        The Hamiltonian varies over an element whose control misses the optimal one, such as one in
+        which the optimal control switches; times the element's duration that is a cost.
+        """
+        gaps = []
+        for ends, mean, phase in zip(self.hamiltonian, self.mean_hamiltonian, phases, strict=True):
+            all_three = np.column_stack([ends, mean])
+            gaps.append(np.ptp(all_three, axis=1) * phase.element_durations / (1 + abs(cost)))
+        return tuple(gaps)
+
 
 def certificate(transcription: Transcription, result: Result) -> Certificate:
     """Costates and Hamiltonian of a solution from its multipliers."""
-    problem, price = transcription.problem, np.zeros(len(result.phases))
+    problem = transcription.problem
+    means = [np.zeros(len(t.edges) - 1) for t in result.phases]
     costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
     for (index, group), block in transcription.element_blocks:
         v, d = block.function.sx_in()
@@ -67,13 +83,15 @@ def certificate(transcription: Transcription, result: Result) -> Certificate:
         if group.elements[-1] == len(costates[index]) - 2:
             right = nx * (n - 1)
             costates[index][-1] = -values[right : right + nx, -1]
-        price[index] += values[-1 - len(result.parameters)].sum()
+        means[index][group.elements] = values[-1 - len(result.parameters)] / block.data[0]
     prices = {(rows.kind, rows.phase): mu for rows, mu in transcription.multipliers_of(result)}
     hamiltonians = [
         hamiltonian(phase, trajectory, costates[i], result.parameters, prices.get(("integral", i)))
         for i, (phase, trajectory) in enumerate(zip(problem.phases, result.phases, strict=True))
     ]
-    return Certificate(tuple(costates), tuple(hamiltonians), price)
+    widths = [t.element_durations / t.duration for t in result.phases]
+    price = np.array([mean @ width for mean, width in zip(means, widths, strict=True)])
+    return Certificate(tuple(costates), tuple(hamiltonians), tuple(means), price)
 
 
 def hamiltonian(

@@ -27,6 +27,12 @@ SHORTEST = 1e-5
 #: Where a fall of the Legendre coefficients by less than this per degree says "not smooth".
 DECAY = 0.5
 
+#: Legendre coefficients below this, relative to the range over the phase, are noise.
+NEGLIGIBLE = 1e-7
+
+#: Changes of a control across an element below this, relative to its range, are no jumps.
+NO_JUMP = 0.1
+
 _SEARCHED = np.linspace(0.0, 1.0, 101)
 
 
@@ -37,12 +43,13 @@ def refined(
     p: Array,
     qualities: Sequence[Quality],
     state_tolerance: float,
+    cost_tolerance: float,
     limit_tolerance: float,
 ) -> Mesh:
     """A finer mesh where a tolerance is missed; the same mesh if none is, or the caps forbid it.
 
-    An element in which the control switches (a power changes sign, a bound is met or left) is
-    split there. Else, if its states are smooth, its degree rises by as much as the error asks for;
+    An element in which the control switches (it jumps and costs too much, a power changes sign, a
+    bound is met or left) is split there. Else, if its states are smooth, its degree rises by as much as the error asks for;
     if they are not, or the degree is at its cap, it is halved.
     """
     fractions, degrees = [], []
@@ -54,9 +61,12 @@ def refined(
         limits = np.maximum(quality.limit_violation, quality.path_violation.max(axis=1))
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
-            excess = quality.state_error[e] / state_tolerance
-            inside: list[float] = []
-            if max(excess, limits[e] / limit_tolerance) > 1.0:
+            excess = max(
+                quality.state_error[e] / state_tolerance, quality.cost_error[e] / cost_tolerance
+            )
+            wasteful = quality.cost_gap[e] > cost_tolerance
+            jumps, inside = jump(trajectory, e) if wasteful else [], []
+            if jumps or max(excess, limits[e] / limit_tolerance) > 1.0:
                 raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
                 fixed = mesh.scheme in FIXED_DEGREE
                 switches = switch_points(phase, trajectory, e, p)
@@ -64,13 +74,34 @@ def refined(
                 if smooth and raised <= MAX_DEGREE and excess > 1.0:
                     degree = raised
                 elif right - left > SHORTEST and room > 0:
-                    inside = switches or [0.5]
+                    inside = jumps or switches or [0.5]
                     room -= len(inside)
             edges += [left + (right - left) * s for s in inside] + [right]
             orders += [degree] * (len(inside) + 1)
         fractions.append(tuple(edges))
         degrees.append(tuple(orders))
     return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
+
+
+def jump(trajectory: PhaseTrajectory, element: int) -> list[float]:
+    """The fraction of an element at which a control jumps, if one does.
+
+    A jump from the left neighbour's value to the right one's has the element's mean control at
+    one place. Near an edge the element is cut beyond it, to be sure that the rest has no jump.
+    """
+    u = trajectory.controls
+    before = u[element - 1, -1] if element > 0 else u[0, 0]
+    after = u[element + 1, 0] if element + 1 < len(u) else u[-1, -1]
+    change = np.abs(after - before) / (np.ptp(u, axis=(0, 1)) + np.finfo(float).tiny)
+    if not change.size or change.max() < NO_JUMP:
+        return []
+    k = int(np.argmax(change))
+    points, weights = np.polynomial.legendre.leggauss(len(trajectory.control_nodes))
+    values = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * points) @ u[element, :, k]
+    s = float((0.5 * weights @ values - after[k]) / (before[k] - after[k]))
+    if not 0.002 < s < 0.998:
+        return []
+    return [2 * s if s < 0.1 else 2 * s - 1 if s > 0.9 else s]
 
 
 def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Array) -> list[float]:
@@ -95,13 +126,19 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
 
 
 def is_smooth(trajectory: PhaseTrajectory, element: int) -> bool:
-    """Whether the Legendre coefficients of an element's states fall fast enough."""
-    n = len(trajectory.nodes)
-    if n < 4:
+    """Whether the Legendre coefficients of an element's states and controls fall fast enough."""
+    return _fall(trajectory.nodes, trajectory.states, element) and _fall(
+        trajectory.control_nodes, trajectory.controls, element
+    )
+
+
+def _fall(nodes: Array, values: Array, element: int) -> bool:
+    """Of the polynomials through values (M, n, m); what is tiny for the phase is as good as 0."""
+    n = len(nodes)
+    if n < 4 or not values.shape[-1]:
         return True
-    basis = np.polynomial.legendre.legvander(2 * trajectory.nodes - 1, n - 1)
-    size = np.abs(np.linalg.solve(basis, trajectory.states[element])).max(axis=1)
-    largest = size.max()
-    high = size[2:] + 1e-12 * largest
-    decay = np.polyfit(np.arange(len(high)), np.log(high), 1)[0]
-    return bool(np.exp(decay) < DECAY)
+    basis = np.polynomial.legendre.legvander(2 * nodes - 1, n - 1)
+    range_ = np.ptp(values, axis=(0, 1)) + np.finfo(float).tiny
+    high = np.abs(np.linalg.solve(basis, values[element]) / range_).max(axis=1)[2:]
+    decay = np.polyfit(np.arange(len(high)), np.log(high + NEGLIGIBLE), 1)[0]
+    return bool(np.exp(decay) < DECAY or high.max() < 10 * NEGLIGIBLE)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.accuracy import Quality, assess, audit
+from trajopt.accuracy import Quality, assess, audit, cost_errors
 from trajopt.costates import certificate
 from trajopt.extremal import Attempt, Extremal
 from trajopt.guesses import straight_lines
@@ -38,6 +38,7 @@ def solve(
     *,
     parameters: Array | None = None,
     tolerance: float = 1e-7,
+    cost_tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
     passes: int = 10,
     verify: bool = True,
@@ -52,6 +53,8 @@ def solve(
         mesh: to begin with; 10 elements of degree 4 per phase by default.
         parameters: guess of the static parameters; the middle of their bounds by default.
         tolerance: of the estimated relative error of the states within an element.
+        cost_tolerance: of the error of the cost, and of what a control costs too much, within an
+            element, relative to 1 + |cost|; guides the refinement alone.
         limit_tolerance: of bounds and path constraints between the nodes.
         passes: refinements at most; 0 solves on `mesh` alone.
         verify: whether to play the solution back; without, its `cost` is the transcription's.
@@ -65,27 +68,27 @@ def solve(
     transcription = Transcription(problem, mesh)
     attempts: list[Attempt] = []
     result = _climb(transcription, guess, parameters, attempts, options)
-    qualities = _assess(problem, result)
+    qualities = _assess(transcription, result)
     best = transcription, result, qualities
     for _ in range(passes):
         if not result.success:
             break
         finer = refined(
             *(mesh, problem, result.phases, result.parameters, qualities),
-            *(tolerance, limit_tolerance),
+            *(tolerance, cost_tolerance, limit_tolerance),
         )
         if finer == mesh:
             break
         mesh, transcription = finer, Transcription(problem, finer)
         warm = {"mu_init": WARM_BARRIER} | options
         result = _climb(transcription, result.phases, result.parameters, attempts, warm)
-        qualities = _assess(problem, result)
-        if result.success and _error(qualities) <= _error(best[2]):
+        qualities = _assess(transcription, result)
+        if result.success and _shortfall(qualities, tolerance) <= _shortfall(best[2], tolerance):
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
         result = _backed_off(transcription, result, limit_tolerance, options)
-        qualities = _assess(problem, result)
+        qualities = _assess(transcription, result)
     return Extremal(
         problem=problem,
         mesh=transcription.mesh,
@@ -102,13 +105,23 @@ def solve(
     )
 
 
-def _assess(problem: Problem, result: Result) -> list[Quality]:
-    pairs = zip(problem.phases, result.phases, strict=True)
-    return [assess(phase, trajectory, result.parameters) for phase, trajectory in pairs]
+def _assess(transcription: Transcription, result: Result) -> list[Quality]:
+    gaps = certificate(transcription, result).cost_gaps(result.phases, result.cost)
+    errors = cost_errors(transcription, result)
+    each = zip(transcription.problem.phases, result.phases, errors, gaps, strict=True)
+    return [
+        assess(phase, trajectory, result.parameters, error, gap)
+        for phase, trajectory, error, gap in each
+    ]
 
 
 def _error(qualities: Sequence[Quality]) -> float:
     return float(max(quality.state_error.max() for quality in qualities))
+
+
+def _shortfall(qualities: Sequence[Quality], tolerance: float) -> float:
+    """The mesh's error, all within the tolerance being the same."""
+    return max(tolerance, _error(qualities))
 
 
 def _climb(
@@ -148,7 +161,7 @@ def _backed_off(
     problem = transcription.problem
     margins = [0.0 for _ in problem.phases]
     for _ in range(3):
-        excess = [quality.path_violation.max(axis=0) for quality in _assess(problem, result)]
+        excess = [quality.path_violation.max(axis=0) for quality in _assess(transcription, result)]
         if max(e.max() for e in excess) < tolerance:
             break
         margins = [m + 1.2 * e for m, e in zip(margins, excess, strict=True)]
