@@ -112,9 +112,8 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
     if phase.powers is not None and np.isfinite(phase.floor):
         signals.append(evaluated(phase.powers, x, u, p) - phase.floor)
     lower, upper = phase.control_bounds()
-    width = np.where(np.isfinite(upper - lower), upper - lower, np.inf)
-    near = 1e-3 * np.where(np.isfinite(width), width, 0.0)
-    bounded = [(u - lower - near), (upper - near - u)]
+    near = 1e-3 * np.ptp(trajectory.controls, axis=(0, 1))
+    bounded = [u - lower - near, upper - near - u]
     signals += [s[:, np.isfinite(s).all(axis=0)] for s in bounded]
     found: set[float] = set()
     for values in np.concatenate(signals, axis=1).T:
