@@ -71,7 +71,7 @@ def assess(
         path = phase.path.violation(values).max(axis=1)
     outside = np.concatenate(
         [
-            beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory),
+            beyond(states, *phase.state_bounds()),
             beyond(controls, *phase.control_bounds()),
         ],
         axis=-1,
@@ -132,12 +132,6 @@ def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 def beyond(values: Array, lower: Array, upper: Array) -> Array:
     """How far values (..., m) are outside bounds (m,), negative inside."""
     return np.asarray(np.maximum(lower - values, values - upper))
-
-
-def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
-    """By how much the ends, which have bounds of their own, are outside those all along."""
-    ends = np.stack([trajectory.start, trajectory.end])
-    return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
