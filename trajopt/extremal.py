@@ -19,6 +19,9 @@ from trajopt.trajectory import PhaseTrajectory
 #: Of re-simulated against interpolated states, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
 
+#: In IPOPT's words.
+SUCCESS = "Solve_Succeeded"
+
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
@@ -32,7 +35,7 @@ class Attempt:
     @property
     def succeeded(self) -> bool:
         """Whether IPOPT says so."""
-        return self.status == "Solve_Succeeded"
+        return self.status == SUCCESS
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -47,7 +50,8 @@ class Extremal:
         tolerance: that was asked of `mesh_error`.
         transcribed_cost: as the transcription sees it.
         mesh_error: largest estimated relative error of the states within an element.
-        attempts: every run of IPOPT, in order.
+        status: IPOPT's words for the run on `mesh`.
+        attempts: every run of IPOPT, in order; the last one may be on a mesh that was given up.
         breaches: constraints that the last of them violates, worst first.
         audit: limits that are violated between the nodes, worst first.
         certificate: costates and Hamiltonian.
@@ -62,6 +66,7 @@ class Extremal:
     tolerance: float
     transcribed_cost: float
     mesh_error: float
+    status: str
     attempts: tuple[Attempt, ...]
     breaches: tuple[Breach, ...]
     audit: tuple[Breach, ...]
@@ -80,8 +85,8 @@ class Extremal:
     def failures(self) -> tuple[str, ...]:
         """What is wrong with it, in words; empty if it converged."""
         found = []
-        if not self.attempts[-1].succeeded:
-            found.append(f"IPOPT: {self.attempts[-1].status}")
+        if self.status != SUCCESS:
+            found.append(f"IPOPT: {self.status}")
         found += [str(breach) for breach in self.breaches[:3]]
         if not self.mesh_error <= self.tolerance:
             found.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")

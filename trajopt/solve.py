@@ -97,6 +97,7 @@ def solve(
         tolerance=tolerance,
         transcribed_cost=result.cost,
         mesh_error=_error(qualities),
+        status=result.status,
         attempts=tuple(attempts),
         breaches=result.breaches,
         audit=audit(problem, result.phases, result.parameters),
