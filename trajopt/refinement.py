@@ -49,8 +49,8 @@ def refined(
     """A finer mesh where a tolerance is missed; the same mesh if none is, or the caps forbid it.
 
     An element in which the control switches (it jumps and costs too much, a power changes sign, a
-    bound is met or left) is split there. Else, if its states are smooth, its degree rises by as much as the error asks for;
-    if they are not, or the degree is at its cap, it is halved.
+    bound is met or left) is split there. Else, if states and controls are smooth, its degree rises
+    by as much as the error asks for; if they are not, or the degree is at its cap, it is halved.
     """
     fractions, degrees = [], []
     room = MAX_ELEMENTS - mesh.elements
