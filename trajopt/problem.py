@@ -320,6 +320,12 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
 
 def _traced(name: str, function: Expression, *sizes: int) -> ca.Function:
     if isinstance(function, ca.Function):
+        given = tuple(function.size1_in(i) for i in range(function.n_in()))
+        if given != sizes:
+            raise ValueError(
+                f"{name} was traced for inputs of sizes {given}, here they are {sizes}: parts of "
+                "another problem can be used in those with as many parameters"
+            )
         return function
     symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
     out = function(*symbols)
