@@ -15,7 +15,7 @@ from trajopt.accuracy import Quality
 from trajopt.mesh import FIXED_DEGREE, Mesh
 from trajopt.packing import evaluated
 from trajopt.problem import Array, Phase, Problem
-from trajopt.schemes.polynomials import lagrange_matrix
+from trajopt.schemes.polynomials import full_differentiation_matrix, lagrange_matrix
 from trajopt.trajectory import PhaseTrajectory
 
 MAX_DEGREE = 12
@@ -30,8 +30,9 @@ DECAY = 0.5
 #: Legendre coefficients below this, relative to the range over the phase, are noise.
 NEGLIGIBLE = 1e-7
 
-#: Changes of a control across an element below this, relative to its range, are no jumps.
-NO_JUMP = 0.1
+#: Neighbours' controls, continued into an element, that differ by less than this, relative to the
+#: control's range, do not break there.
+NO_BREAK = 0.01
 
 _SEARCHED = np.linspace(0.0, 1.0, 101)
 
@@ -65,7 +66,7 @@ def refined(
                 quality.state_error[e] / state_tolerance, quality.cost_error[e] / cost_tolerance
             )
             wasteful = quality.cost_gap[e] > cost_tolerance
-            jumps, inside = jump(trajectory, e) if wasteful else [], []
+            jumps, inside = breaks(trajectory, e) if wasteful else [], []
             if jumps or max(excess, limits[e] / limit_tolerance) > 1.0:
                 raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
                 fixed = mesh.scheme in FIXED_DEGREE
@@ -83,25 +84,35 @@ def refined(
     return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
 
 
-def jump(trajectory: PhaseTrajectory, element: int) -> list[float]:
-    """The fraction of an element at which a control jumps, if one does.
+def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
+    """The fraction of an element at which a control jumps or has a kink, if one does.
 
-    A jump from the left neighbour's value to the right one's has the element's mean control at
-    one place. Near an edge the element is cut beyond it, to be sure that the rest has no jump.
+    The neighbours' controls, continued straight on, meet at a kink. If they do not, the control
+    jumps from one to the other where that leaves the element's mean control as it is; near an
+    edge the element is cut beyond the jump, to be sure that the rest has none.
     """
-    u = trajectory.controls
-    before = u[element - 1, -1] if element > 0 else u[0, 0]
-    after = u[element + 1, 0] if element + 1 < len(u) else u[-1, -1]
-    change = np.abs(after - before) / (np.ptp(u, axis=(0, 1)) + np.finfo(float).tiny)
-    if not change.size or change.max() < NO_JUMP:
+    u, h = trajectory.controls, trajectory.element_durations
+    if not u.shape[-1]:
         return []
-    k = int(np.argmax(change))
-    points, weights = np.polynomial.legendre.leggauss(len(trajectory.control_nodes))
-    values = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * points) @ u[element, :, k]
-    s = float((0.5 * weights @ values - after[k]) / (before[k] - after[k]))
-    if not 0.002 < s < 0.998:
+    slope = full_differentiation_matrix(tuple(trajectory.control_nodes))
+    last, first = max(element - 1, 0), min(element + 1, len(u) - 1)
+    before, after = u[last, -1 if last < element else 0], u[first, 0 if first > element else -1]
+    rise = h[element] * (slope[-1] @ u[last] / h[last]) * (last < element)
+    fall = h[element] * (slope[0] @ u[first] / h[first]) * (first > element)
+    gap = np.array([after - fall - before, after - before - rise])  # at the element's edges
+    apart = np.abs(gap).max(axis=0) / (np.ptp(u, axis=(0, 1)) + np.finfo(float).tiny)
+    k = int(np.argmax(apart))
+    if apart[k] < NO_BREAK:
         return []
-    return [2 * s if s < 0.1 else 2 * s - 1 if s > 0.9 else s]
+    left, right = gap[:, k]
+    if left * right < 0.0:
+        s = left / (left - right)
+    else:
+        points, weights = np.polynomial.legendre.leggauss(len(trajectory.control_nodes))
+        values = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * points) @ u[element, :, k]
+        s = (0.5 * weights @ values - after[k]) / (before[k] - after[k])
+        s = 2 * s if s < 0.1 else 2 * s - 1 if s > 0.9 else s
+    return [float(s)] if 0.005 < s < 0.995 else []
 
 
 def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Array) -> list[float]:
