@@ -6,7 +6,15 @@ from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.verify import Verification
 from trajopt.mesh import Mesh
-from trajopt.problem import Constraint, InfeasibleBoundsError, Linkage, Phase, Problem, nonnegative
+from trajopt.problem import (
+    Constraint,
+    InfeasibleBoundsError,
+    Linkage,
+    Phase,
+    Problem,
+    equal,
+    nonnegative,
+)
 from trajopt.solve import solve
 from trajopt.trajectory import PhaseTrajectory
 
@@ -24,6 +32,7 @@ __all__ = [
     "Solution",
     "Verification",
     "cot_front",
+    "equal",
     "nonnegative",
     "periodic_gait",
     "solve",
