@@ -90,7 +90,9 @@ def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTraje
         inner = parts[i, "interior", group.degree].T.reshape(len(chosen), -1, nx)
         left, right = edges[:, chosen].T[:, None], edges[:, chosen + 1].T[:, None]
         X = np.concatenate([left, inner, right], axis=1)
-        own = parts[i, "controls", group.degree].T.reshape(len(chosen), -1, nu)
+        shared_ends = 2 if scheme.shared_controls else 0
+        own = parts[i, "controls", group.degree].T
+        own = own.reshape(len(chosen), len(scheme.control_nodes) - shared_ends, nu)
         if scheme.shared_controls:
             shared = parts[i, "edge controls", 0]
             first, last = shared[:, chosen].T[:, None], shared[:, chosen + 1].T[:, None]
@@ -109,8 +111,9 @@ def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTraje
 def evaluated(function: object, states: Array, controls: Array, p: Array) -> Array:
     """A traced function of (x, u, p) at states (..., nx) and controls (..., nu): (..., m)."""
     shape = states.shape[:-1]
-    columns = (a.reshape(-1, a.shape[-1]).T for a in (states, controls))
-    given = np.repeat(p[:, None], int(np.prod(shape)), axis=1)
+    count = int(np.prod(shape))
+    columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
+    given = np.repeat(p[:, None], count, axis=1)
     return np.asarray(function(*columns, given)).T.reshape(*shape, -1)  # type: ignore[operator]
 
 
