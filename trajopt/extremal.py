@@ -20,6 +20,8 @@ from trajopt.trajectory import PhaseTrajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SUCCESS = "Solve_Succeeded"
+
 #: Of re-simulated against interpolated states, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
 
@@ -36,7 +38,7 @@ class Attempt:
     @property
     def succeeded(self) -> bool:
         """Whether IPOPT says so."""
-        return self.status == "Solve_Succeeded"
+        return self.status == SUCCESS
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -51,8 +53,9 @@ class Extremal:
         tolerance: that was asked of `mesh_error`.
         transcribed_cost: as the transcription sees it.
         mesh_error: largest estimated relative error of the states within an element.
+        status: IPOPT's words for how it ended.
         attempts: every run of IPOPT, in order.
-        breaches: constraints that the last of them violates, worst first.
+        breaches: constraints that are violated at the nodes, worst first.
         audit: limits that are violated between the nodes, worst first.
         certificate: costates and Hamiltonian.
         resimulation: the solution played back; None if that was not asked for.
@@ -66,6 +69,7 @@ class Extremal:
     tolerance: float
     transcribed_cost: float
     mesh_error: float
+    status: str
     attempts: tuple[Attempt, ...]
     breaches: tuple[Breach, ...]
     audit: tuple[Breach, ...]
@@ -81,11 +85,16 @@ class Extremal:
         return self.resimulation.cost
 
     @property
+    def succeeded(self) -> bool:
+        """Whether IPOPT solved the program on the mesh; accuracy is another question."""
+        return self.status == SUCCESS
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """What is wrong with it, in words; empty if it converged."""
         found = []
-        if not self.attempts[-1].succeeded:
-            found.append(f"IPOPT: {self.attempts[-1].status}")
+        if not self.succeeded:
+            found.append(f"IPOPT: {self.status}")
         found += [str(breach) for breach in self.breaches[:3]]
         if not self.mesh_error <= self.tolerance:
             found.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")

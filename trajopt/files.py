@@ -38,7 +38,7 @@ def write_arrays(
         arrays: by name, neither `HEADER` nor `DIGEST`.
     """
     text = np.array(json.dumps({"format": form, **header}))
-    entries = {**arrays, HEADER: text}
+    entries: dict[str, Any] = {**arrays, HEADER: text}
     entries[DIGEST] = np.array(digest(entries))
     path = Path(path)
     unfinished = path.with_name(path.name + ".part")

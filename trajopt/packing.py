@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -52,17 +53,18 @@ def _pack_group(
     controls[:, -1] = trajectory.control((left + h)[:, 0], "left")
     coefficients = np.linalg.solve(scheme.control_values, controls)
     own = coefficients[:, 1:-1] if scheme.shared_controls else coefficients
-    slacks = np.zeros((0, count))
+    slacks: Array = np.zeros((0, count))
     if phase.powers is not None:
         used = scheme.weighted
         at_nodes = scheme.control_basis[used] @ coefficients
         power = evaluated(phase.powers, states[:, used], at_nodes, p)
         slacks = np.maximum(power, phase.floor).reshape(count, -1).T
-    return {
+    packed: dict[str, Any] = {
         "interior": states[:, 1:-1].reshape(count, -1).T,
         "controls": own.reshape(count, -1).T,
         "slacks": slacks,
     }
+    return packed
 
 
 def _sampled(function: object, times: Array) -> Array:

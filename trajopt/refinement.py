@@ -24,6 +24,13 @@ MAX_ELEMENTS = 400
 #: Elements shorter than this fraction of their phase are split no further.
 SHORTEST = 1e-5
 
+#: The same for the sake of the Hamiltonian: a control that may switch on shorter elements cheats.
+SHORTEST_CERTIFIED = 1e-3
+
+#: Path constraints violated by more than this between nodes ask for a finer mesh; what is less is
+#: left to margins (`trajopt.solve`), for where a control switches no mesh is fine enough.
+COARSE = 1e-3
+
 #: Where a fall of the Legendre coefficients by less than this per degree says "not smooth".
 DECAY = 0.5
 
@@ -51,12 +58,14 @@ def refined(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = np.maximum(quality.limit_violation, quality.path_violation.max(axis=1))
+        limits = np.maximum(
+            quality.limit_violation / limit_tolerance, quality.path_violation.max(axis=1) / COARSE
+        )
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = quality.state_error[e] / state_tolerance
             inside: list[float] = []
-            if max(excess, limits[e] / limit_tolerance) > 1.0:
+            if max(excess, limits[e]) > 1.0:
                 raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
                 fixed = mesh.scheme in FIXED_DEGREE
                 switches = switch_points(phase, trajectory, e, p)
@@ -70,6 +79,24 @@ def refined(
             orders += [degree] * (len(inside) + 1)
         fractions.append(tuple(edges))
         degrees.append(tuple(orders))
+    return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
+
+
+def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mesh:
+    """Halve the elements over which the Hamiltonian changes: an optimal control switches in there.
+
+    Args:
+        mesh: to refine.
+        hamiltonian: at both ends of every element, (M, 2) per phase.
+        tolerance: of its change over an element, relative to 1 + its median's magnitude.
+    """
+    fractions, degrees = [], []
+    for edges, orders, values in zip(mesh.fractions, mesh.degrees, hamiltonian, strict=True):
+        drift = np.abs(values[:, 1] - values[:, 0]) / (1.0 + abs(np.median(values)))
+        split = (drift > tolerance) & (np.diff(edges) > SHORTEST_CERTIFIED)
+        middles = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))
+        fractions.append(tuple(sorted([*edges, *middles[split].tolist()])))
+        degrees.append(tuple(np.repeat(orders, 1 + split).tolist()))
     return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
 
 

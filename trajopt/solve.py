@@ -15,7 +15,7 @@ from trajopt.guesses import straight_lines
 from trajopt.mesh import Mesh
 from trajopt.nlp import Result, Transcription
 from trajopt.problem import Array, Constraint, Problem
-from trajopt.refinement import refined
+from trajopt.refinement import certified, refined
 from trajopt.resimulation import resimulated
 from trajopt.trajectory import PhaseTrajectory
 
@@ -30,6 +30,10 @@ LADDER: tuple[dict[str, Any], ...] = (
 #: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum.
 WARM_BARRIER = 1e-4
 
+#: Refinements for the sake of the Hamiltonian, and by how much the cost may rise in them
+#: (relative) before the solution counts as another optimum.
+CERTIFYING_PASSES, SAME_COST = 5, 5e-3
+
 
 def solve(
     problem: Problem,
@@ -39,6 +43,7 @@ def solve(
     parameters: Array | None = None,
     tolerance: float = 1e-7,
     limit_tolerance: float = 1e-6,
+    hamiltonian_tolerance: float = 1e-3,
     passes: int = 10,
     verify: bool = True,
     ladder: Sequence[dict[str, Any]] = LADDER,
@@ -55,6 +60,8 @@ def solve(
         parameters: guess of the static parameters; the middle of their bounds by default.
         tolerance: of the estimated relative error of the states within an element.
         limit_tolerance: of bounds and path constraints between the nodes.
+        hamiltonian_tolerance: of its change over an element, relative; elements that exceed it are
+            halved a few times, for as long as that helps.
         passes: refinements at most; 0 solves on `mesh` alone.
         verify: whether to play the solution back; without, its `cost` is the transcription's.
         ladder: options of IPOPT tried one after the other, over `options`; ``({},)`` tries once.
@@ -90,6 +97,9 @@ def solve(
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
+        transcription, result = _certified(
+            transcription, result, hamiltonian_tolerance, attempts, options
+        )
         result = _backed_off(transcription, result, limit_tolerance, options)
         qualities = _assess(problem, result)
     return Extremal(
@@ -100,6 +110,7 @@ def solve(
         tolerance=tolerance,
         transcribed_cost=result.cost,
         mesh_error=_error(qualities),
+        status=result.status,
         attempts=tuple(attempts),
         breaches=result.breaches,
         audit=audit(problem, result.phases, result.parameters),
@@ -139,6 +150,35 @@ def _climb(
             best = result
     if best is None:
         raise ValueError("ladder: give at least one set of options, such as {}")
+    return best
+
+
+def _certified(
+    transcription: Transcription,
+    result: Result,
+    tolerance: float,
+    attempts: list[Attempt],
+    options: dict[str, Any],
+) -> tuple[Transcription, Result]:
+    """Refine where the Hamiltonian is not constant; what is better by it, and the same optimum."""
+    best = transcription, result
+    spread = certificate(*best).hamiltonian_spread
+    warm = {"mu_init": WARM_BARRIER} | options | {"max_iter": 100}
+    for _ in range(CERTIFYING_PASSES):
+        mesh = certified(
+            transcription.mesh, certificate(transcription, result).hamiltonian, tolerance
+        )
+        if mesh == transcription.mesh:
+            break
+        transcription = Transcription(transcription.problem, mesh)
+        result = transcription.solve(result.phases, parameters=result.parameters, **warm)
+        attempts.append(Attempt(mesh.elements, warm, result.status, result.iterations))
+        dearer = result.cost - best[1].cost > SAME_COST * (1e-9 + abs(best[1].cost))
+        if not result.success or dearer:
+            break
+        found = certificate(transcription, result).hamiltonian_spread
+        if found < spread:
+            best, spread = (transcription, result), found
     return best
 
 

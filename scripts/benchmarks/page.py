@@ -63,7 +63,7 @@ def goals_table(found: dict[str, Result]) -> str:
         if goal.stretch is not None and goal.reached(figure, goal.stretch):
             verdict = "stretch reached"
         lines.append((goal.title, wanted, goal.form.format(figure), verdict))
-    return _table(("goal", "wanted", "measured", ""), lines)
+    return table(("goal", "wanted", "measured", ""), lines)
 
 
 def speed_table(
@@ -74,19 +74,19 @@ def speed_table(
     lines = []
     for result in results:
         title = result["title"]
-        name = [title, _size(result)] if sizes else [title]
+        name = [title, size(result)] if sizes else [title]
         if not result["answers"]:
             lines.append((*name, f"- ({result['error']})", "", "", result["physics"]))
             continue
         figures = list(rates(result).values())
         rate = middle(figures)
-        spread = f"{_count(min(figures))} to {_count(max(figures))}"
+        spread = f"{count(min(figures))} to {count(max(figures))}"
         note = f" (stopped: {result['error']})" if result["error"] else ""
         share = f"{rate / ours:.3g}" if ours else "-"
-        lines.append((*name, _count(rate) + note, spread, share, result["physics"]))
-    size = ("environments",) if sizes else ()
+        lines.append((*name, count(rate) + note, spread, share, result["physics"]))
+    column = ("environments",) if sizes else ()
     ours_is = "rate, ours = 1" + (" (N = 1024)" if sizes else "")
-    return _table(("", *size, "steps/s", "spread", ours_is, "one step is"), lines)
+    return table(("", *column, "steps/s", "spread", ours_is, "one step is"), lines)
 
 
 def training_table(results: Sequence[Result]) -> str:
@@ -98,9 +98,9 @@ def training_table(results: Sequence[Result]) -> str:
             continue
         shares = values(result, "share")
         spread = f"{min(shares):.1%} to {max(shares):.1%}"
-        speed = _count(middle(list(rates(result).values())))
+        speed = count(middle(list(rates(result).values())))
         lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
-    return _table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+    return table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
 
 
 def process_table(results: Sequence[Result]) -> str:
@@ -115,7 +115,7 @@ def process_table(results: Sequence[Result]) -> str:
             seconds = values(result, "seconds")
             figure = f"{middle(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})"
             lines.append((result["title"], figure))
-    return _table(("", "median (spread)"), lines)
+    return table(("", "median (spread)"), lines)
 
 
 def _memory(result: Result) -> str:
@@ -181,18 +181,21 @@ def _of(results: Sequence[Result], group: str) -> list[Result]:
     return [result for result in results if result["group"] == group]
 
 
-def _size(result: Result) -> str:
+def size(result: Result) -> str:
+    """How many environments on how many cores."""
     n = result["settings"].get("n", result["about"].get("n", "-"))
     return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
 
 
-def _count(rate: float) -> str:
-    for size, unit in ((1e6, " M"), (1e3, " k")):
-        if rate >= size:
-            return f"{rate / size:.3g}{unit}"
+def count(rate: float) -> str:
+    """A rate, short."""
+    for factor, unit in ((1e6, " M"), (1e3, " k")):
+        if rate >= factor:
+            return f"{rate / factor:.3g}{unit}"
     return f"{rate:.3g}"
 
 
-def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
     rows = [head, ["---"] * len(head), *lines]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

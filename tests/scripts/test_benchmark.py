@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # scripts are not installed
-
 from scripts.benchmarks import environments
 from scripts.benchmarks.cases import CASES, SINGLE, Case
 from scripts.benchmarks.driver import Worker, WorkerError, measure_all
 from scripts.benchmarks.environments import OURS, REQUIREMENTS, UnavailableError, interpreter
 from scripts.benchmarks.goals import GOALS
 from scripts.benchmarks.page import page
+from scripts.benchmarks.quote import BLOCK, ROWS, quote, quoted
 from scripts.benchmarks.results import by_key, ratio
 from scripts.benchmarks.walks import WINDOW, Walks, record_walks
 
@@ -108,6 +107,30 @@ def test_the_published_page_is_that_of_the_published_numbers() -> None:
     run = json.loads((DOCS / "benchmark.json").read_text())
     assert (DOCS / "benchmark.md").read_text() == page(run)
     assert {result["key"] for result in run["results"]} == {case.key for case in CASES}
+
+
+def test_the_readme_quotes_the_published_numbers() -> None:
+    run, readme = (
+        json.loads((DOCS / "benchmark.json").read_text()),
+        (ROOT / "README.md").read_text(),
+    )
+    assert len(BLOCK.findall(readme)) == 1
+    assert quote(run) in readme
+    assert quoted(readme, run) == readme
+
+
+def test_the_quoted_rows_are_ours_beside_peers_with_ratios_within_rounds() -> None:
+    run = made_up_run()
+    text = quote(run)
+    assert row(text, "Gymnasium CartPole-v1").endswith("| 3.5 |")
+    assert row(text, "EnvPool Acrobot-v1").endswith("| 12 |")
+    assert "other physics" in text
+    assert quoted("no block here", run) == "no block here"
+    assert {key for ours, peers in ROWS.items() for key in (ours, *peers)} <= {
+        case.key for case in CASES
+    }
+    fail(run, "ours", "went wrong")
+    assert row(quote(run), "Gymnasium CartPole-v1").endswith("|  |")
 
 
 def test_every_case_has_its_worker_and_its_pinned_requirements() -> None:

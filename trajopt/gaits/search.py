@@ -13,10 +13,11 @@ import numpy as np
 from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
-from trajopt.radau import Transcription
+from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
+from trajopt.guesses import polyline
+from trajopt.mesh import Mesh
+from trajopt.nlp import Result, Transcription
 from trajopt.trajectory import PhaseTrajectory
-from trajopt.transcription import Mesh, Result
-from trajopt.walking import gait_problem
 
 #: Enough to tell good optima from bad ones; winners are refined.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
@@ -79,13 +80,6 @@ def random_guess(
     return tuple(phases), turns
 
 
-def polyline(t: np.ndarray, x: np.ndarray) -> PhaseTrajectory:
-    """States x (N, nx) at times t (N,), joined by straight lines; no control."""
-    ends = np.array([0.0, 1.0])
-    states = np.stack([x[:-1], x[1:]], axis=1)
-    return PhaseTrajectory(t, ends, states, ends, np.zeros((len(t) - 1, 2, 1)))
-
-
 class Search:
     """Local optimisation of gaits of `steps` steps from given or random guesses."""
 
@@ -95,7 +89,7 @@ class Search:
         self.params, self.speed, self.steps = params, speed, steps
         self.regeneration, self.seed = regeneration, seed
         problem = gait_problem(params, speed=speed, steps=steps)
-        mesh = Mesh.uniform(steps, SEARCH_ELEMENTS, SEARCH_DEGREE)
+        mesh = Mesh.uniform(steps, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
         self.transcription = Transcription(problem, mesh)
 
     def from_random(self, index: int) -> tuple[Candidate | None, Result]:

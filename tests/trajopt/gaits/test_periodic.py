@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 import pytest
+from trajopt.gaits.search import Candidate, distinct, random_guess
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
-from trajopt.guesses import nearest, repeated, shipped
-from trajopt.search import Candidate, distinct, random_guess
-from trajopt.stability import monodromy
-from trajopt.verify import verify
+from trajopt.gaits.shipped import nearest, repeated, shipped
+from trajopt.gaits.stability import monodromy
+from trajopt.gaits.verify import verify
 
 MODEL = HybridModel(THESIS_PHYSICAL)
 
