@@ -113,8 +113,9 @@ def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tupl
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         states, _, controls = _dense(trajectory)
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * s
+        outside = beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory)
         limits = [
-            ("bound", phase.states, beyond(states, *phase.state_bounds())),
+            ("bound", phase.states, outside),
             ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
         ]
         if phase.path is not None:

@@ -97,10 +97,11 @@ def solve(
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
-        transcription, result = _certified(
-            transcription, result, hamiltonian_tolerance, attempts, options
-        )
-        result = _backed_off(transcription, result, limit_tolerance, options)
+        sharper = _certified(transcription, result, hamiltonian_tolerance, attempts, options)
+        for transcription, result in (sharper, best[:2]):
+            result = _backed_off(transcription, result, limit_tolerance, options)
+            if _overshoot(problem, result) < limit_tolerance:
+                break
         qualities = _assess(problem, result)
     return Extremal(
         problem=problem,
@@ -208,6 +209,10 @@ def _backed_off(
             break
         result = tighter
     return result
+
+
+def _overshoot(problem: Problem, result: Result) -> float:
+    return float(max(quality.path_violation.max() for quality in _assess(problem, result)))
 
 
 def tightened(problem: Problem, margins: Sequence[Array | float]) -> Problem:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scripts.benchmarks.cases import ACCURACY, PROCESS, SINGLE, TRAINING, VECTOR
+from scripts.benchmarks.cartpole import COST
+from scripts.benchmarks.cases import ACCURACY, OPTIMISATION, PROCESS, SINGLE, TRAINING, VECTOR
 from scripts.benchmarks.goals import GOALS
-from scripts.benchmarks.results import Result, by_key, middle, rates, values
+from scripts.benchmarks.results import Result, by_key, middle, rates, ratio, values
 
 _INTRODUCTION = """\
 # Speed, ours and the peers'
@@ -24,6 +25,15 @@ of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown,
 episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
 
 
+_OPTIMISATION = f"""\
+## Trajectory optimisation
+
+Kelly's cart-pole swing-up (SIAM Review 2017): 40 segments, from a straight line as the guess, on
+one core; the least cost is {COST} N^2 s. To build is everything from the equations to a solver that
+is ready, imports aside; to solve is what follows. Times are medians; a cost that is off is another
+discretisation's."""
+
+
 def page(run: dict[str, Any]) -> str:
     """The whole page."""
     results = run["results"]
@@ -38,6 +48,8 @@ def page(run: dict[str, Any]) -> str:
         speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),
         "## Training: time spent in environments and adapter",
         training_table(_of(results, TRAINING)),
+        _OPTIMISATION,
+        optimisation_table(_of(results, OPTIMISATION), found, "swing-up-bare"),
         "## A fresh process",
         process_table(_of(results, PROCESS)),
         *(_accuracy(result) for result in _of(results, ACCURACY)),
@@ -101,6 +113,37 @@ def training_table(results: Sequence[Result]) -> str:
         speed = count(middle(list(rates(result).values())))
         lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
     return table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+
+
+def optimisation_table(results: Sequence[Result], found: dict[str, Result], reference: str) -> str:
+    """Times to build and to solve one problem, each beside how many times as long as one row's."""
+    lines = []
+    for result in results:
+        if not result["answers"]:
+            blank = [""] * 6
+            lines.append((result["title"], f"- ({result['error']})", *blank, result["physics"]))
+            continue
+        shares = ["-", "-"]
+        if reference in found:
+            shares = [f"{ratio(found[reference], result, of):.3g}" for of in ("solve", "total")]
+        build, solve, iterations, cost = (
+            values(result, name) for name in ("build", "solve", "iterations", "cost")
+        )
+        note = f" (stopped: {result['error']})" if result["error"] else ""
+        lines.append(
+            (
+                result["title"],
+                _time(middle(build)) + note,
+                _time(middle(solve)),
+                f"{_time(min(solve))} to {_time(max(solve))}",
+                f"{middle(iterations):.0f}",
+                f"{middle(cost):.2f}",
+                *shares,
+                result["physics"],
+            )
+        )
+    head = ("", "build", "solve", "spread", "iterations", "cost", "solve, bare = 1")
+    return table((*head, "build and solve, bare = 1", "by"), lines)
 
 
 def process_table(results: Sequence[Result]) -> str:
@@ -193,6 +236,10 @@ def count(rate: float) -> str:
         if rate >= factor:
             return f"{rate / factor:.3g}{unit}"
     return f"{rate:.3g}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
 def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from rimless_gym import hybrid
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
@@ -90,6 +91,14 @@ class WheelPhases:
             duration=(0.02, math.inf),
         )
 
+    def last_stance(self, name: str = "last stance") -> Phase:
+        """Single stance that ends so slowly that the wheel comes to rest on two feet."""
+        c = self.params.constants
+        energy = hybrid.REST_ENERGY * c.S1 * self.params.gravity
+        slow = math.sqrt(2 * energy / (c.Je1 + c.Jr * c.d1))
+        end = {"phi": c.b, "phi'": (0.1 * slow, 0.9 * slow)}
+        return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
+
     def double_stance(self, name: str = "double stance") -> Phase:
         """At rest on two feet, the pendulum alone moving, both feet pressing; phi is a."""
         c, V = self.params.constants, self.params.voltage_limit
@@ -99,7 +108,8 @@ class WheelPhases:
             leading, trailing = ca.vertsplit(guards(x, u, p))
             return ca.vertcat(-leading, trailing)
 
-        names = ("leading foot", "trailing foot")
+        least = MIN_NORMAL_FORCE * self.params.gravity / self.params.leg_length
+        names = ("leading foot", "trailing foot")  # both guards are accelerations of phi
         return Phase(
             name=name,
             states=STATES,
@@ -107,7 +117,7 @@ class WheelPhases:
             flow=self.of("flow_double_stance"),
             powers=self._power,
             floor=self._floor,
-            path=Constraint(pressing, np.zeros(2), np.full(2, np.inf), names),
+            path=Constraint(pressing, np.full(2, least), np.full(2, np.inf), names),
             bounds=_rates() | {"phi": c.a, "phi'": 0.0, "V": (-V, V)},
             duration=(0.02, math.inf),
         )
@@ -118,7 +128,7 @@ class WheelPhases:
         return Linkage(source, target, self.of("touchdown"), offset)
 
     def stop(self, source: int, target: int) -> Linkage:
-        """A touchdown that leaves the wheel standing on two feet."""
+        """The touchdown that leaves the wheel on two feet; `source` is a `last_stance`."""
         stop, a = self.of("stop_on_two_feet"), self.params.constants.a
         return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
 

@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from trajopt.gaits.search import Candidate, distinct, random_guess
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
+from trajopt.gaits.search import Candidate, distinct, random_guess
 from trajopt.gaits.shipped import nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
