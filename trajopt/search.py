@@ -11,7 +11,7 @@ import dataclasses
 import math
 import signal
 from collections.abc import Callable, Generator, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import closing
 from functools import cached_property, partial
 from itertools import islice
@@ -40,6 +40,9 @@ ELEMENTS, DEGREE = 14, 4
 
 #: IPOPT's, over `nlp.IPOPT`: a start that takes longer seldom leads anywhere.
 OPTIONS = {"max_iter": 300}
+
+#: Starts that another process has at a time: the one that it solves, and the next.
+AHEAD = 2
 
 #: Of costs (relative), and of states sampled along the phases (relative to 1 + their magnitude).
 SAME_COST, SAME_STATES = 1e-4, 1e-2
@@ -307,7 +310,7 @@ def multi_start(
             With more than one worker it must be possible to pickle it.
         starts: how many.
         seed: of the generators.
-        workers: processes.
+        workers: processes, this one included.
         mesh: 14 elements of degree 4 per phase by default.
         known: an earlier search, perhaps interrupted, of the same problem, family, seed, mesh and
             options: what it has finished is not done again.
@@ -328,7 +331,7 @@ def multi_start(
         outcomes = tuple(outcome for _, outcome in sorted(finished.items()))
         return dataclasses.replace(search, outcomes=outcomes)
 
-    run = _in_turn if workers == 1 or len(missing) < 2 else partial(_in_parallel, workers)
+    run = _in_turn if workers == 1 or len(missing) < 2 else partial(_shared_out, workers)
     best = min((o.cost for o in finished.values() if not o.failure), default=math.inf)
     try:
         with (
@@ -401,19 +404,30 @@ def _in_turn(search: Search, indices: Iterable[int]) -> Outcomes:
     yield from map(solver.outcome, indices)
 
 
-def _in_parallel(workers: int, search: Search, indices: Iterable[int]) -> Outcomes:
-    """Outcomes as they come; no more starts are handed out than workers are idle.
+def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcomes:
+    """Outcomes as they come, from this process and others.
 
-    Ctrl-C thus waits for one start per worker at most, and a worker that dies is an error.
+    This one works too, for the others take a second to begin. It hands them few starts ahead:
+    Ctrl-C waits for those that they have.
     """
-    remaining = iter(indices)
-    context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start_worker, (search,)) as pool:
-        running = {pool.submit(_work, index) for index in islice(remaining, workers)}
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running |= {pool.submit(_work, index) for index in islice(remaining, len(done))}
+    remaining, solver = iter(indices), _Solver(search)
+    others = workers - 1
+    pool = ProcessPoolExecutor(others, get_context("spawn"), _start_worker, (search,))
+    running: set[Future[Outcome]] = set()
+    try:
+        while True:
+            ahead = AHEAD * others - len(running)
+            running |= {pool.submit(_work, index) for index in islice(remaining, ahead)}
+            own = next(remaining, None)
+            if own is not None:
+                yield solver.outcome(own)
+            elif not running:
+                return
+            patience = None if own is None else 0.0
+            done, running = wait(running, patience, FIRST_COMPLETED)
             yield from (future.result() for future in done)
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 _worker: _Solver
