@@ -29,7 +29,7 @@ LADDER: tuple[dict[str, Any], ...] = (
 
 #: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum. The
 #: second is for when the first fails.
-WARM_BARRIERS = (1e-4, 1e-6)
+WARM_BARRIER, WARM_BARRIERS = 1e-4, (1e-4, 1e-6)
 WARM_ITERATIONS = 150
 
 
@@ -50,6 +50,8 @@ def solve(
     hamiltonian_tolerance: float = 1e-3,
     passes: int = 10,
     verify: bool = True,
+    ladder: Sequence[dict[str, Any]] = LADDER,
+    transcription: Transcription | None = None,
     **options: Any,
 ) -> Extremal:
     """A local optimum near a guess, on a mesh refined to a tolerance, verified.
@@ -68,16 +70,20 @@ def solve(
             halved a few times, for as long as that helps.
         passes: refinements at most; 0 solves on `mesh` alone.
         verify: whether to play the solution back; without, its `cost` is the transcription's.
+        ladder: options of IPOPT tried one after the other, over `options`; ``({},)`` tries once.
+        transcription: to begin with, of a problem that differs from this one in numbers alone;
+            made anew by default. Its mesh is taken, whatever `mesh` is.
         options: of IPOPT; a small ``mu_init`` keeps a warm start near.
 
     Returns:
         The solution, whether it converged or not: see `Extremal.converged` and `report`.
     """
-    mesh = mesh or Mesh.uniform(problem)
     guess = straight_lines(problem) if guess is None else guess
-    transcription = Transcription(problem, mesh)
+    if transcription is None:
+        transcription = Transcription(problem, mesh or Mesh.uniform(problem))
+    transcription, mesh = transcription.posed(problem), transcription.mesh
     attempts: list[Attempt] = []
-    result = _climb(transcription, guess, parameters, attempts, options)
+    result = _climb(transcription, guess, parameters, ladder, attempts, options)
     qualities = _assess(transcription, result)
     best = transcription, result, qualities
     for _ in range(passes):
@@ -145,12 +151,13 @@ def _climb(
     transcription: Transcription,
     guess: Sequence[PhaseTrajectory],
     parameters: Array | None,
+    ladder: Sequence[dict[str, Any]],
     attempts: list[Attempt],
     options: dict[str, Any],
 ) -> Result:
     """Solve, with the ladder's other options where IPOPT fails; the first success, or the best."""
     best: Result | None = None
-    for rung in LADDER:
+    for rung in ladder:
         tried = options | rung
         result = transcription.solve(guess, parameters=parameters, **tried)
         attempts.append(
@@ -160,7 +167,8 @@ def _climb(
             return result
         if best is None or _violation(result) < _violation(best):
             best = result
-    assert best is not None  # the ladder has rungs
+    if best is None:
+        raise ValueError("ladder: give at least one set of options, such as {}")
     return best
 
 
