@@ -8,7 +8,15 @@ from trajopt.gaits.solution import Solution
 from trajopt.gaits.verify import Verification
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
-from trajopt.problem import Constraint, InfeasibleBoundsError, Linkage, Phase, Problem, nonnegative
+from trajopt.problem import (
+    Constraint,
+    InfeasibleBoundsError,
+    Linkage,
+    Phase,
+    Problem,
+    equal,
+    nonnegative,
+)
 from trajopt.saved import ExtremalFileError, load_phases
 from trajopt.search import Search, best_of, multi_start
 from trajopt.solve import solve
@@ -34,6 +42,7 @@ __all__ = [
     "best_of",
     "continued",
     "cot_front",
+    "equal",
     "load_phases",
     "multi_start",
     "nonnegative",

@@ -20,10 +20,11 @@ from trajopt.trajectory import PhaseTrajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SUCCESS = "Solve_Succeeded"
-
 #: Of re-simulated against interpolated states, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
+
+#: In IPOPT's words.
+SUCCESS = "Solve_Succeeded"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,9 +54,9 @@ class Extremal:
         tolerance: that was asked of `mesh_error`.
         transcribed_cost: as the transcription sees it.
         mesh_error: largest estimated relative error of the states within an element.
-        status: IPOPT's words for how it ended.
-        attempts: every run of IPOPT, in order.
-        breaches: constraints that are violated at the nodes, worst first.
+        status: IPOPT's words for the run on `mesh`.
+        attempts: every run of IPOPT, in order; the last one may be on a mesh that was given up.
+        breaches: constraints that the last of them violates, worst first.
         audit: limits that are violated between the nodes, worst first.
         certificate: costates and Hamiltonian.
         resimulation: the solution played back; None if that was not asked for.

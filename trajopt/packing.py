@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.layout import Group, Key, Layout, groups
 from trajopt.problem import Array, Phase, Problem, pair
@@ -53,23 +55,27 @@ def _pack_group(
     controls[:, -1] = trajectory.control((left + h)[:, 0], "left")
     coefficients = np.linalg.solve(scheme.control_values, controls)
     own = coefficients[:, 1:-1] if scheme.shared_controls else coefficients
-    slacks: Array = np.zeros((0, count))
+    slacks = np.zeros((0, count))
     if phase.powers is not None:
         used = scheme.weighted
         at_nodes = scheme.control_basis[used] @ coefficients
         power = evaluated(phase.powers, states[:, used], at_nodes, p)
-        slacks = np.maximum(power, phase.floor).reshape(count, -1).T
-    packed: dict[str, Any] = {
-        "interior": states[:, 1:-1].reshape(count, -1).T,
-        "controls": own.reshape(count, -1).T,
+        slacks = _columns(np.maximum(power, phase.floor))
+    return {
+        "interior": _columns(states[:, 1:-1]),
+        "controls": _columns(own),
         "slacks": slacks,
     }
-    return packed
 
 
 def _sampled(function: object, times: Array) -> Array:
     values = function(times.ravel())  # type: ignore[operator]
-    return np.array(values.reshape(*times.shape, -1))
+    return np.array(values.reshape(*times.shape, values.shape[-1]))
+
+
+def _columns(values: NDArray[Any]) -> Array:
+    """One column per element of values (elements, nodes, m), of which there may be none."""
+    return values.reshape(len(values), math.prod(values.shape[1:])).T
 
 
 def unpack(layout: Layout, w: Array) -> tuple[PhaseTrajectory, ...]:
@@ -92,9 +98,9 @@ def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTraje
         inner = parts[i, "interior", group.degree].T.reshape(len(chosen), -1, nx)
         left, right = edges[:, chosen].T[:, None], edges[:, chosen + 1].T[:, None]
         X = np.concatenate([left, inner, right], axis=1)
-        shared_ends = 2 if scheme.shared_controls else 0
         own = parts[i, "controls", group.degree].T
-        own = own.reshape(len(chosen), len(scheme.control_nodes) - shared_ends, nu)
+        m = len(scheme.control_nodes) - (2 if scheme.shared_controls else 0)
+        own = own.reshape(len(chosen), m, nu)
         if scheme.shared_controls:
             shared = parts[i, "edge controls", 0]
             first, last = shared[:, chosen].T[:, None], shared[:, chosen + 1].T[:, None]
@@ -113,10 +119,10 @@ def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTraje
 def evaluated(function: object, states: Array, controls: Array, p: Array) -> Array:
     """A traced function of (x, u, p) at states (..., nx) and controls (..., nu): (..., m)."""
     shape = states.shape[:-1]
-    count = int(np.prod(shape))
+    count = math.prod(shape)
     columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
-    given = np.repeat(p[:, None], count, axis=1)
-    return np.asarray(function(*columns, given)).T.reshape(*shape, -1)  # type: ignore[operator]
+    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))  # type: ignore[operator]
+    return values.T.reshape(*shape, len(values))
 
 
 def middle(problem: Problem) -> Array:

@@ -73,6 +73,11 @@ def nonnegative(function: Expression, *names: str) -> Constraint:
     return Constraint(function, np.zeros(len(names)), np.full(len(names), np.inf), names)
 
 
+def equal(function: Expression, values: Sequence[float], *names: str) -> Constraint:
+    """The constraint ``function(...) == values``, row by row."""
+    return Constraint(function, np.array(values), np.array(values), names)
+
+
 @dataclasses.dataclass(frozen=True)
 class Phase:
     """A stretch of smooth motion x' = flow(x, u, p) of free or fixed duration.
@@ -317,6 +322,12 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
 
 def _traced(name: str, function: Expression, *sizes: int) -> ca.Function:
     if isinstance(function, ca.Function):
+        given = tuple(function.size1_in(i) for i in range(function.n_in()))
+        if given != sizes:
+            raise ValueError(
+                f"{name} was traced for inputs of sizes {given}, here they are {sizes}: parts of "
+                "another problem can be used in those with as many parameters"
+            )
         return function
     symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
     out = function(*symbols)

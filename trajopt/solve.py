@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.accuracy import Quality, assess, audit
+from trajopt.accuracy import Quality, assess, audit, cost_errors
 from trajopt.costates import certificate
 from trajopt.extremal import Attempt, Extremal
 from trajopt.guesses import straight_lines
@@ -27,11 +27,14 @@ LADDER: tuple[dict[str, Any], ...] = (
     {"mu_strategy": "adaptive", "nlp_scaling_method": "none", "max_iter": 1500},
 )
 
-#: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum.
-WARM_BARRIER = 1e-4
+#: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum. The
+#: second is for when the first fails.
+WARM_BARRIER, WARM_BARRIERS = 1e-4, (1e-4, 1e-6)
+WARM_ITERATIONS = 150
 
-#: Refinements for the sake of the Hamiltonian, and by how much the cost may rise in them
-#: (relative) before the solution counts as another optimum.
+
+#: Refinements for the sake of the Hamiltonian, and by how much the cost of an accurate solution
+#: may rise by refinement (relative) before it counts as another optimum.
 CERTIFYING_PASSES, SAME_COST = 5, 5e-3
 
 
@@ -42,6 +45,7 @@ def solve(
     *,
     parameters: Array | None = None,
     tolerance: float = 1e-7,
+    cost_tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
     hamiltonian_tolerance: float = 1e-3,
     passes: int = 10,
@@ -59,6 +63,8 @@ def solve(
         mesh: to begin with; 10 elements of degree 4 per phase by default.
         parameters: guess of the static parameters; the middle of their bounds by default.
         tolerance: of the estimated relative error of the states within an element.
+        cost_tolerance: of the error of the cost, and of what a control costs too much, within an
+            element, relative to 1 + |cost|; guides the refinement alone.
         limit_tolerance: of bounds and path constraints between the nodes.
         hamiltonian_tolerance: of its change over an element, relative; elements that exceed it are
             halved a few times, for as long as that helps.
@@ -78,31 +84,33 @@ def solve(
     transcription, mesh = transcription.posed(problem), transcription.mesh
     attempts: list[Attempt] = []
     result = _climb(transcription, guess, parameters, ladder, attempts, options)
-    qualities = _assess(problem, result)
+    qualities = _assess(transcription, result)
     best = transcription, result, qualities
     for _ in range(passes):
         if not result.success:
             break
         finer = refined(
             *(mesh, problem, result.phases, result.parameters, qualities),
-            *(tolerance, limit_tolerance),
+            *(tolerance, cost_tolerance, limit_tolerance),
         )
         if finer == mesh:
             break
         mesh, transcription = finer, Transcription(problem, finer)
-        warm = {"mu_init": WARM_BARRIER} | options
-        result = _climb(*(transcription, result.phases, result.parameters, ladder, attempts, warm))
-        qualities = _assess(problem, result)
-        if result.success and _error(qualities) <= _error(best[2]):
+        result = _again(transcription, result, attempts, options)
+        qualities = _assess(transcription, result)
+        settled = _error(best[2]) <= tolerance
+        if not result.success or (settled and _dearer(result, best[1])):
+            break
+        if _shortfall(qualities, tolerance) <= _shortfall(best[2], tolerance):
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
         sharper = _certified(transcription, result, hamiltonian_tolerance, attempts, options)
         for transcription, result in (sharper, best[:2]):
             result = _backed_off(transcription, result, limit_tolerance, options)
-            if _overshoot(problem, result) < limit_tolerance:
+            if _overshoot(transcription, result) < limit_tolerance:
                 break
-        qualities = _assess(problem, result)
+        qualities = _assess(transcription, result)
     return Extremal(
         problem=problem,
         mesh=transcription.mesh,
@@ -120,13 +128,23 @@ def solve(
     )
 
 
-def _assess(problem: Problem, result: Result) -> list[Quality]:
-    pairs = zip(problem.phases, result.phases, strict=True)
-    return [assess(phase, trajectory, result.parameters) for phase, trajectory in pairs]
+def _assess(transcription: Transcription, result: Result) -> list[Quality]:
+    gaps = certificate(transcription, result).cost_gaps(result.phases, result.cost)
+    errors = cost_errors(transcription, result)
+    each = zip(transcription.problem.phases, result.phases, errors, gaps, strict=True)
+    return [
+        assess(phase, trajectory, result.parameters, error, gap)
+        for phase, trajectory, error, gap in each
+    ]
 
 
 def _error(qualities: Sequence[Quality]) -> float:
     return float(max(quality.state_error.max() for quality in qualities))
+
+
+def _shortfall(qualities: Sequence[Quality], tolerance: float) -> float:
+    """The mesh's error, all within the tolerance being the same."""
+    return max(tolerance, _error(qualities))
 
 
 def _climb(
@@ -154,6 +172,25 @@ def _climb(
     return best
 
 
+def _again(
+    transcription: Transcription, result: Result, attempts: list[Attempt], options: dict[str, Any]
+) -> Result:
+    """Solve near a result, on another mesh."""
+    for barrier in WARM_BARRIERS:
+        warm = {"mu_init": barrier} | options | {"max_iter": WARM_ITERATIONS}
+        found = transcription.solve(result.phases, parameters=result.parameters, **warm)
+        elements = transcription.mesh.elements
+        attempts.append(Attempt(elements, warm, found.status, found.iterations))
+        if found.success:
+            break
+    return found
+
+
+def _dearer(result: Result, other: Result) -> bool:
+    """Whether it costs so much more that it must be another optimum."""
+    return result.cost - other.cost > SAME_COST * (1e-9 + abs(other.cost))
+
+
 def _certified(
     transcription: Transcription,
     result: Result,
@@ -164,7 +201,6 @@ def _certified(
     """Refine where the Hamiltonian is not constant; what is better by it, and the same optimum."""
     best = transcription, result
     spread = certificate(*best).hamiltonian_spread
-    warm = {"mu_init": WARM_BARRIER} | options | {"max_iter": 100}
     for _ in range(CERTIFYING_PASSES):
         mesh = certified(
             transcription.mesh, certificate(transcription, result).hamiltonian, tolerance
@@ -172,10 +208,8 @@ def _certified(
         if mesh == transcription.mesh:
             break
         transcription = Transcription(transcription.problem, mesh)
-        result = transcription.solve(result.phases, parameters=result.parameters, **warm)
-        attempts.append(Attempt(mesh.elements, warm, result.status, result.iterations))
-        dearer = result.cost - best[1].cost > SAME_COST * (1e-9 + abs(best[1].cost))
-        if not result.success or dearer:
+        result = _again(transcription, result, attempts, options)
+        if not result.success or _dearer(result, best[1]):
             break
         found = certificate(transcription, result).hamiltonian_spread
         if found < spread:
@@ -197,11 +231,11 @@ def _backed_off(
     problem = transcription.problem
     margins = [0.0 for _ in problem.phases]
     for _ in range(3):
-        excess = [quality.path_violation.max(axis=0) for quality in _assess(problem, result)]
+        excess = [quality.path_violation.max(axis=0) for quality in _assess(transcription, result)]
         if max(e.max() for e in excess) < tolerance:
             break
         margins = [m + 1.2 * e for m, e in zip(margins, excess, strict=True)]
-        warm = {"mu_init": WARM_BARRIER} | options
+        warm = {"mu_init": WARM_BARRIERS[0]} | options
         tighter = transcription.solve(
             result.phases, tightened(problem, margins), result.parameters, **warm
         )
@@ -211,8 +245,8 @@ def _backed_off(
     return result
 
 
-def _overshoot(problem: Problem, result: Result) -> float:
-    return float(max(quality.path_violation.max() for quality in _assess(problem, result)))
+def _overshoot(transcription: Transcription, result: Result) -> float:
+    return float(max(quality.path_violation.max() for quality in _assess(transcription, result)))
 
 
 def tightened(problem: Problem, margins: Sequence[Array | float]) -> Problem:
