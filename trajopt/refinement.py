@@ -87,7 +87,8 @@ def refined(
 def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
     """The fraction of an element at which a control jumps or has a kink, if one does.
 
-    The neighbours' controls, continued straight on, meet at a kink. If they do not, the control
+    The neighbours' controls (its own at the phase's ends), continued straight on, meet at a kink.
+    If they do not, the control
     jumps from one to the other where that leaves the element's mean control as it is; near an
     edge the element is cut beyond the jump, to be sure that the rest has none.
     """
@@ -96,22 +97,25 @@ def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
         return []
     slope = full_differentiation_matrix(tuple(trajectory.control_nodes))
     last, first = max(element - 1, 0), min(element + 1, len(u) - 1)
-    before, after = u[last, -1 if last < element else 0], u[first, 0 if first > element else -1]
-    rise = h[element] * (slope[-1] @ u[last] / h[last]) * (last < element)
-    fall = h[element] * (slope[0] @ u[first] / h[first]) * (first > element)
+    i, j = (-1 if last < element else 0), (0 if first > element else -1)
+    before, rise = u[last, i], h[element] / h[last] * (slope[i] @ u[last])
+    after, fall = u[first, j], h[element] / h[first] * (slope[j] @ u[first])
     gap = np.array([after - fall - before, after - before - rise])  # at the element's edges
     apart = np.abs(gap).max(axis=0) / (np.ptp(u, axis=(0, 1)) + np.finfo(float).tiny)
     k = int(np.argmax(apart))
     if apart[k] < NO_BREAK:
         return []
     left, right = gap[:, k]
+    jump = before[k] - after[k]
     if left * right < 0.0:
         s = left / (left - right)
-    else:
+    elif jump:
         points, weights = np.polynomial.legendre.leggauss(len(trajectory.control_nodes))
         values = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * points) @ u[element, :, k]
-        s = (0.5 * weights @ values - after[k]) / (before[k] - after[k])
+        s = (0.5 * weights @ values - after[k]) / jump
         s = 2 * s if s < 0.1 else 2 * s - 1 if s > 0.9 else s
+    else:
+        return []
     return [float(s)] if 0.005 < s < 0.995 else []
 
 
