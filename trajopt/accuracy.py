@@ -55,6 +55,11 @@ class Quality:
         """The larger of both estimates, shape (M,)."""
         return np.maximum(self.defect_error, self.step_error)
 
+    @property
+    def worst_limit(self) -> Array:
+        """The largest violation of bounds and path constraints, shape (M,)."""
+        return np.maximum(self.limit_violation, self.path_violation.max(axis=1))
+
 
 def assess(
     phase: Phase,
