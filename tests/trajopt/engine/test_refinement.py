@@ -112,6 +112,15 @@ def test_the_caps_on_elements_and_on_their_length_hold(
     )
 
 
+def test_where_there_is_no_room_for_all_the_worst_are_split(
+    smooth: PhaseTrajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refinement, "MAX_ELEMENTS", 5)
+    faults = quality(4, limit_violation={0: 1e-5, 1: 1e-4, 2: 1e-2, 3: 1e-3})
+    mesh = refine(smooth, faults, Mesh.uniform(1, 4, 6))
+    assert mesh.fractions == ((0.0, 0.25, 0.5, 0.625, 0.75, 1.0),)
+
+
 @pytest.mark.parametrize("place", [0.3, 0.42])
 def test_a_jump_is_found_where_the_mean_control_says(place: float) -> None:
     t = np.linspace(0.0, 1.0, 5)
