@@ -7,6 +7,7 @@ Appl. Methods 36 (2015), with splits at the control's own switches.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -73,7 +74,7 @@ def refined(
             wasteful = quality.cost_gap[e] > cost_tolerance
             jumps, inside = breaks(trajectory, e) if wasteful else [], []
             if jumps or max(excess, limits[e]) > 1.0:
-                raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
+                raised = degree + max(1, math.ceil(math.log10(np.clip(excess, 1.0, 1e99))))
                 switches = switch_points(phase, trajectory, e, p)
                 smooth = not fixed and is_smooth(trajectory, e) and not switches
                 if smooth and raised <= MAX_DEGREE and excess > 1.0:
