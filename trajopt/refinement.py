@@ -77,7 +77,7 @@ def refined(
                 raised = degree + max(1, math.ceil(math.log10(np.clip(excess, 1.0, 1e99))))
                 switches = switch_points(phase, trajectory, e, p)
                 smooth = not fixed and is_smooth(trajectory, e) and not switches
-                if smooth and raised <= MAX_DEGREE and excess > 1.0:
+                if smooth and raised <= MAX_DEGREE and excess > max(1.0, limits[e]):
                     degree = raised
                 elif right - left > SHORTEST and room > 0 and misses[i][e] >= least:
                     inside = jumps or switches or [0.5]
