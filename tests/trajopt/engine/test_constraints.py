@@ -76,6 +76,16 @@ def test_a_path_constraint_on_control_and_state_together_binds_at_every_scheme()
     assert costs[0] > 12.01
 
 
+def test_equations_along_the_path_are_refused_under_radau_and_hold_under_hermite_simpson() -> None:
+    steady = equal(lambda x, u, p: (u - 2 * x[1],), [1.0], "feedback")
+    problem = Problem((move(end={}, path=steady),))
+    with pytest.raises(ValueError, match="'feedback' of phase 'move' is an equation"):
+        solve(problem)
+    found = solve(problem, mesh=Mesh.uniform(problem, 10, scheme="hermite-simpson"))
+    assert found.converged, found.report()
+    assert found.phases[0].end[1] == pytest.approx(0.5 * (math.e**2 - 1), rel=1e-6)
+
+
 def test_backing_off_moves_path_bounds_inwards_but_never_past_each_other() -> None:
     path = Constraint(
         lambda x, u, p: (u, x[1], x[0]),

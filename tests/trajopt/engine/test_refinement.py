@@ -201,6 +201,50 @@ def test_a_smooth_problem_is_refined_by_degree_alone() -> None:
     assert max(found.mesh.degrees[0]) > 3
 
 
+def test_a_long_problem_with_two_boundary_layers_gets_its_elements_there() -> None:
+    """The hypersensitive problem of Rao and Mease: at rest but for its ends."""
+    decay = Phase(
+        "decay",
+        states=("x",),
+        controls=("u",),
+        flow=lambda x, u, p: (u - x**3,),
+        cost=lambda x, u, p: 0.5 * (x**2 + u**2),
+        start={"x": 1.0},
+        end={"x": 1.5},
+        duration=1000.0,
+    )
+    found = solve(Problem((decay,)))
+    assert found.converged, found.report()
+    assert len(found.attempts) <= 10
+    assert found.mesh.elements <= 30
+    edges = found.phases[0].edges
+    assert np.sum((edges < 20) | (edges > 980)) > 0.5 * len(edges)
+    costates = found.certificate.costates[0][[0, -1], 0]
+    # Nothing happens for long, so that the Hamiltonian is 0: costate^2 + 2 costate x^3 = x^2.
+    x = np.array([1.0, 1.5])
+    exact = -(x**3) + np.array([1.0, -1.0]) * np.sqrt(x**6 + x**2)
+    assert costates == pytest.approx(exact, rel=1e-4)
+
+
+def test_van_der_pols_oscillator_with_a_limit_on_its_speed_takes_few_meshes() -> None:
+    swing = Phase(
+        "swing",
+        states=("v", "x"),
+        controls=("u",),
+        flow=lambda x, u, p: ((1 - x[1] ** 2) * x[0] - x[1] + u, x[0]),
+        cost=lambda x, u, p: x[0] ** 2 + x[1] ** 2 + u**2,
+        bounds={"u": (-1.0, 1.0), "v": (-0.25, math.inf)},
+        start={"v": 0.0, "x": 1.0},
+        duration=10.0,
+    )
+    found = solve(Problem((swing,)))
+    assert found.converged, found.report()
+    assert len(found.attempts) <= 7
+    assert found.mesh.elements <= 25
+    fine = solve(found.problem, found.phases, Mesh.uniform(1, 80, 4), verify=False)
+    assert found.cost == pytest.approx(fine.cost, rel=1e-6)
+
+
 def test_each_tolerance_costs_a_few_meshes_and_is_met() -> None:
     for tolerance in (1e-4, 1e-6, 1e-8):
         found = solve(textbook.cart_pole(), tolerance=tolerance, verify=False)
