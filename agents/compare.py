@@ -30,8 +30,8 @@ from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
-from trajopt.fronts import CotFront, cot_front
-from trajopt.guesses import leads_for
+from trajopt.gaits.fronts import CotFront, cot_front
+from trajopt.gaits.shipped import leads_for
 from trajopt.provenance import provenance
 
 #: Strides considered for the optimal front.

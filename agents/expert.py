@@ -12,7 +12,7 @@ from agents.policies import Controller, Floats
 from rimless_gym.hybrid import SINGLE, accelerations, ground_reaction
 from rimless_gym.params import WheelParams
 from trajopt.feedback import LimitCycleLqr
-from trajopt.solution import Solution
+from trajopt.gaits.solution import Solution
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
 CONTACT_MARGIN = 0.1

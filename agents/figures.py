@@ -22,8 +22,8 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.wheel import Scene, draw, save_gif
-from trajopt.fronts import CotFront
-from trajopt.solution import Solution
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.solution import Solution
 
 Floats = NDArray[np.float64]
 

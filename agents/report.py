@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from trajopt.fronts import CotFront
-from trajopt.solution import Solution
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.solution import Solution
 
 #: Below the table.
 NOTES = """\

@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Mapping
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 
 from rimless_gym.equations import equations
-from rimless_gym.params import WheelParams
+from rimless_gym.params import WheelParams, shorthand
 
 _eq = equations(ca.sin, ca.cos)
 MODES = ("single_stance", "double_stance")
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """Parameters of the machine that are to be chosen.
+
+    Attributes:
+        names: of the design variables p.
+        fields: p -> fields of `WheelParams`, by name, as expressions in p; what `n_legs`, the
+            mount and the impact law are cannot be chosen.
+    """
+
+    names: tuple[str, ...]
+    fields: Callable[[Any], Mapping[str, Any]]
+
+    @classmethod
+    def of(cls, *fields: str) -> Design:
+        """Fields of `WheelParams` as they are, such as ``Design.of("gear_ratio")``."""
+        return cls(fields, lambda p: {name: p[i] for i, name in enumerate(fields)})
+
+    def machine(self, params: WheelParams, p: Any) -> WheelParams:
+        """`params` with the values p (np,) of the design."""
+        return params.replace(**{name: float(value) for name, value in self.fields(p).items()})
 
 
 class HybridModel:
@@ -24,6 +50,8 @@ class HybridModel:
 
     Args:
         params: the machine.
+        design: what is to be chosen of it. Every one of `functions` then takes the design
+            variables ``p`` as a last input.
 
     Example:
         >>> from rimless_gym import THESIS_PHYSICAL
@@ -31,17 +59,22 @@ class HybridModel:
         (4, 1)
     """
 
-    def __init__(self, params: WheelParams) -> None:
-        self.params = params
+    def __init__(self, params: WheelParams, design: Design | None = None) -> None:
+        self.params, self.design = params, design
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """All functions by name; inputs ``x`` (4) and, where it matters, ``u`` (1)."""
-        x, u, p = ca.SX.sym("x", 4), ca.SX.sym("u"), self.params.constants
+        x, u, p, chosen = ca.SX.sym("x", 4), ca.SX.sym("u"), self.params.constants, []
+        if self.design is not None:
+            chosen = [ca.SX.sym("p", len(self.design.names))]
+            machine = dataclasses.asdict(self.params) | dict(self.design.fields(chosen[0]))
+            p = shorthand(SimpleNamespace(**machine), ca.sin, ca.cos)
         phi, theta, dphi, dtheta = ca.vertsplit(x)
         rate = _eq.relative_rate(dphi, dtheta, p)
         ddphi, ddtheta = _eq.single_stance(phi, theta, dphi, dtheta, u, p)
         standing = _eq.double_stance(p.a, theta, 0, dtheta, u, p)
+        names = "x", "u"
         outputs: dict[str, tuple[list[Any], Any]] = {
             "flow": ([x, u], (dphi, dtheta, ddphi, ddtheta)),
             "flow_double_stance": ([x, u], (0, dtheta, 0, standing)),
@@ -62,13 +95,19 @@ class HybridModel:
             "motor_torque": ([x, u], (_eq.motor_torque(rate, u, p),)),
             "relative_rate": ([x], (rate,)),
             "mechanical_energy": ([x], (_eq.mechanical_energy(phi, theta, dphi, dtheta, p),)),
+            "weight": ([x], ((p.m1 + p.m2) * self.params.gravity,)),  # in any state
             "linear_momentum": ([x], _eq.linear_momentum(phi, theta, dphi, dtheta, p)),
             "hub_position": ([x], _eq.hub_position(phi, p)),
             "pendulum_clearance": ([x], (_eq.pendulum_clearance(phi, theta, p),)),
         }
-        names = {1: ["x"], 2: ["x", "u"]}
         return {
-            name: ca.Function(name, inputs, [ca.vertcat(*out)], names[len(inputs)], ["out"])
+            name: ca.Function(
+                name,
+                [*inputs, *chosen],
+                [ca.vertcat(*out)],
+                [*names[: len(inputs)], *("p" for _ in chosen)],
+                ["out"],
+            )
             for name, (inputs, out) in outputs.items()
         }
 

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from scripts.benchmarks.cases import CASES
 from scripts.benchmarks.driver import measure_all
 from scripts.benchmarks.page import page
+from scripts.benchmarks.quote import quoted
 from trajopt.provenance import provenance
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,7 +46,8 @@ def main() -> int:
         "--out",
         type=Path,
         default=KEPT,
-        help="folder for benchmark.md and benchmark.json; make bench writes to docs",
+        help="folder for benchmark.md and benchmark.json; make bench writes to docs, and the "
+        "README beside that folder then quotes the new figures",
     )
     parser.add_argument("--json", action="store_true", help="print everything, as JSON")
     arguments = parser.parse_args()
@@ -64,6 +66,9 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "benchmark.json").write_text(json.dumps(run, indent=1) + "\n")
     (arguments.out / "benchmark.md").write_text(text)
+    readme = arguments.out.parent / "README.md"
+    if readme.exists():
+        readme.write_text(quoted(readme.read_text(), run))
     print(json.dumps(run, indent=1) if arguments.json else text)
     return 0
 

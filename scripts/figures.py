@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """Regenerate every figure and every number of docs/physics.md and docs/thesis-errata.md.
 
-Writes PNG files and numbers.json. The tables of the two documents are printed, to be pasted where
-they changed; a test compares the documents with numbers.json, and numbers.json with the code.
+Writes PNG files and numbers.json, and the tables into the two documents where they lie beside the
+folder. A test compares the documents with numbers.json, and numbers.json with the code.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rimless_gym.params import PRESETS
 from scripts.documents import accuracy, drawings, errata, integrator, machines, plots
-from scripts.documents.tables import tables
+from scripts.documents.tables import filled, tables
+
+DOCUMENTS = ("physics.md", "thesis-errata.md")
 
 
 def numbers() -> dict[str, Any]:
@@ -72,6 +74,9 @@ def main() -> int:
         path.write_text(json.dumps(results, indent=1) + "\n")
     for name, figure in figures(results).items():
         plots.save(figure, arguments.out / name)
+    for page in (arguments.out.parent / name for name in DOCUMENTS):
+        if page.exists():
+            page.write_text(filled(page.read_text(), results))
     for name, text in tables(results).items():
         print(f"\n{name}\n\n{text}")
     return 0

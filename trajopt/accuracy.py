@@ -55,11 +55,6 @@ class Quality:
         """The larger of both estimates, shape (M,)."""
         return np.maximum(self.defect_error, self.step_error)
 
-    @property
-    def worst_limit(self) -> Array:
-        """The largest violation of bounds and path constraints, shape (M,)."""
-        return np.maximum(self.limit_violation, self.path_violation.max(axis=1))
-
 
 def assess(
     phase: Phase,
@@ -83,7 +78,7 @@ def assess(
         path = phase.path.violation(values).max(axis=1)
     outside = np.concatenate(
         [
-            beyond(states, *phase.state_bounds()),
+            beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory),
             beyond(controls, *phase.control_bounds()),
         ],
         axis=-1,
@@ -149,6 +144,12 @@ def beyond(values: Array, lower: Array, upper: Array) -> Array:
     return np.asarray(np.maximum(lower - values, values - upper))
 
 
+def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
+    """By how much the ends, which have bounds of their own, are outside those all along."""
+    ends = np.stack([trajectory.start, trajectory.end])
+    return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
+
+
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
     """States, their derivatives by the fraction of the element, and controls: (M, samples, .)."""
     basis = lagrange_matrix(trajectory.nodes, GRID)
@@ -163,8 +164,9 @@ def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tupl
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         states, _, controls = _dense(trajectory)
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
+        outside = beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory)
         limits = [
-            ("bound", phase.states, beyond(states, *phase.state_bounds())),
+            ("bound", phase.states, outside),
             ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
         ]
         if phase.path is not None:

@@ -1,10 +1,11 @@
-"""A solved problem: its trajectory, what is known of its accuracy and optimality, on file."""
+"""A solved problem: its trajectory, and what is known of its accuracy and optimality."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from trajopt.provenance import provenance
 from trajopt.resimulation import Resimulation
 from trajopt.rows import Breach
 from trajopt.trajectory import PhaseTrajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Of re-simulated against interpolated states, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -84,10 +88,15 @@ class Extremal:
         return self.resimulation.cost
 
     @property
+    def succeeded(self) -> bool:
+        """Whether IPOPT solved the program on the mesh; accuracy is another question."""
+        return self.status == SUCCESS
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """What is wrong with it, in words; empty if it converged."""
         found = []
-        if self.status != SUCCESS:
+        if not self.succeeded:
             found.append(f"IPOPT: {self.status}")
         found += [str(breach) for breach in self.breaches[:3]]
         if not self.mesh_error <= self.tolerance:
@@ -146,6 +155,35 @@ class Extremal:
         retried = [a for a in self.attempts if not a.succeeded]
         lines += [f"  retried              {a.status} with {a.options}" for a in retried]
         return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Figures and provenance as plain JSON values (infinities and NaN as null)."""
+        from trajopt import saved
+
+        return saved.figures(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write everything but the problem to an .npz file."""
+        from trajopt import saved
+
+        saved.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path, problem: Problem) -> Extremal:
+        """Read what `save` wrote, a solution of `problem`; see `trajopt.saved`."""
+        from trajopt import saved
+
+        return saved.load(path, problem)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """States, controls and Hamiltonian against time; see `trajopt.plots`.
+
+        Args:
+            path: of a picture to write besides.
+        """
+        from trajopt import plots
+
+        return plots.plotted(self, path)
 
     def state(self, t: float, side: str = "right") -> Array:
         """State at time t (s) from the start of the first phase, phases one after the other."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,12 @@ class Mesh:
         edges = tuple(tuple(float(s) for s in np.linspace(0.0, 1.0, n + 1)) for n in each)
         degree = FIXED_DEGREE.get(scheme, degree)
         return cls(edges, tuple((degree,) * n for n in each), scheme, control_degree)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Mesh:
+        """The mesh of which `dataclasses.asdict`, or JSON of it, gave `values`."""
+        tables = {name: tuple(map(tuple, values[name])) for name in ("fractions", "degrees")}
+        return cls(**{**values, **tables})
 
     def scheme_of_degree(self, degree: int) -> Scheme:
         """The scheme on elements of a degree."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -94,6 +94,7 @@ class Transcription:
         self.blocks = tuple(self._build())
         count = sum(rows.count for rows in self.rows)
         self._nlp, self._derivatives = assembled(self.blocks, self.layout.size, count)
+        self._solvers: dict[Any, ca.Function] = {}
 
     # -- building -----------------------------------------------------------------------------
 
@@ -232,9 +233,19 @@ class Transcription:
 
     # -- solving ------------------------------------------------------------------------------
 
-    @cached_property
-    def _solvers(self) -> dict[Any, ca.Function]:
-        return {}
+    def posed(self, problem: Problem) -> Transcription:
+        """This transcription of another problem, which differs in numbers alone.
+
+        Raises:
+            ValueError: it differs in more.
+        """
+        if problem is self.problem:
+            return self
+        if problem.functions != self.problem.functions:
+            raise ValueError("the problem differs from the one transcribed in more than numbers")
+        twin = copy.copy(self)
+        twin.problem = problem
+        return twin
 
     def solver(self, **options: Any) -> ca.Function:
         """IPOPT on this program, with options over `IPOPT`."""
@@ -263,9 +274,7 @@ class Transcription:
             ValueError: `problem` differs in more than numbers.
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.
         """
-        problem = problem or self.problem
-        if problem is not self.problem and problem.functions != self.problem.functions:
-            raise ValueError("the problem differs from the one transcribed in more than numbers")
+        problem = self.posed(problem or self.problem).problem
         lower, upper = self.layout.bounds(problem)
         start = np.clip(pack(self.layout, problem, guess, parameters), lower, upper)
         bounds = self.bounds(problem)

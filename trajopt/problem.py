@@ -31,6 +31,10 @@ Expression = Callable[..., Any]
 Bounds = Mapping[str, float | tuple[float, float]]
 
 
+#: By how much a phase's ends may lie outside the bounds all along: a guard and a margin to it.
+MARGIN = 1e-3
+
+
 class InfeasibleBoundsError(ValueError):
     """Bounds contradict each other: there is nothing to solve."""
 
@@ -92,8 +96,8 @@ class Phase:
         at_start: constraint on (x, p) at the start.
         at_end: constraint on (x, p) at the end.
         bounds: on states and controls, by name, all along.
-        start: on states at the start, besides.
-        end: on states at the end, besides.
+        start: on states at the start, in place of those all along.
+        end: on states at the end, in place of those all along.
         duration: bounds (s), or the duration.
     """
 
@@ -127,14 +131,15 @@ class Phase:
                     f"phase {self.name!r}: {where} names {unknown}, which are not among {known}"
                 )
             _require_room({f"{self.name}: {where} of {n}": pair(b) for n, b in table.items()})
+        along = self.state_bounds()
         for where in ("start", "end"):
             lower, upper = self.state_bounds(where)
-            for name, low, high in zip(self.states, lower, upper, strict=True):
-                if low > high:
+            gap = np.maximum(lower - along[1], along[0] - upper)
+            for name, outside in zip(self.states, gap, strict=True):
+                if outside > MARGIN:
                     raise InfeasibleBoundsError(
-                        f"phase {self.name!r}: {name} at the {where} is bounded by "
-                        f"{getattr(self, where)[name]}, all along by {self.bounds[name]}: "
-                        "widen one of them"
+                        f"phase {self.name!r}: {name} is {getattr(self, where)[name]} at the "
+                        f"{where}, but bounded by {self.bounds[name]} all along: widen one of them"
                     )
         low, high = pair(self.duration)
         if not 0.0 < low <= high:
@@ -145,11 +150,8 @@ class Phase:
 
     def state_bounds(self, where: str = "all along") -> tuple[Array, Array]:
         """(lower, upper) on the states at the "start", the "end" or "all along", each (nx,)."""
-        lower, upper = _table(self.bounds, self.states)
-        if where == "all along":
-            return lower, upper
-        low, high = _table(self.start if where == "start" else self.end, self.states)
-        return np.maximum(lower, low), np.minimum(upper, high)
+        own = {"start": self.start, "end": self.end}.get(where, {})
+        return _table({**self.bounds, **own}, self.states)
 
     def control_bounds(self) -> tuple[Array, Array]:
         """(lower, upper) on the controls, each (nu,)."""

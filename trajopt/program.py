@@ -107,7 +107,7 @@ class _Derivatives:
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+    return ca.SX(matrix.nz[:])
 
 
 def _places(matrix: ca.SX) -> tuple[Indices, Indices]:
@@ -117,14 +117,15 @@ def _places(matrix: ca.SX) -> tuple[Indices, Indices]:
 
 def _added(parts: Sequence[tuple[Indices, ca.MX]], size: int) -> ca.MX:
     """A dense vector to which values are added at indices."""
-    where = np.concatenate([i.ravel(order="F") for i, _ in parts])
+    where = np.concatenate([places.ravel(order="F") for places, _ in parts])
     values = ca.vertcat(*(ca.vec(v) for _, v in parts))
     return ca.densify(_summed(where, size) @ values)
 
 
 def _matrix(parts: Sequence[tuple[Indices, Indices, ca.MX]], shape: tuple[int, int]) -> ca.MX:
     """A sparse matrix from entries that are added where they coincide."""
-    rows, columns = (np.concatenate([p[k].ravel(order="F") for p in parts]) for k in (0, 1))
+    rows = np.concatenate([i.ravel(order="F") for i, _, _ in parts])
+    columns = np.concatenate([j.ravel(order="F") for _, j, _ in parts])
     places, where = np.unique(columns * shape[0] + rows, return_inverse=True)
     column, row = np.divmod(places, shape[0])
     sparsity = ca.Sparsity.triplet(*shape, row.tolist(), column.tolist())

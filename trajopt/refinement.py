@@ -25,6 +25,13 @@ MAX_ELEMENTS = 400
 #: Elements shorter than this fraction of their phase are split no further.
 SHORTEST = 1e-5
 
+#: The same for the sake of the Hamiltonian: a control that may switch on shorter elements cheats.
+SHORTEST_CERTIFIED = 1e-3
+
+#: Path constraints violated by more than this between nodes ask for a finer mesh; what is less is
+#: left to margins (`trajopt.solve`), for where a control switches no mesh is fine enough.
+COARSE = 1e-3
+
 #: Where a fall of the Legendre coefficients by less than this per degree says "not smooth".
 DECAY = 0.5
 
@@ -65,7 +72,7 @@ def refined(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = quality.worst_limit / limit_tolerance
+        limits = _limits(quality, limit_tolerance)
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = max(
@@ -94,8 +101,32 @@ def _misses(
 ) -> Array:
     """The worst of all errors of every element, relative to its tolerance, shape (M,)."""
     cost = np.maximum(quality.cost_error, quality.cost_gap) / cost_tolerance
-    limits = quality.worst_limit / limit_tolerance
+    limits = _limits(quality, limit_tolerance)
     return np.max([quality.state_error / state_tolerance, cost, limits], axis=0)
+
+
+def _limits(quality: Quality, tolerance: float) -> Array:
+    """Violations of limits relative to what is tolerated, shape (M,)."""
+    path = quality.path_violation.max(axis=1) / COARSE
+    return np.asarray(np.maximum(quality.limit_violation / tolerance, path))
+
+
+def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mesh:
+    """Halve the elements over which the Hamiltonian changes: an optimal control switches in there.
+
+    Args:
+        mesh: to refine.
+        hamiltonian: at both ends of every element, (M, 2) per phase.
+        tolerance: of its change over an element, relative to 1 + its median's magnitude.
+    """
+    fractions, degrees = [], []
+    for edges, orders, values in zip(mesh.fractions, mesh.degrees, hamiltonian, strict=True):
+        drift = np.abs(values[:, 1] - values[:, 0]) / (1.0 + abs(np.median(values)))
+        split = (drift > tolerance) & (np.diff(edges) > SHORTEST_CERTIFIED)
+        middles = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))
+        fractions.append(tuple(sorted([*edges, *middles[split].tolist()])))
+        degrees.append(tuple(np.repeat(orders, 1 + split).tolist()))
+    return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
 
 
 def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:

@@ -8,7 +8,7 @@ the way. (A wheel's touchdowns are located by `rimless_gym.simulate` besides: `t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -66,7 +66,27 @@ def played(
     phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
 ) -> tuple[float, Array, float]:
     """One phase from `start`: largest deviation from its states, the end, and what was paid."""
-    nx, y, error = len(phase.states), np.append(start, 0.0), 0.0
+    y, error = np.append(start, 0.0), 0.0
+    for times, values in followed(phase, trajectory, start, p):
+        inside = trajectory.state(np.minimum(times, trajectory.duration))
+        error = max(error, float(np.abs(values[:, :-1] - inside).max()))
+        y = values[-1]
+    return error, y[:-1], float(y[-1])
+
+
+def followed(
+    phase: Phase,
+    trajectory: PhaseTrajectory,
+    start: Array,
+    p: Array,
+    rtol: float = RTOL,
+    atol: float = ATOL,
+) -> Iterator[tuple[Array, Array]]:
+    """One phase from `start`: times (9,), and states and what was paid (9, nx + 1), by element.
+
+    Infinite, and the last, where the integrator fails.
+    """
+    nx, y = len(phase.states), np.append(start, 0.0)
     coefficients = np.linalg.solve(
         np.vander(trajectory.control_nodes), trajectory.controls
     )  # (M, m, nu)
@@ -84,13 +104,12 @@ def played(
 
         times = begin + h * np.linspace(0.0, 1.0, 9)
         times[-1] = end
-        run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=RTOL, atol=ATOL)
+        run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=rtol, atol=atol)
         if not run.success:
-            return np.inf, y[:nx], np.nan
-        inside = trajectory.state(np.minimum(times, trajectory.duration))
-        error = max(error, float(np.abs(run.y[:nx].T - inside).max()))
+            yield times, np.full((9, nx + 1), np.inf)
+            return
+        yield times, run.y.T
         y = run.y[:, -1]
-    return error, y[:nx], float(y[nx])
 
 
 def paid_rate(phase: Phase, x: Array, u: Array, p: Array) -> float:

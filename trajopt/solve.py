@@ -15,7 +15,7 @@ from trajopt.guesses import straight_lines
 from trajopt.mesh import Mesh
 from trajopt.nlp import Result, Transcription
 from trajopt.problem import Array, Constraint, Problem
-from trajopt.refinement import refined
+from trajopt.refinement import certified, refined
 from trajopt.resimulation import resimulated
 from trajopt.trajectory import PhaseTrajectory
 
@@ -27,8 +27,15 @@ LADDER: tuple[dict[str, Any], ...] = (
     {"mu_strategy": "adaptive", "nlp_scaling_method": "none", "max_iter": 1500},
 )
 
-#: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum.
-WARM_BARRIER = 1e-4
+#: IPOPT's first barrier on a finer mesh: small, or a warm start leaves for another optimum. The
+#: second is for when the first fails.
+WARM_BARRIER, WARM_BARRIERS = 1e-4, (1e-4, 1e-6)
+WARM_ITERATIONS = 150
+
+
+#: Refinements for the sake of the Hamiltonian, and by how much the cost of an accurate solution
+#: may rise by refinement (relative) before it counts as another optimum.
+CERTIFYING_PASSES, SAME_COST = 5, 5e-3
 
 
 def solve(
@@ -40,8 +47,11 @@ def solve(
     tolerance: float = 1e-7,
     cost_tolerance: float = 1e-6,
     limit_tolerance: float = 1e-6,
+    hamiltonian_tolerance: float = 1e-3,
     passes: int = 10,
     verify: bool = True,
+    ladder: Sequence[dict[str, Any]] = LADDER,
+    transcription: Transcription | None = None,
     **options: Any,
 ) -> Extremal:
     """A local optimum near a guess, on a mesh refined to a tolerance, verified.
@@ -56,18 +66,24 @@ def solve(
         cost_tolerance: of the error of the cost, and of what a control costs too much, within an
             element, relative to 1 + |cost|; guides the refinement alone.
         limit_tolerance: of bounds and path constraints between the nodes.
+        hamiltonian_tolerance: of its change over an element, relative; elements that exceed it are
+            halved a few times, for as long as that helps.
         passes: refinements at most; 0 solves on `mesh` alone.
         verify: whether to play the solution back; without, its `cost` is the transcription's.
+        ladder: options of IPOPT tried one after the other, over `options`; ``({},)`` tries once.
+        transcription: to begin with, of a problem that differs from this one in numbers alone;
+            made anew by default. Its mesh is taken, whatever `mesh` is.
         options: of IPOPT; a small ``mu_init`` keeps a warm start near.
 
     Returns:
         The solution, whether it converged or not: see `Extremal.converged` and `report`.
     """
-    mesh = mesh or Mesh.uniform(problem)
     guess = straight_lines(problem) if guess is None else guess
-    transcription = Transcription(problem, mesh)
+    if transcription is None:
+        transcription = Transcription(problem, mesh or Mesh.uniform(problem))
+    transcription, mesh = transcription.posed(problem), transcription.mesh
     attempts: list[Attempt] = []
-    result = _climb(transcription, guess, parameters, attempts, options)
+    result = _climb(transcription, guess, parameters, ladder, attempts, options)
     qualities = _assess(transcription, result)
     best = transcription, result, qualities
     for _ in range(passes):
@@ -80,14 +96,20 @@ def solve(
         if finer == mesh:
             break
         mesh, transcription = finer, Transcription(problem, finer)
-        warm = {"mu_init": WARM_BARRIER} | options
-        result = _climb(transcription, result.phases, result.parameters, attempts, warm)
+        result = _again(transcription, result, attempts, options)
         qualities = _assess(transcription, result)
-        if result.success and _shortfall(qualities, tolerance) <= _shortfall(best[2], tolerance):
+        settled = _error(best[2]) <= tolerance
+        if not result.success or (settled and _dearer(result, best[1])):
+            break
+        if _shortfall(qualities, tolerance) <= _shortfall(best[2], tolerance):
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
-        result = _backed_off(transcription, result, limit_tolerance, options)
+        sharper = _certified(transcription, result, hamiltonian_tolerance, attempts, options)
+        for transcription, result in (sharper, best[:2]):
+            result = _backed_off(transcription, result, limit_tolerance, options)
+            if _overshoot(transcription, result) < limit_tolerance:
+                break
         qualities = _assess(transcription, result)
     return Extremal(
         problem=problem,
@@ -130,12 +152,13 @@ def _climb(
     transcription: Transcription,
     guess: Sequence[PhaseTrajectory],
     parameters: Array | None,
+    ladder: Sequence[dict[str, Any]],
     attempts: list[Attempt],
     options: dict[str, Any],
 ) -> Result:
     """Solve, with the ladder's other options where IPOPT fails; the first success, or the best."""
     best: Result | None = None
-    for rung in LADDER:
+    for rung in ladder:
         tried = options | rung
         result = transcription.solve(guess, parameters=parameters, **tried)
         attempts.append(
@@ -145,7 +168,53 @@ def _climb(
             return result
         if best is None or _violation(result) < _violation(best):
             best = result
-    assert best is not None  # the ladder has rungs
+    if best is None:
+        raise ValueError("ladder: give at least one set of options, such as {}")
+    return best
+
+
+def _again(
+    transcription: Transcription, result: Result, attempts: list[Attempt], options: dict[str, Any]
+) -> Result:
+    """Solve near a result, on another mesh."""
+    for barrier in WARM_BARRIERS:
+        warm = {"mu_init": barrier} | options | {"max_iter": WARM_ITERATIONS}
+        found = transcription.solve(result.phases, parameters=result.parameters, **warm)
+        elements = transcription.mesh.elements
+        attempts.append(Attempt(elements, warm, found.status, found.iterations))
+        if found.success:
+            break
+    return found
+
+
+def _dearer(result: Result, other: Result) -> bool:
+    """Whether it costs so much more that it must be another optimum."""
+    return result.cost - other.cost > SAME_COST * (1e-9 + abs(other.cost))
+
+
+def _certified(
+    transcription: Transcription,
+    result: Result,
+    tolerance: float,
+    attempts: list[Attempt],
+    options: dict[str, Any],
+) -> tuple[Transcription, Result]:
+    """Refine where the Hamiltonian is not constant; what is better by it, and the same optimum."""
+    best = transcription, result
+    spread = certificate(*best).hamiltonian_spread
+    for _ in range(CERTIFYING_PASSES):
+        mesh = certified(
+            transcription.mesh, certificate(transcription, result).hamiltonian, tolerance
+        )
+        if mesh == transcription.mesh:
+            break
+        transcription = Transcription(transcription.problem, mesh)
+        result = _again(transcription, result, attempts, options)
+        if not result.success or _dearer(result, best[1]):
+            break
+        found = certificate(transcription, result).hamiltonian_spread
+        if found < spread:
+            best, spread = (transcription, result), found
     return best
 
 
@@ -167,7 +236,7 @@ def _backed_off(
         if max(e.max() for e in excess) < tolerance:
             break
         margins = [m + 1.2 * e for m, e in zip(margins, excess, strict=True)]
-        warm = {"mu_init": WARM_BARRIER} | options
+        warm = {"mu_init": WARM_BARRIERS[0]} | options
         tighter = transcription.solve(
             result.phases, tightened(problem, margins), result.parameters, **warm
         )
@@ -175,6 +244,10 @@ def _backed_off(
             break
         result = tighter
     return result
+
+
+def _overshoot(transcription: Transcription, result: Result) -> float:
+    return float(max(quality.path_violation.max() for quality in _assess(transcription, result)))
 
 
 def tightened(problem: Problem, margins: Sequence[Array | float]) -> Problem:

@@ -8,10 +8,12 @@ from typing import Any
 from scripts.benchmarks.environments import OURS
 
 SINGLE, VECTOR, TRAINING, PROCESS, ACCURACY = "single", "vector", "training", "process", "accuracy"
+OPTIMISATION = "optimisation"
 
 _OUR_PHYSICS = "hybrid walking, impacts located, energy booked; float64, 8th order, 10 ms"
 _CARTPOLE = "cart and pole, one Euler step of 20 ms"
 _ACROBOT = "double pendulum, one RK4 step of 200 ms"
+_SIMPSON, _IPOPT = "Hermite-Simpson", "IPOPT, exact Hessian"
 _MUJOCO = "MuJoCo: cart and two poles, RK4, 5 steps of 10 ms"
 
 
@@ -26,7 +28,7 @@ class Case:
         environment: whose interpreter runs it, a file in requirements/ or `OURS`.
         worker: module in `scripts.benchmarks.workers`.
         settings: what the worker is told.
-        physics: what a step computes.
+        physics: what a step computes, or how the problem is solved.
         one_core: whether it is kept to one core, or may use all.
         most: so many rounds at most, where a measurement is long and steady.
     """
@@ -53,6 +55,11 @@ def _sizes(key: str, title: str, environment: str, worker: str, **more: Any) -> 
         Case(f"{key}-{n}", VECTOR, title, environment, worker, env | {"n": n}, **more)
         for n in (1024, 16384)
     ]
+
+
+def _swing_up(key: str, title: str, environment: str, physics: str, **more: Any) -> Case:
+    worker = f"{environment}_cartpole"
+    return Case(f"swing-up-{key}", OPTIMISATION, title, environment, worker, more, physics)
 
 
 def _fresh(program: str, title: str, **more: Any) -> Case:
@@ -129,6 +136,42 @@ CASES = (
         "ours_training",
         {"n": 256, "ppo": {"n_steps": 256, "batch_size": 4096}},
     ),
+    _swing_up("ours", "**trajopt**", OURS, f"{_SIMPSON}; {_IPOPT}"),
+    _swing_up("bare", "a bare script: CasADi, by hand", "casadi", f"{_SIMPSON}; {_IPOPT}"),
+    _swing_up(
+        "rockit-collocation",
+        "rockit, DirectCollocation",
+        "rockit",
+        f"2 Gauss points, force linear; {_IPOPT}",
+        method="collocation",
+    ),
+    _swing_up(
+        "rockit-shooting",
+        "rockit, MultipleShooting",
+        "rockit",
+        f"a step of RK4, force linear; {_IPOPT}",
+        method="shooting",
+    ),
+    _swing_up(
+        "drake-ipopt",
+        "Drake, DirectCollocation with IPOPT",
+        "drake",
+        f"{_SIMPSON}, force linear, cost by trapezoids; no Hessian",
+        solver="ipopt",
+    ),
+    _swing_up(
+        "drake-snopt",
+        "Drake, DirectCollocation with SNOPT",
+        "drake",
+        f"{_SIMPSON}, force linear, cost by trapezoids; no Hessian",
+        solver="snopt",
+    ),
+    dataclasses.replace(
+        _swing_up("dymos", "dymos", "dymos", f"{_SIMPSON}; SciPy's SLSQP", warm_up=False),
+        most=1,
+    ),
+    _fresh("gait", "`trajopt.periodic_gait` of two steps, verified; imports not counted", most=3),
+    _fresh("gaits", "the same with 32 random starts", most=1),
     _fresh("import", "`import rimless_gym`"),
     _fresh("single", "import, `gym.make`, first `reset` and `step`"),
     _fresh("single", "the same the very first time, nothing compiled", cold=True, most=2),

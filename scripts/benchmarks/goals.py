@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from scripts.benchmarks.results import Result, slowest_ratio, typical, worst
+from scripts.benchmarks.results import Result, quotient, slowest_ratio, typical, worst
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +40,15 @@ def _single(name: str, bound: float, stretch: float) -> Goal:
     return Goal(f"`gym.make`, over {name}", bound, slowest_ratio("ours", [name]), stretch=stretch)
 
 
+def _swing_up(name: str, bound: float, peers: list[str]) -> Goal:
+    theirs = [f"swing-up-{peer}" for peer in peers]
+    return Goal(
+        f"building and solving it, over {name}",
+        bound,
+        slowest_ratio("swing-up-ours", theirs, "total"),
+    )
+
+
 GOALS = (
     _single("CartPole-v1", 3, 5),
     _single("Acrobot-v1", 15, 30),
@@ -62,6 +71,22 @@ GOALS = (
     ),
     Goal("share of PPO's training time, 8 environments", 0.05, typical("ppo-8", "share"), "{:.1%}"),
     Goal("the same with 256", 0.01, typical("ppo-256", "share"), "{:.1%}"),
+    Goal(
+        "solving Kelly's cart-pole, in the time of the bare script",
+        1.3,
+        slowest_ratio("swing-up-bare", ["swing-up-ours"], "solve"),
+        "{:.3g} times",
+    ),
+    _swing_up("rockit (the faster of its methods)", 4, ["rockit-collocation", "rockit-shooting"]),
+    _swing_up("Drake (the faster of its solvers)", 4, ["drake-ipopt", "drake-snopt"]),
+    _swing_up("dymos", 40, ["dymos"]),
+    Goal(
+        "building it, in the time of solving it",
+        2,
+        quotient("swing-up-ours", "build", "solve"),
+        "{:.3g} times",
+    ),
+    Goal("a gait of two steps, verified", 5, typical("gait", "seconds"), "{:.2g} s"),
     Goal("import to first step, compiled before", 3, typical("single", "seconds"), "{:.2g} s"),
     Goal("the very first time", 15, typical("single-cold", "seconds"), "{:.2g} s"),
     Goal("error of a touchdown's time", 1e-12, worst("accuracy", "event_error"), "{:.0e} s"),

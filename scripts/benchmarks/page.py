@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scripts.benchmarks.cases import ACCURACY, PROCESS, SINGLE, TRAINING, VECTOR
+from scripts.benchmarks.cartpole import COST
+from scripts.benchmarks.cases import ACCURACY, OPTIMISATION, PROCESS, SINGLE, TRAINING, VECTOR
 from scripts.benchmarks.goals import GOALS
-from scripts.benchmarks.results import Result, by_key, middle, rates, values
+from scripts.benchmarks.results import Result, by_key, middle, rates, ratio, values
 
 _INTRODUCTION = """\
 # Speed, ours and the peers'
@@ -24,6 +25,15 @@ of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown,
 episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
 
 
+_OPTIMISATION = f"""\
+## Trajectory optimisation
+
+Kelly's cart-pole swing-up (SIAM Review 2017): 40 segments, from a straight line as the guess, on
+one core; the least cost is {COST} N^2 s. To build is everything from the equations to a solver that
+is ready, imports aside; to solve is what follows. Times are medians; a cost that is off is another
+discretisation's."""
+
+
 def page(run: dict[str, Any]) -> str:
     """The whole page."""
     results = run["results"]
@@ -38,6 +48,8 @@ def page(run: dict[str, Any]) -> str:
         speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),
         "## Training: time spent in environments and adapter",
         training_table(_of(results, TRAINING)),
+        _OPTIMISATION,
+        optimisation_table(_of(results, OPTIMISATION), found, "swing-up-bare"),
         "## A fresh process",
         process_table(_of(results, PROCESS)),
         *(_accuracy(result) for result in _of(results, ACCURACY)),
@@ -63,7 +75,7 @@ def goals_table(found: dict[str, Result]) -> str:
         if goal.stretch is not None and goal.reached(figure, goal.stretch):
             verdict = "stretch reached"
         lines.append((goal.title, wanted, goal.form.format(figure), verdict))
-    return _table(("goal", "wanted", "measured", ""), lines)
+    return table(("goal", "wanted", "measured", ""), lines)
 
 
 def speed_table(
@@ -74,19 +86,19 @@ def speed_table(
     lines = []
     for result in results:
         title = result["title"]
-        name = [title, _size(result)] if sizes else [title]
+        name = [title, size(result)] if sizes else [title]
         if not result["answers"]:
             lines.append((*name, f"- ({result['error']})", "", "", result["physics"]))
             continue
         figures = list(rates(result).values())
         rate = middle(figures)
-        spread = f"{_count(min(figures))} to {_count(max(figures))}"
+        spread = f"{count(min(figures))} to {count(max(figures))}"
         note = f" (stopped: {result['error']})" if result["error"] else ""
         share = f"{rate / ours:.3g}" if ours else "-"
-        lines.append((*name, _count(rate) + note, spread, share, result["physics"]))
-    size = ("environments",) if sizes else ()
+        lines.append((*name, count(rate) + note, spread, share, result["physics"]))
+    column = ("environments",) if sizes else ()
     ours_is = "rate, ours = 1" + (" (N = 1024)" if sizes else "")
-    return _table(("", *size, "steps/s", "spread", ours_is, "one step is"), lines)
+    return table(("", *column, "steps/s", "spread", ours_is, "one step is"), lines)
 
 
 def training_table(results: Sequence[Result]) -> str:
@@ -98,9 +110,40 @@ def training_table(results: Sequence[Result]) -> str:
             continue
         shares = values(result, "share")
         spread = f"{min(shares):.1%} to {max(shares):.1%}"
-        speed = _count(middle(list(rates(result).values())))
+        speed = count(middle(list(rates(result).values())))
         lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
-    return _table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+    return table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+
+
+def optimisation_table(results: Sequence[Result], found: dict[str, Result], reference: str) -> str:
+    """Times to build and to solve one problem, each beside how many times as long as one row's."""
+    lines = []
+    for result in results:
+        if not result["answers"]:
+            blank = [""] * 6
+            lines.append((result["title"], f"- ({result['error']})", *blank, result["physics"]))
+            continue
+        shares = ["-", "-"]
+        if reference in found:
+            shares = [f"{ratio(found[reference], result, of):.3g}" for of in ("solve", "total")]
+        build, solve, iterations, cost = (
+            values(result, name) for name in ("build", "solve", "iterations", "cost")
+        )
+        note = f" (stopped: {result['error']})" if result["error"] else ""
+        lines.append(
+            (
+                result["title"],
+                _time(middle(build)) + note,
+                _time(middle(solve)),
+                f"{_time(min(solve))} to {_time(max(solve))}",
+                f"{middle(iterations):.0f}",
+                f"{middle(cost):.2f}",
+                *shares,
+                result["physics"],
+            )
+        )
+    head = ("", "build", "solve", "spread", "iterations", "cost", "solve, bare = 1")
+    return table((*head, "build and solve, bare = 1", "by"), lines)
 
 
 def process_table(results: Sequence[Result]) -> str:
@@ -115,7 +158,7 @@ def process_table(results: Sequence[Result]) -> str:
             seconds = values(result, "seconds")
             figure = f"{middle(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})"
             lines.append((result["title"], figure))
-    return _table(("", "median (spread)"), lines)
+    return table(("", "median (spread)"), lines)
 
 
 def _memory(result: Result) -> str:
@@ -181,18 +224,25 @@ def _of(results: Sequence[Result], group: str) -> list[Result]:
     return [result for result in results if result["group"] == group]
 
 
-def _size(result: Result) -> str:
+def size(result: Result) -> str:
+    """How many environments on how many cores."""
     n = result["settings"].get("n", result["about"].get("n", "-"))
     return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
 
 
-def _count(rate: float) -> str:
-    for size, unit in ((1e6, " M"), (1e3, " k")):
-        if rate >= size:
-            return f"{rate / size:.3g}{unit}"
+def count(rate: float) -> str:
+    """A rate, short."""
+    for factor, unit in ((1e6, " M"), (1e3, " k")):
+        if rate >= factor:
+            return f"{rate / factor:.3g}{unit}"
     return f"{rate:.3g}"
 
 
-def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+def _time(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
+
+
+def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
     rows = [head, ["---"] * len(head), *lines]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)

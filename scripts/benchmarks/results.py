@@ -14,9 +14,11 @@ def by_key(results: Sequence[Result]) -> dict[str, Result]:
     return {result["key"]: result for result in results if result["answers"]}
 
 
-def rates(result: Result) -> dict[int, float]:
-    """Steps per second of each round."""
-    return {a["round"]: a["steps"] / a["seconds"] for a in result["answers"]}
+def rates(result: Result, time: str | None = None) -> dict[int, float]:
+    """Of each round: steps per second, or what takes some `time` (s) per second."""
+    if time is None:
+        return {a["round"]: a["steps"] / a["seconds"] for a in result["answers"]}
+    return {a["round"]: 1 / a[time] for a in result["answers"]}
 
 
 def values(result: Result, name: str) -> list[float]:
@@ -29,26 +31,39 @@ def middle(figures: Sequence[float]) -> float:
     return float(median(figures))
 
 
-def ratio(ours: Result, theirs: Result) -> float:
+def ratio(ours: Result, theirs: Result, time: str | None = None) -> float:
     """How many times as fast: the median of the ratios within rounds that have both.
 
-    Within a round, because the machine may be slower in another.
+    Within a round, because the machine may be slower in another. As `rates`, of steps or a time.
     """
-    mine, other = rates(ours), rates(theirs)
+    mine, other = rates(ours, time), rates(theirs, time)
     common = sorted(mine.keys() & other.keys())
     if not common:
         raise ValueError(f"{ours['key']} and {theirs['key']} have no round in common")
     return middle([mine[i] / other[i] for i in common])
 
 
-def slowest_ratio(ours: str, theirs: Sequence[str]) -> Callable[[dict[str, Result]], float | None]:
+def slowest_ratio(
+    ours: str, theirs: Sequence[str], time: str | None = None
+) -> Callable[[dict[str, Result]], float | None]:
     """The smallest ratio to some peers, None where ours or all of them are missing."""
 
     def measured(found: dict[str, Result]) -> float | None:
         peers = [found[key] for key in theirs if key in found]
         if ours not in found or not peers:
             return None
-        return min(ratio(found[ours], peer) for peer in peers)
+        return min(ratio(found[ours], peer, time) for peer in peers)
+
+    return measured
+
+
+def quotient(key: str, name: str, of: str) -> Callable[[dict[str, Result]], float | None]:
+    """The median of a figure over another of the same row, None where it was not measured."""
+
+    def measured(found: dict[str, Result]) -> float | None:
+        if key not in found:
+            return None
+        return middle([answer[name] / answer[of] for answer in found[key]["answers"]])
 
     return measured
 

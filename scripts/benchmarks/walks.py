@@ -121,7 +121,7 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     from agents.expert import gait_expert
     from agents.policies import controller_policy
     from agents.rollout import draw_starts, rollout
-    from trajopt.guesses import nearest
+    from trajopt.gaits.shipped import nearest
 
     gait = nearest(PARAMS, SPEED, STEPS)[0]
     law = controller_policy(PARAMS, gait_expert(gait))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from rimless_gym.params import PRESETS
@@ -110,3 +111,12 @@ def tables(results: Results) -> dict[str, str]:
         "momentum": momentum_table(results),
         "kappa": kappa_table(results),
     }
+
+
+def filled(page: str, results: Results) -> str:
+    """A document with every table of these that it holds, known by its head, as it is now."""
+    for text in tables(results).values():
+        head = re.escape(text.splitlines()[0])
+        found = re.search(rf"^{head}\n(\|.*\n)*", page, flags=re.MULTILINE)
+        page = page.replace(found[0], f"{text}\n") if found else page
+    return page

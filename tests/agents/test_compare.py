@@ -10,8 +10,8 @@ import pytest
 from agents.compare import Comparison
 from agents.report import format_table, gap_to_front
 from agents.study import Study
-from trajopt.fronts import CotFront
-from trajopt.guesses import shipped
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.shipped import shipped
 
 
 def test_a_finished_stage_is_not_run_again(tmp_path: Path) -> None:

@@ -7,20 +7,20 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # scripts are not installed
-
-from scripts.benchmarks import environments
-from scripts.benchmarks.cases import CASES, SINGLE, Case
+from scripts.benchmarks import cartpole, environments
+from scripts.benchmarks.cases import CASES, OPTIMISATION, SINGLE, Case
 from scripts.benchmarks.driver import Worker, WorkerError, measure_all
 from scripts.benchmarks.environments import OURS, REQUIREMENTS, UnavailableError, interpreter
 from scripts.benchmarks.goals import GOALS
 from scripts.benchmarks.page import page
+from scripts.benchmarks.quote import BLOCK, ROWS, quote, quoted
 from scripts.benchmarks.results import by_key, ratio
 from scripts.benchmarks.walks import WINDOW, Walks, record_walks
 
@@ -28,6 +28,10 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 RATES = {"CartPole-v1": 200e3, "Acrobot-v1": 40e3, "InvertedDoublePendulum-v5": 20e3, "ours": 700e3}
 RATES |= {"ours-vector-1024": 12e6, "ours-vector-16384": 13e6, "envpool-acrobot": 1e6}
+#: Seconds to build and to solve Kelly's cart-pole.
+SWING_UPS = {"ours": (0.02, 0.012), "bare": (0.03, 0.01), "dymos": (0.5, 40.0)}
+SWING_UPS |= {"rockit-collocation": (0.4, 0.02), "rockit-shooting": (0.3, 0.05)}
+SWING_UPS |= {"drake-ipopt": (0.003, 0.15), "drake-snopt": (0.003, 0.3)}
 RATES |= {"cartpole-vector-1024": 16e6, "gymnax-acrobot-one": 5e6, "gymnax-acrobot-all": 6e6}
 
 
@@ -41,6 +45,11 @@ def made_up_run() -> dict[str, Any]:
             answer = {"round": turn, "steps": 1000, "seconds": 1000 / speed, "replay_error": 1e-9}
             answer |= {"share": 0.02, "idle": 10.0, "idle_cpu": 0.1, "event_drift": 2e-12}
             answer |= {"state_error": 3e-11, "event_error": 4e-15}
+            if case.group == OPTIMISATION:
+                times = SWING_UPS[case.key.removeprefix("swing-up-")]
+                build, solve = (seconds * (1 + turn % 2) for seconds in times)
+                answer |= {"build": build, "solve": solve, "total": build + solve}
+                answer |= {"iterations": 13, "cost": 58.81}
             if case.key.startswith("memory"):
                 answer |= {"envs": 100, "traced": 2048.0, "resident": 4096.0}
             answers.append(answer)
@@ -76,6 +85,10 @@ def test_goals_read_the_rows_that_they_are_about() -> None:
     assert measured["`gym.make`, over InvertedDoublePendulum-v5"] == pytest.approx(35)
     # gymnax at its faster setting, and each vector goal at its own size
     assert [measured[g.title] for g in GOALS[3:6]] == pytest.approx([12, 0.75, 13 / 6])
+    # rockit and Drake each at their faster setting; the last is building in the time of solving
+    begin = next(i for i, goal in enumerate(GOALS) if "bare script" in goal.title)
+    figures = [measured[goal.title] for goal in GOALS[begin : begin + 5]]
+    assert figures == pytest.approx([1.2, 20 / 12, 12.5, 40 / 0.012, 20 / 12])
 
 
 def test_the_page_says_what_was_reached_and_what_was_missed() -> None:
@@ -85,6 +98,16 @@ def test_the_page_says_what_was_reached_and_what_was_missed() -> None:
     assert row(text, "share of PPO's").endswith("| 2.0% | reached |")
     assert row(text, "the same with 256").endswith("| 2.0% | **missed** |")
     assert "other physics" in text
+    assert row(text, "solving Kelly's cart-pole").endswith("| <= 1.3 times | 1.2 times | reached |")
+    assert row(text, "the same over rockit").endswith("| >= 4x | 1.67x | **missed** |")
+
+
+def test_times_stand_beside_those_of_the_bare_script() -> None:
+    text = page(made_up_run())
+    bare = "| 30 ms | 10 ms | 10 ms to 20 ms | 13 | 58.81 | 1 | 1 | Hermite-Simpson; IPOPT"
+    assert bare in row(text, "a bare script")
+    # its only round is one in which the bare script took 10 ms
+    assert "| 500 ms | 40 s | 40 s to 40 s | 13 | 58.81 | 4e+03 |" in row(text, "dymos")
 
 
 def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
@@ -108,6 +131,30 @@ def test_the_published_page_is_that_of_the_published_numbers() -> None:
     run = json.loads((DOCS / "benchmark.json").read_text())
     assert (DOCS / "benchmark.md").read_text() == page(run)
     assert {result["key"] for result in run["results"]} == {case.key for case in CASES}
+
+
+def test_the_readme_quotes_the_published_numbers() -> None:
+    run, readme = (
+        json.loads((DOCS / "benchmark.json").read_text()),
+        (ROOT / "README.md").read_text(),
+    )
+    assert len(BLOCK.findall(readme)) == 1
+    assert quote(run) in readme
+    assert quoted(readme, run) == readme
+
+
+def test_the_quoted_rows_are_ours_beside_peers_with_ratios_within_rounds() -> None:
+    run = made_up_run()
+    text = quote(run)
+    assert row(text, "Gymnasium CartPole-v1").endswith("| 3.5 |")
+    assert row(text, "EnvPool Acrobot-v1").endswith("| 12 |")
+    assert "other physics" in text
+    assert quoted("no block here", run) == "no block here"
+    assert {key for ours, peers in ROWS.items() for key in (ours, *peers)} <= {
+        case.key for case in CASES
+    }
+    fail(run, "ours", "went wrong")
+    assert row(quote(run), "Gymnasium CartPole-v1").endswith("|  |")
 
 
 def test_every_case_has_its_worker_and_its_pinned_requirements() -> None:
@@ -213,6 +260,36 @@ def test_an_environment_that_cannot_be_made_says_why(
         interpreter("odd", tmp_path / "venvs", print)
 
 
+def test_the_cart_pole_gains_the_work_of_its_force() -> None:
+    def energy(x: Any) -> Any:
+        v, w = x[2], cartpole.LENGTH * x[3]
+        kinetic = cartpole.CART * v**2 + cartpole.POLE * (v**2 + w**2 + 2 * v * w * np.cos(x[1]))
+        return kinetic / 2 - cartpole.POLE * cartpole.GRAVITY * cartpole.LENGTH * np.cos(x[1])
+
+    x, u, step = np.array([0.3, 0.7, -1.1, 2.3]), 4.0, 1e-5
+    rates = np.array(cartpole.derivative(x, u, np.sin, np.cos))
+    gained = (energy(x + step * rates) - energy(x - step * rates)) / (2 * step)
+    assert gained == pytest.approx(u * x[2], rel=1e-8)
+
+
+def test_repetitions_give_medians_and_refuse_another_optimum() -> None:
+    solves = iter([0.2, 0.1, 0.3])
+    figures = {"build": 1.0, "iterations": 13, "cost": cartpole.COST}
+
+    def once() -> dict[str, float]:
+        solve = next(solves)
+        time.sleep(0.5 if solve == 0.3 else 0)
+        return figures | {"solve": solve}
+
+    answer = cartpole.repeated(once, 0.5)
+    assert answer["steps"] == 3
+    assert answer | figures | {"solve": 0.2, "total": 1.2} == answer
+    with pytest.raises(RuntimeError, match="instead of"):
+        cartpole.repeated(lambda: figures | {"solve": 0.1, "cost": 64.0}, 0.0)
+    with pytest.raises(RuntimeError, match="instead of"):  # as workers do where a solver fails
+        cartpole.repeated(lambda: figures | {"solve": 0.1, "cost": float("nan")}, 0.0)
+
+
 @pytest.fixture(scope="module")
 def walks() -> Walks:
     return record_walks(walks=3, settling=0, recorded=WINDOW)
@@ -230,7 +307,9 @@ def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", ["ours", "kernel", "ours-vector-1024", "accuracy", "import"])
+@pytest.mark.parametrize(
+    "key", ["ours", "kernel", "ours-vector-1024", "accuracy", "import", "gait"]
+)
 def test_our_workers_measure(key: str, tmp_path: Path) -> None:
     case = next(case for case in CASES if case.key == key)
     (result,) = measure_all([case], 1, 0.05, tmp_path, progress=False)

@@ -27,7 +27,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, SINGLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance, advance_batch, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.solution import Solution
+from trajopt.gaits.solution import Solution
 
 Array = NDArray[np.float64]
 

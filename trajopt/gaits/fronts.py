@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits import NoGaitError, periodic_gait
-from trajopt.guesses import by_promise, leads_for
+from trajopt.gaits.periodic import NoGaitError, periodic_gait
+from trajopt.gaits.shipped import by_promise, leads_for
+from trajopt.gaits.solution import Solution
 from trajopt.problem import Array
-from trajopt.solution import Solution
 
 
 @dataclasses.dataclass(frozen=True)

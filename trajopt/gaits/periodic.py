@@ -8,17 +8,20 @@ from numbers import Real
 from typing import Any
 
 from rimless_gym.params import WheelParams
-from trajopt.guesses import leads_for
-from trajopt.mesh import solve_refined
+from trajopt.extremal import Extremal
+from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
+from trajopt.gaits.shipped import leads_for
+from trajopt.gaits.solution import Optimality, Optimum, Solution
+from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
+from trajopt.gaits.verify import polished, verify
+from trajopt.mesh import Mesh
+from trajopt.nlp import Transcription
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
-from trajopt.radau import Transcription
-from trajopt.search import Candidate, distinct, multi_start
-from trajopt.solution import Optimum, Solution
+from trajopt.rows import Breach
+from trajopt.search import Outcome, distinct
+from trajopt.solve import solve
 from trajopt.trajectory import PhaseTrajectory
-from trajopt.transcription import Mesh, Result
-from trajopt.verify import polished, verify
-from trajopt.walking import gait_problem
 
 #: A first mesh for gaits that come without one of their own.
 ELEMENTS, DEGREE = 16, 7
@@ -79,43 +82,37 @@ def periodic_gait(
     if starts is None:
         known = any(lead.params == params for lead in leads)
         starts = 0 if guess is not None or known else DEFAULT_STARTS
-    solved: list[tuple[Result, int]] = []
+    solved: list[tuple[Extremal, int]] = []
     failures: list[str] = []
     for lead in leads:
-        result, reached = continued(params, lead, speed, regeneration)
-        if result.success:
-            solved.append((result, lead.theta_turns))
+        found, obstacle = continued(params, lead, speed, regeneration)
+        if found is not None:
+            solved.append((found, lead.theta_turns))
             break
-        failures.append(_obstacle(result, reached))
-    found: list[Candidate] = []
-    failed: list[Result] = []
+        failures.append(obstacle)
+    outcomes: list[Outcome] = [_outcome(found, turns) for found, turns in solved]
     if starts > 0:
-        found, failed = multi_start(
-            params,
-            speed=speed,
-            steps=steps,
-            regeneration=regeneration,
-            starts=starts,
-            seed=seed,
-            workers=workers,
-            progress=progress,
-        )
-    best_led = min((result.cost for result, _ in solved), default=math.inf)
-    for candidate in found[:REFINED]:
-        if candidate.cost < 1.05 * best_led:
-            result = _refined(params, candidate, speed, regeneration)
-            if result.success:
-                solved.append((result, candidate.theta_turns))
+        family = GaitFamily(params, speed, steps, regeneration)
+        search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
+        outcomes += search.outcomes
+        best_led = min((found.cost for found, _ in solved), default=math.inf)
+        for optimum in search.optima[:REFINED]:
+            if optimum.cost < 1.05 * best_led:
+                found = _refined(family, optimum.best)
+                if found.succeeded:
+                    solved.append((found, int(optimum.best.kind)))
+        failures += [outcome.failure for outcome in search.failures]
     if not solved:
-        failures += [_obstacle(result, None) for result in failed]
         raise NoGaitError(_no_gait(params, speed, steps, failures))
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
-    met = distinct([Candidate(r.phases, k, r.cost) for r, k in solved] + found)
-    optima = tuple(Optimum(c.cost / weight, c.theta_turns, c.found) for c in met)
+    optima = tuple(
+        Optimum(o.cost / weight, int(o.best.kind), len(o.found))
+        for o in distinct(outcomes, same_gait)
+    )
     solutions = []
-    for result, turns in sorted(solved, key=lambda pair: pair[0].cost):
-        solution = _solution(params, result.phases, turns, regeneration, optima, settings)
+    for found, turns in sorted(solved, key=lambda pair: pair[0].cost):
+        solution = _solution(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return solution
         solutions.append(solution)
@@ -124,8 +121,8 @@ def periodic_gait(
 
 def continued(
     params: WheelParams, lead: Solution, speed: float, regeneration: bool
-) -> tuple[Result, float]:
-    """`lead` carried over to another speed in small steps, and the speed that was reached."""
+) -> tuple[Extremal | None, str]:
+    """`lead` carried over to another speed in small steps; or None, and what is in the way."""
 
     def problem(at: float) -> Problem:
         turns = lead.theta_turns
@@ -136,49 +133,67 @@ def continued(
     phases, reached, mesh = lead.phases, lead.speed, own_mesh(lead.phases)
     legs = max(1, math.ceil(abs(speed - lead.speed) / SPEED_STEP - 1e-9))
     waypoints = [lead.speed + (speed - lead.speed) * i / legs for i in range(1, legs)]
-    transcription = Transcription(problem(speed), mesh)
+    if waypoints:
+        transcription = Transcription(problem(speed), mesh)
     for waypoint in waypoints:
         result = transcription.solve(phases, problem(waypoint), mu_init=1e-3, max_iter=150)
         if not result.success:
-            return result, reached
+            return None, _obstacle(result.status, result.breaches, reached)
         phases, reached = result.phases, waypoint
     near = lead.params == params and abs(speed - lead.speed) < 1e-3
-    return solve_refined(problem(speed), phases, mesh, mu_init=1e-5 if near else 1e-3), reached
+    found = _solved(problem(speed), phases, mesh, mu_init=1e-5 if near else 1e-3)
+    if not found.succeeded:
+        return None, _obstacle(found.status, found.breaches, reached)
+    return found, ""
 
 
 def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
     """The mesh on which `phases` are given."""
     fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in phases)
-    degrees = len(phases[0].nodes) - 1, len(phases[0].control_nodes) - 1
-    return Mesh(fractions, *degrees)
+    degrees = tuple((len(p.nodes) - 1,) * (len(p.edges) - 1) for p in phases)
+    return Mesh(fractions, degrees, control_degree=CONTROL_DEGREE)
 
 
-def _refined(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Result:
-    problem = _problem(params, candidate, speed, regen)
-    mesh = Mesh.uniform(len(candidate.phases), ELEMENTS, DEGREE)
-    return solve_refined(problem, candidate.phases, mesh)
+def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
+    problem = gait_problem(
+        family.params,
+        speed=family.speed,
+        steps=family.steps,
+        theta_turns=int(outcome.kind),
+        regeneration=family.regeneration,
+    )
+    mesh = Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
+    return _solved(problem, outcome.phases, mesh, mu_init=1e-4)
 
 
-def _problem(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Problem:
-    steps, turns = len(candidate.phases), candidate.theta_turns
-    return gait_problem(params, speed=speed, steps=steps, theta_turns=turns, regeneration=regen)
+def _outcome(found: Extremal, turns: int) -> Outcome:
+    """A gait that was led here, as one more start."""
+    return Outcome(-1, str(turns), found.cost, found.phases, found.parameters, 0, "")
+
+
+def _solved(
+    problem: Problem, guess: Sequence[PhaseTrajectory], mesh: Mesh, mu_init: float
+) -> Extremal:
+    """A gait near a guess; the reference simulator verifies it, touchdowns and all."""
+    return solve(problem, guess, mesh, verify=False, mu_init=mu_init)
 
 
 def _solution(
     params: WheelParams,
-    phases: Sequence[PhaseTrajectory],
+    found: Extremal,
     turns: int,
     regeneration: bool,
     optima: tuple[Optimum, ...],
     settings: Mapping[str, object],
 ) -> Solution:
-    phases = polished(params, phases, turns)
+    phases = polished(params, found.phases, turns)
     return Solution(
         params=params,
         phases=phases,
         theta_turns=turns,
         regeneration=regeneration,
         verification=verify(params, phases, turns),
+        optimality=Optimality.of(found),
         optima=optima,
         provenance=provenance(**settings),
     )
@@ -212,9 +227,9 @@ def _validate(
     return float(speed), int(steps), None if starts is None else int(starts)
 
 
-def _obstacle(result: Result, reached: float | None) -> str:
+def _obstacle(status: str, breaches: Sequence[Breach], reached: float | None = None) -> str:
     led = f"; {reached:.3f} m/s was reached" if reached is not None else ""
-    return f"{result.status}, '{result.worst}' violated by {result.violation:.1e}{led}"
+    return f"{status}, {breaches[0] if breaches else 'no constraint violated'}{led}"
 
 
 def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[str]) -> str:

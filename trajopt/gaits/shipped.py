@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.solution import Solution
+from trajopt.gaits.solution import Solution
 
 #: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
 NEAR = 0.02
 
-FOLDER = Path(__file__).parent / "guesses"
+FOLDER = Path(__file__).parent / "library"
 
 
 @lru_cache

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rimless_gym.params import WheelParams
+from trajopt.extremal import Extremal
+from trajopt.gaits.stability import floquet_multipliers
+from trajopt.gaits.verify import Verification
 from trajopt.problem import Array
 from trajopt.provenance import provenance
-from trajopt.stability import floquet_multipliers
 from trajopt.trajectory import PhaseTrajectory
-from trajopt.verify import Verification
 
-FORMAT = "rimless-gym gait 2"
+FORMAT = "rimless-gym gait 3"
 
 #: Entries of a file besides the arrays of its phases.
 HEADER, DIGEST = "header", "digest"
@@ -40,6 +41,29 @@ class Optimum:
     found: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Optimality:
+    """How accurately a gait was solved for, and how well it meets first-order optimality.
+
+    Attributes:
+        mesh_error: largest estimated relative error of the states within an element.
+        hamiltonian_spread: see `trajopt.costates.Certificate`.
+        transversality_error: likewise.
+    """
+
+    mesh_error: float
+    hamiltonian_spread: float
+    transversality_error: float
+
+    @classmethod
+    def of(cls, found: Extremal) -> Optimality:
+        """That of a solved problem."""
+        certificate = found.certificate
+        return cls(
+            found.mesh_error, certificate.hamiltonian_spread, certificate.transversality_error
+        )
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class Solution:
     """A periodic gait with its verification.
@@ -52,6 +76,7 @@ class Solution:
         theta_turns: whole turns k that theta gains in a stride.
         regeneration: whether the objective was E (the battery takes energy back) and not E+.
         verification: what independent re-simulation says.
+        optimality: of the transcription that it came from.
         optima: distinct local optima met in the search, best first.
         provenance: versions, git revision and settings that made it.
     """
@@ -61,6 +86,7 @@ class Solution:
     theta_turns: int
     regeneration: bool
     verification: Verification
+    optimality: Optimality
     optima: tuple[Optimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
 
@@ -196,6 +222,7 @@ class Solution:
             "floquet": [abs(m) for m in self.floquet],
             "passed": self.verification.passed,
             "verification": self.verification.to_dict(),
+            "optimality": dataclasses.asdict(self.optimality),
             "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
@@ -226,6 +253,9 @@ class Solution:
             f"{v.phase_state_error:.1e} (a phase)",
             f"  energy audit            off by {v.energy_audit:.1e} J",
             f"  CoT at 100 Hz hold      {hold}",
+            f"  mesh error              {self.optimality.mesh_error:.1e}",
+            f"  Hamiltonian             spread {self.optimality.hamiltonian_spread:.1e}, "
+            f"transversality {self.optimality.transversality_error:.1e}",
             f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
         ]
         for o in self.optima:
@@ -242,6 +272,7 @@ class Solution:
             "theta_turns": self.theta_turns,
             "regeneration": self.regeneration,
             "verification": self.verification.to_dict(),
+            "optimality": dataclasses.asdict(self.optimality),
             "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
@@ -316,6 +347,7 @@ class Solution:
             theta_turns=header["theta_turns"],
             regeneration=header["regeneration"],
             verification=Verification(**verification, failures=failures),
+            optimality=Optimality(**header["optimality"]),
             optima=tuple(Optimum(**o) for o in header["optima"]),
             provenance=header["provenance"],
         )

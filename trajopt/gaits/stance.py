@@ -1,17 +1,27 @@
-"""The periodic gait of the rimless wheel as an optimal control problem."""
+"""The rimless wheel's modes as phases of an optimal control problem, and its resets as linkages."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from rimless_gym import hybrid
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
-from rimless_gym.symbolic import HybridModel
-from trajopt.problem import Array, Constraint, Linkage, Phase, Problem
+from rimless_gym.symbolic import Design, HybridModel
+from trajopt.problem import Constraint, Linkage, Phase, Problem
+
+STATES = ("phi", "theta", "phi'", "theta'")
+CONTROLS = ("V",)
+
+#: Of the control polynomials, at most: arcs of coasting, V = K psi', are curved.
+CONTROL_DEGREE = 3
 
 #: Least normal force, in weights: a gait on the brink of lift-off could not be tracked.
 MIN_NORMAL_FORCE = 0.05
@@ -21,6 +31,135 @@ MIN_TOUCHDOWN_RATE = 0.01
 
 #: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
 GUARD_MARGIN = 1e-6
+
+
+class WheelPhases:
+    """Phases and linkages of one machine, to put problems together from.
+
+    Args:
+        params: the machine.
+        design: what is to be chosen of it, if anything: the problem's static parameters.
+        regeneration: whether the battery takes energy back (cost E), or not (E+).
+    """
+
+    def __init__(
+        self, params: WheelParams, design: Design | None = None, *, regeneration: bool = False
+    ) -> None:
+        self.params, self.design, self.regeneration = params, design, regeneration
+        self.model = HybridModel(params, design)
+
+    def of(self, name: str) -> Callable[..., Any]:
+        """A function of the hybrid model, whose last argument is the static parameters."""
+        function = self.model.functions[name]
+        return function if self.design else lambda *inputs: function(*inputs[:-1])
+
+    def single_stance(self, name: str = "single stance") -> Phase:
+        """From one forward touchdown to the next; rocking back within it is legal."""
+        c, V = self.params.constants, self.params.voltage_limit
+        momentum, touchdown, weight = (
+            self.of(n) for n in ("linear_momentum", "touchdown", "weight")
+        )
+
+        def impulse(x: Any, p: Any) -> Any:
+            after = touchdown(x, p)
+            px, py = ca.vertsplit(momentum(after, p) - momentum(x, p))
+            mass = weight(x, p) / self.params.gravity
+            return ca.vertcat(self._inside_cone(px / mass, py / mass), after[2])
+
+        return Phase(
+            name=name,
+            states=STATES,
+            controls=CONTROLS,
+            flow=self.of("flow"),
+            powers=self._power,
+            floor=self._floor,
+            path=self._contact("ground_reaction"),
+            at_end=Constraint(
+                impulse,
+                np.array([0.0, 0.0, 0.0, MIN_TOUCHDOWN_RATE]),
+                np.full(4, np.inf),
+                (
+                    "upward touchdown impulse",
+                    "friction cone of the touchdown impulse (forward)",
+                    "friction cone of the touchdown impulse (backward)",
+                    "phi' after touchdown",
+                ),
+            ),
+            bounds=_rates() | {"phi": (c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), "V": (-V, V)},
+            start={"phi": c.a, "phi'": (0.0, MAX_RATE)},
+            end={"phi": c.b, "phi'": (MIN_TOUCHDOWN_RATE, MAX_RATE)},
+            duration=(0.02, math.inf),
+        )
+
+    def last_stance(self, name: str = "last stance") -> Phase:
+        """Single stance that ends so slowly that the wheel comes to rest on two feet."""
+        c = self.params.constants
+        energy = hybrid.REST_ENERGY * c.S1 * self.params.gravity
+        slow = math.sqrt(2 * energy / (c.Je1 + c.Jr * c.d1))
+        end = {"phi": c.b, "phi'": (0.1 * slow, 0.9 * slow)}
+        return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
+
+    def double_stance(self, name: str = "double stance") -> Phase:
+        """At rest on two feet, the pendulum alone moving, both feet pressing; phi is a."""
+        c, V = self.params.constants, self.params.voltage_limit
+        guards = self.of("lift_off_guards")
+
+        def pressing(x: Any, u: Any, p: Any) -> Any:
+            leading, trailing = ca.vertsplit(guards(x, u, p))
+            return ca.vertcat(-leading, trailing)
+
+        least = MIN_NORMAL_FORCE * self.params.gravity / self.params.leg_length
+        names = ("leading foot", "trailing foot")  # both guards are accelerations of phi
+        return Phase(
+            name=name,
+            states=STATES,
+            controls=CONTROLS,
+            flow=self.of("flow_double_stance"),
+            powers=self._power,
+            floor=self._floor,
+            path=Constraint(pressing, np.full(2, least), np.full(2, np.inf), names),
+            bounds=_rates() | {"phi": c.a, "phi'": 0.0, "V": (-V, V)},
+            duration=(0.02, math.inf),
+        )
+
+    def touchdown(self, source: int, target: int, theta_turns: int = 0) -> Linkage:
+        """Plastic forward touchdown; theta is taken back by whole turns."""
+        offset = {"theta": -2 * math.pi * theta_turns} if theta_turns else {}
+        return Linkage(source, target, self.of("touchdown"), offset)
+
+    def stop(self, source: int, target: int) -> Linkage:
+        """The touchdown that leaves the wheel on two feet; `source` is a `last_stance`."""
+        stop, a = self.of("stop_on_two_feet"), self.params.constants.a
+        return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
+
+    def lift_off(self, source: int, target: int) -> Linkage:
+        """The trailing foot leaves the ground: nothing jumps."""
+        return Linkage(source, target)
+
+    @property
+    def _floor(self) -> float:
+        return -math.inf if self.regeneration else self.params.idle_power
+
+    def _power(self, x: Any, u: Any, p: Any) -> Any:
+        return self.of("electrical_power")(x, u, p) + self.params.idle_power
+
+    def _contact(self, reaction: str) -> Constraint:
+        force, weight = self.of(reaction), self.of("weight")
+
+        def cone(x: Any, u: Any, p: Any) -> Any:
+            fx, fy = ca.vertsplit(force(x, u, p) / weight(x, p))
+            return self._inside_cone(fx, fy)
+
+        return Constraint(
+            cone,
+            np.array([MIN_NORMAL_FORCE, 0.0, 0.0]),
+            np.full(3, np.inf),
+            ("normal force", "friction cone (forward)", "friction cone (backward)"),
+        )
+
+    def _inside_cone(self, fx: Any, fy: Any) -> Any:
+        mu = self.params.friction
+        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
 
 
 def gait_problem(
@@ -33,6 +172,8 @@ def gait_problem(
 ) -> Problem:
     """`steps` single-stance phases in a ring, joined by touchdowns, of least electrical energy.
 
+    Problems of one machine and number of steps differ in numbers alone, and share their functions.
+
     Args:
         params: the machine.
         speed: mean speed along the ground (m/s), imposed through the stride's duration.
@@ -40,63 +181,24 @@ def gait_problem(
         theta_turns: whole turns that theta gains in a stride.
         regeneration: whether the battery takes energy back.
     """
-    touchdown = HybridModel(params).functions["touchdown"]
-    phase = stance(params, regeneration=regeneration)
-    turn = np.array([0.0, -2 * math.pi * theta_turns, 0.0, 0.0])
-    linkages = [
-        Linkage(i, (i + 1) % steps, touchdown, turn if i == steps - 1 else np.zeros(4))
-        for i in range(steps)
-    ]
-    return Problem((phase,) * steps, tuple(linkages), steps * params.step_length / speed)
-
-
-def stance(params: WheelParams, *, regeneration: bool) -> Phase:
-    """Single stance from one forward touchdown to the next; rocking back within it is legal."""
-    model = HybridModel(params)
-    c, inf = params.constants, math.inf
-    x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-    fx, fy = ca.vertsplit(model.ground_reaction(x, u) / params.weight)
-    path = Constraint(
-        ca.Function("contact", [x, u], [_inside_cone(fx, fy, params)]),
-        np.array([MIN_NORMAL_FORCE, 0.0, 0.0]),
-        np.full(3, inf),
-        ("normal force", "friction cone (forward)", "friction cone (backward)"),
-    )
-    momentum = model.functions["linear_momentum"]
-    after = model.touchdown(x)
-    px, py = ca.vertsplit((momentum(after) - momentum(x)) / params.total_mass)
-    end = Constraint(
-        ca.Function("touchdown", [x], [ca.vertcat(_inside_cone(px, py, params), after[2])]),
-        np.array([0.0, 0.0, 0.0, MIN_TOUCHDOWN_RATE]),
-        np.full(4, inf),
-        (
-            "upward touchdown impulse",
-            "friction cone of the touchdown impulse (forward)",
-            "friction cone of the touchdown impulse (backward)",
-            "phi' after touchdown",
-        ),
-    )
-    rate = MAX_RATE
-    return Phase(
-        flow=model.functions["flow"],
-        power=ca.Function("power", [x, u], [model.electrical_power(x, u) + params.idle_power]),
-        path=path,
-        end=end,
-        state_bounds=_bounds(
-            (c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), (-inf, inf), (-rate, rate), (-rate, rate)
-        ),
-        start_bounds=_bounds((c.a, c.a), (-inf, inf), (0.0, rate), (-rate, rate)),
-        end_bounds=_bounds((c.b, c.b), (-inf, inf), (MIN_TOUCHDOWN_RATE, rate), (-rate, rate)),
-        control_bounds=_bounds((-params.voltage_limit, params.voltage_limit)),
-        duration_bounds=(0.02, inf),
-        floor=-inf if regeneration else params.idle_power,
+    ring = _ring(params, steps)
+    turns = {"theta": -2 * math.pi * theta_turns}
+    floor = -math.inf if regeneration else params.idle_power
+    return dataclasses.replace(
+        ring,
+        phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
+        linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
+        duration=steps * params.step_length / speed,
     )
 
 
-def _inside_cone(fx: ca.SX, fy: ca.SX, params: WheelParams) -> ca.SX:
-    return ca.vertcat(fy, params.friction * fy - fx, params.friction * fy + fx)
+@lru_cache(maxsize=8)
+def _ring(params: WheelParams, steps: int) -> Problem:
+    wheel = WheelPhases(params)
+    step = wheel.single_stance()
+    links = [wheel.touchdown(i, (i + 1) % steps) for i in range(steps)]
+    return Problem((step,) * steps, tuple(links))
 
 
-def _bounds(*pairs: Sequence[float]) -> tuple[Array, Array]:
-    table = np.array(pairs, dtype=float)
-    return table[:, 0], table[:, 1]
+def _rates() -> dict[str, float | tuple[float, float]]:
+    return {"phi'": (-MAX_RATE, MAX_RATE), "theta'": (-MAX_RATE, MAX_RATE)}

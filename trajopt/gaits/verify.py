@@ -13,9 +13,9 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.simulate import simulate
 from rimless_gym.trajectory import Trajectory
-from trajopt.stability import monodromy
+from trajopt.gaits.stability import monodromy
+from trajopt.gaits.stance import MIN_NORMAL_FORCE
 from trajopt.trajectory import PhaseTrajectory
-from trajopt.walking import MIN_NORMAL_FORCE
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)

@@ -10,10 +10,10 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import NoGaitError, Solution, periodic_gait
-from trajopt.gaits import _validate
-from trajopt.guesses import FOLDER, shipped
-from trajopt.solution import DIGEST, FORMAT, HEADER, GaitFileError, _digest
-from trajopt.verify import verify
+from trajopt.gaits.periodic import _validate
+from trajopt.gaits.shipped import FOLDER, shipped
+from trajopt.gaits.solution import DIGEST, FORMAT, HEADER, GaitFileError, _digest
+from trajopt.gaits.verify import verify
 
 SHIPPED = sorted(path.name for path in FOLDER.glob("*.npz"))
 

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from trajopt.fronts import cot_front
+from trajopt.gaits.fronts import cot_front
 
 
 def press_ctrl_c() -> None:

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL, hybrid, simulate
-from trajopt import Solution, periodic_gait
-from trajopt.guesses import nearest
-from trajopt.verify import playback, verify
-from trajopt.walking import stance
+from trajopt import Problem, Solution, periodic_gait
+from trajopt.gaits.shipped import nearest
+from trajopt.gaits.stance import WheelPhases
+from trajopt.gaits.verify import playback, verify
 
 P = THESIS_PHYSICAL
 ONE = nearest(P, 0.5, 1)[0]
+
+
+def gait_end(params):
+    return Problem((WheelPhases(params).single_stance(),)).phases[0].at_end
 
 
 def disturbed(volts: float) -> list:
@@ -94,7 +98,7 @@ def test_a_phase_may_end_only_where_friction_holds_the_touchdown(
     friction: float, slope: float
 ) -> None:
     params = P.replace(friction=friction, slope=slope)
-    p, end = params.constants, stance(params, regeneration=False).end
+    p, end = params.constants, gait_end(params)
     rng, verdicts = np.random.default_rng(0), []
     for _ in range(400):
         before = np.array([p.b, *rng.uniform([-math.pi, 0.0, -10.0], [math.pi, 5.0, 10.0])])
@@ -104,7 +108,7 @@ def test_a_phase_may_end_only_where_friction_holds_the_touchdown(
         if dphi < 0.02 or abs(abs(jx) - friction * jy) < 1e-6:
             continue
         holds = jy > 0 and abs(jx) <= friction * jy
-        values = np.asarray(end.function(before)).ravel()
+        values = np.asarray(end.function(before, [])).ravel()
         assert (end.violation(values).max() == 0) == holds
         verdicts.append(holds)
     assert 10 < sum(verdicts) < len(verdicts) - 10

@@ -1,0 +1,40 @@
+"""Our engine on the cart-pole."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from trajopt.textbook import cart_pole
+
+from scripts.benchmarks import cartpole
+from scripts.benchmarks.protocol import Measure, serve
+from trajopt.guesses import straight_lines
+from trajopt.mesh import Mesh
+from trajopt.nlp import Transcription
+
+
+def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
+    """A repetition builds the problem and solves it on one mesh."""
+    return lambda seconds: cartpole.repeated(once, seconds), {"version": "rimless-gym"}
+
+
+def once() -> dict[str, float]:
+    """Build and solve."""
+    begin = time.perf_counter()
+    problem = cart_pole()
+    mesh = Mesh.uniform(problem, elements=cartpole.SEGMENTS, scheme="hermite-simpson")
+    transcription = Transcription(problem, mesh)
+    transcription.solver()
+    built = time.perf_counter()
+    result = transcription.solve(straight_lines(problem))
+    return {
+        "build": built - begin,
+        "solve": time.perf_counter() - built,
+        "iterations": result.iterations,
+        "cost": result.cost,
+    }
+
+
+if __name__ == "__main__":
+    serve(setup)

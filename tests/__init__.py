@@ -1,0 +1,1 @@
+"""The tests: a package, so that files of tests can share code."""

@@ -1,0 +1,34 @@
+"""Environments in rows, and what to do with them, for the tests beside this file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise
+
+NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
+ROUGH: dict[str, Any] = {
+    "ranges": {"slope": (-0.03, 0.03), "pendulum_mass": (2.0, 2.4), "idle_power": (0.0, 2.0)},
+    "disturbances": Disturbances(
+        pushes=Pushes(rate=5.0, impulse=(0.1, 1.5)),
+        sensor_noise=SensorNoise(leg_angle=0.01, pendulum_angle=0.02, leg_rate=0.1),
+        actuator_delay=(0, 3),
+    ),
+}
+
+
+def make(n: int, mode: AutoresetMode = NEXT, **settings: Any) -> RimlessWheelVectorEnv:
+    envs = gym.make_vec("RimlessWheel-v0", num_envs=n, autoreset_mode=mode, **settings)
+    assert isinstance(envs, RimlessWheelVectorEnv)
+    return envs
+
+
+def swinging(n: int, steps: int, seed: int = 0, hold: int = 20) -> np.ndarray:
+    """Random actions (steps, n, 1), held so long that wheels fall."""
+    rng = np.random.default_rng(seed)
+    levels = rng.uniform(-1.2, 1.2, (-(-steps // hold), n, 1)).astype(np.float32)
+    return np.repeat(levels, hold, axis=0)[:steps]

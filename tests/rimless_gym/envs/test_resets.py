@@ -1,0 +1,59 @@
+"""Starts of the single environment, drawn or asked for."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
+from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.hybrid import MAX_RATE
+
+
+def test_starts_are_random_and_include_rest(env: gym.Env) -> None:
+    modes = [env.reset(seed=seed)[1]["mode"] for seed in range(200)]
+    assert 20 < modes.count("double_stance") < 80
+    observations = [env.reset(seed=seed)[0] for seed in range(20)]
+    assert len(np.unique(observations, axis=0)) == 20
+
+
+def test_reset_options_set_state_mode_and_params() -> None:
+    env = RimlessWheelEnv()
+    env.reset(options={"state": [1.4, 0.3, 1.0, 2.0], "params": PROTOTYPE})
+    assert env.params == PROTOTYPE
+    assert env.state[:4] == pytest.approx([1.4, 0.3, 1.0, 2.0])
+    assert env.model.params == PROTOTYPE
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
+        ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
+        ({"state": [1.5, 3.0, 0, MAX_RATE]}, "pull"),
+        ({"mode": "single_stance"}, "goes with 'state'"),
+        ({"params": THESIS_PHYSICAL.replace(armature_resistance=1e-6)}, "motor damps"),
+        ({"params": "PROTOTYPE"}, "WheelParams"),
+    ],
+)
+def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        RimlessWheelEnv().reset(options=options)
+
+
+def test_a_refused_reset_changes_nothing() -> None:
+    env = RimlessWheelEnv()
+    env.reset(seed=0)
+    before = env.state
+    with pytest.raises(ValueError, match="phi = 9"):
+        env.reset(options={"params": PROTOTYPE, "state": [9, 9, 9, 9]})
+    assert env.params == THESIS_PHYSICAL
+    assert np.array_equal(env.state, before)
+
+
+def test_double_stance_alone_is_a_wheel_at_rest() -> None:
+    env = RimlessWheelEnv()
+    observation, info = env.reset(options={"mode": "double_stance"})
+    assert info["mode"] == "double_stance"
+    assert np.array_equal(observation[1:], np.array([0, 1, 0, 0, 1], np.float32))

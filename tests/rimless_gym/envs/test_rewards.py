@@ -1,0 +1,85 @@
+"""Rewards: what they sum, what they make worth while, how large they can be."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+
+import rimless_gym
+from rimless_gym import THESIS_PHYSICAL, Task
+from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.hybrid import MAX_RATE
+
+P = THESIS_PHYSICAL.constants
+
+
+def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: gym.Env) -> None:
+    rng = np.random.default_rng(1)
+    env.reset(seed=1)
+    ends = 0
+    for i in range(3000):
+        if i % 25 == 0:  # held so long that the wheel falls now and then
+            action = rng.uniform(-1, 1, 1).astype(np.float32)
+        _, reward, ended, truncated, info = env.step(action)
+        terms = info["reward_distance"], info["reward_energy"], info["reward_end"]
+        assert reward == terms[0] + terms[1] + terms[2]
+        assert terms[0] == 0.5 * info["distance"]
+        assert terms[1] == -(info["electrical_positive"]) / THESIS_PHYSICAL.weight
+        assert terms[2] == (-1.0 if ended else 0.0)
+        if ended or truncated:
+            ends += ended
+            env.reset()
+    assert ends
+
+
+def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None:
+    env.reset(options={"state": [P.a, 0, 0, 0], "mode": "double_stance"})
+    total = 0.0
+    for _ in range(rimless_gym.EPISODE_STEPS):
+        _, reward, terminated, truncated, info = env.step(np.zeros(1, np.float32))
+        total += reward
+        assert not terminated
+        if truncated:
+            break
+    assert truncated
+    assert total == 0.0
+    assert info["mode"] == "double_stance"
+
+
+def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> None:
+    for idle_power in (0.0, 5.0):
+        params = THESIS_PHYSICAL.replace(idle_power=idle_power)
+        for task in (Task(), Task(value_of_distance=10.0), Task(horizon=100.0)):
+            end = sum(task.reward_terms(params, 0.0, 0.0, 1.0))
+            rest = sum(task.reward_terms(params, 0.0, idle_power * task.horizon, 0.0))
+            assert end < rest
+
+
+def test_a_lunge_that_ends_in_a_fall_does_not_pay() -> None:
+    for value in (0.5, 10.0):
+        env, rng = RimlessWheelEnv(task=Task(value_of_distance=value)), np.random.default_rng(0)
+        for _ in range(40):
+            env.reset(options={"mode": "double_stance"})
+            total, ended, volts = 0.0, False, rng.uniform(-1, 1, 8)
+            for i in range(200):
+                _, reward, ended, _, _ = env.step(volts[i // 25 : i // 25 + 1])
+                total += reward
+                if ended:
+                    break
+            assert not ended or total < 0
+
+
+def test_rewards_are_bounded(env: gym.Env) -> None:
+    p, machine = P, THESIS_PHYSICAL
+    speed = MAX_RATE * 10 * p.L1  # no step is trusted with more
+    current = (machine.voltage_limit + p.K * 20 * MAX_RATE) / machine.armature_resistance
+    step = 0.01 * (0.5 * speed + machine.voltage_limit * current / machine.weight)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    for i in range(3000):
+        if i % 20 == 0:
+            action = np.sign(rng.uniform(-1, 1, 1)).astype(np.float32)
+        _, reward, terminated, truncated, _ = env.step(action)
+        assert abs(reward) < step + 1.0
+        if terminated or truncated:
+            env.reset()

@@ -1,0 +1,123 @@
+"""Every row of the native vector environment is the single environment, to the last bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from rimless_gym.envs.fleet import LEAST_ROWS
+from rimless_gym.hybrid import FAILURES, MODE_NAMES
+from tests.rimless_gym.envs.rows import DISABLED, NEXT, ROUGH, SAME, make, swinging
+
+
+def row_of(info: dict[str, Any], i: int) -> dict[str, Any]:
+    """One row of a dense info, named as the single environment names it."""
+    one = {name: values[i] for name, values in info.items() if not name.startswith(("_", "final"))}
+    one["mode"] = MODE_NAMES[one["mode"]]
+    if "failure" in one:
+        one["failure"] = FAILURES.get(int(one["failure"]))
+    return one
+
+
+class Singles:
+    """Single environments in a row, reset by hand as each autoreset mode asks for."""
+
+    def __init__(self, n: int, seed: int, **settings: Any) -> None:
+        self.envs = [gym.make("RimlessWheel-v0", **settings) for _ in range(n)]
+        self.first = [env.reset(seed=seed + i) for i, env in enumerate(self.envs)]
+        self.ended = [False] * n
+        self.ends = {"terminated": 0, "truncated": 0}
+
+    def step(self, i: int, action: np.ndarray) -> tuple:
+        *what, terminated, truncated, info = self.envs[i].step(action)
+        self.ended[i] = terminated or truncated
+        self.ends["terminated"] += terminated
+        self.ends["truncated"] += truncated
+        return *what, terminated, truncated, info
+
+    def reset(self, i: int) -> tuple[np.ndarray, str]:
+        self.ended[i] = False
+        seen, info = self.envs[i].reset()
+        return seen, info["mode"]
+
+
+@pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
+@pytest.mark.parametrize("n", [1, 3, 16, 50, 100])
+@pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED], ids=lambda mode: mode.value)
+def test_every_row_is_the_single_environment_to_the_last_bit(
+    mode: AutoresetMode, n: int, settings: dict
+) -> None:
+    steps, settings = 1200 // n if n < 16 else 300, settings | {"max_episode_steps": 120}
+    envs, singles = make(n, mode, **settings), Singles(n, 11, **settings)
+    seen, info = envs.reset(seed=11)
+    assert np.array_equal(seen, [first for first, _ in singles.first])
+    assert [MODE_NAMES[code] for code in info["mode"]] == [i["mode"] for _, i in singles.first]
+    for actions in swinging(n, steps):
+        if mode is DISABLED and any(singles.ended):
+            mask = np.array(singles.ended)
+            seen, info = envs.reset(options={"reset_mask": mask})
+            for i in np.flatnonzero(mask):
+                expected, mode_name = singles.reset(i)
+                assert np.array_equal(seen[i], expected)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
+        seen, rewards, terminated, truncated, info = envs.step(actions)
+        for i in range(n):
+            if singles.ended[i]:  # left over from the last step: mode is NEXT
+                expected, mode_name = singles.reset(i)
+                assert np.array_equal(seen[i], expected)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
+                assert (rewards[i], terminated[i], truncated[i]) == (0.0, False, False)
+                assert info["elapsed"][i] == info["failure"][i] == 0
+                continue
+            expected, *others, one = singles.step(i, actions[i])
+            assert [rewards[i], terminated[i], truncated[i]] == others
+            transition = info
+            if mode is SAME and singles.ended[i]:
+                assert info["_final_obs"][i]
+                assert info["_final_info"][i]
+                assert np.array_equal(info["final_obs"][i], expected)
+                transition = info["final_info"]
+                expected, mode_name = singles.reset(i)
+                assert MODE_NAMES[info["mode"][i]] == mode_name
+            elif mode is SAME and "_final_obs" in info:
+                assert not info["_final_obs"][i]
+                assert not info["_final_info"][i]
+            assert np.array_equal(seen[i], expected)
+            assert row_of(transition, i) == one
+    assert singles.ends["truncated"] > 0
+    assert singles.ends["terminated"] > 0
+
+
+@pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
+def test_neither_threads_nor_the_other_rows_change_a_row(settings: dict) -> None:
+    n = 2 * LEAST_ROWS + 37
+    actions = swinging(n, 60)
+
+    def run(rows: slice, **threads: Any) -> list[np.ndarray]:
+        envs = make(len(range(n)[rows]), **settings, **threads, max_episode_steps=40)
+        out = [envs.reset(seed=list(range(n))[rows])[0]]
+        for chosen in actions:
+            seen, rewards, terminated, truncated, info = envs.step(chosen[rows])
+            out += [seen, rewards, terminated, truncated, info["electrical"], info["mode"]]
+        envs.close()
+        return out
+
+    alone = run(slice(None))
+    for threads in (2, 3):
+        for one, other in zip(alone, run(slice(None), num_threads=threads), strict=True):
+            assert np.array_equal(one, other)
+    part = slice(5, 5 + 3)
+    for one, other in zip(alone, run(part), strict=True):
+        assert np.array_equal(one[part], other)
+
+
+def test_float64_and_lists_are_taken_as_the_single_environment_takes_them() -> None:
+    envs, one = make(1), gym.make("RimlessWheel-v0").unwrapped
+    envs.reset(seed=0)
+    one.reset(seed=0)
+    for action in (np.array([0.1]), [0.2], np.array([1], dtype=int)):
+        assert np.array_equal(envs.step([action])[0][0], one.step(action)[0])

@@ -1,0 +1,108 @@
+"""Environments saved, restored, pickled and copied go on as if nothing had happened."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from rimless_gym import PROTOTYPE, Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise, Task
+from rimless_gym.envs.env import RimlessWheelEnv
+from tests.rimless_gym.envs.rows import NEXT, ROUGH, SAME, make, swinging
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_snapshot_a_pickle_and_a_copy_go_on_alike(rough: bool) -> None:
+    def future(env: Any) -> list[tuple]:
+        rng, out = np.random.default_rng(1), []
+        for i in range(400):
+            if i % 20 == 0:
+                action = np.sign(rng.uniform(-1, 1, 1)).astype(np.float32)
+            seen, reward, terminated, truncated, info = env.step(action)
+            out.append((seen.tobytes(), reward, terminated, truncated, dict(info)))
+            if terminated or truncated:
+                out.append((env.reset()[0].tobytes(),))
+        return out
+
+    disturbances = Disturbances(
+        pushes=Pushes(rate=5.0, impulse=(0.1, 1.0)),
+        sensor_noise=SensorNoise(leg_rate=0.1),
+        actuator_delay=(0, 3),
+    )
+    settings = {"ranges": {"slope": (-0.02, 0.02)}, "disturbances": disturbances} if rough else {}
+    env = gym.make("RimlessWheel-v0", **settings)
+    env.reset(seed=0)
+    for _ in range(17):
+        env.step(np.full(1, 0.3, np.float32))
+    core: Any = env.unwrapped
+    model = core.model
+    snapshot, twins = core.get_state(), [pickle.loads(pickle.dumps(env)), copy.deepcopy(env)]
+    expected = future(env)
+    assert any(len(step) == 1 for step in expected)  # an episode ended
+    for twin in twins:
+        assert future(twin) == expected
+        assert twin.unwrapped.model.params == model.params or rough
+    other = RimlessWheelEnv(PROTOTYPE)
+    for _ in range(2):  # a snapshot can be taken up any number of times
+        other.set_state(pickle.loads(pickle.dumps(snapshot)))
+        assert other.params == model.params
+        assert other.model.params == model.params
+        assert future(other) == expected
+
+
+def test_a_snapshot_of_another_task_is_refused() -> None:
+    env = RimlessWheelEnv(task=Task(value_of_distance=1.0))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="value_of_distance"):
+        RimlessWheelEnv().set_state(env.get_state())
+
+
+def test_an_ended_episode_stays_ended_in_its_snapshot() -> None:
+    env, other = RimlessWheelEnv(), RimlessWheelEnv()
+    env.reset(options={"state": [1.5, 1.5, 1.0, -14.0]})
+    while not env.step(-np.ones(1, np.float32))[2]:
+        pass
+    other.set_state(env.get_state())
+    with pytest.raises(RuntimeError, match="reset"):
+        other.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
+@pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
+def test_a_snapshot_a_pickle_and_a_copy_of_rows_go_on_alike(
+    mode: AutoresetMode, settings: dict
+) -> None:
+    def future(envs: RimlessWheelVectorEnv) -> list[bytes]:
+        steps = (envs.step(actions) for actions in swinging(5, 150, seed=1))
+        return [part.tobytes() for step in steps for part in step[:4]]
+
+    envs = make(5, mode, **settings, max_episode_steps=60)
+    envs.reset(seed=0)
+    for actions in swinging(5, 61):  # in mode NEXT some rows await their reset now
+        envs.step(actions)
+    snapshot, twins = envs.get_state(), [pickle.loads(pickle.dumps(envs)), copy.deepcopy(envs)]
+    expected = future(envs)
+    assert len(set(expected)) > 100
+    for twin in twins:
+        assert future(twin) == expected
+    envs.set_state(snapshot)
+    assert future(envs) == expected
+    other = make(5, mode, max_episode_steps=60)  # of other parameters, not yet reset
+    other.set_state(pickle.loads(pickle.dumps(snapshot)))
+    assert future(other) == expected
+    envs.set_state(snapshot)
+    assert future(envs) == expected  # a snapshot can be taken up any number of times
+
+
+def test_a_snapshot_of_other_rows_is_refused() -> None:
+    envs = make(2)
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match="2 rows"):
+        make(3).set_state(envs.get_state())
+    with pytest.raises(ValueError, match="value_of_distance"):
+        make(2, task=Task(value_of_distance=1.0)).set_state(envs.get_state())

@@ -1,0 +1,128 @@
+"""Gymnasium's contract of vector environments: spaces, arguments, actions, pictures."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from rimless_gym import THESIS_PHYSICAL, RimlessWheelVectorEnv
+from rimless_gym.envs.task import EPISODE_STEPS
+from tests.rimless_gym.envs.rows import NEXT, SAME, make, swinging
+
+
+def test_nothing_that_is_returned_is_shared_with_anything_else() -> None:
+    envs = make(4, SAME, max_episode_steps=3)
+    kept = [envs.reset(seed=0)[0]]
+    for actions in swinging(4, 7):
+        seen, rewards, terminated, truncated, info = envs.step(actions)
+        kept += [seen, rewards, terminated, truncated]
+        flat = dict(info)
+        final = flat.pop("final_info", {})
+        kept += [*flat.values(), *final.values()]
+    before = [array.copy() for array in kept]
+    for array in kept:
+        array.flags.writeable = True
+    for k, array in enumerate(kept):
+        array[...] = 1  # reaches no other array, nor the environment
+        before[k][...] = 1
+        assert all(np.array_equal(a, b) for a, b in zip(kept, before, strict=True))
+    other = make(4, SAME, max_episode_steps=3)
+    other.reset(seed=0)
+    for actions in swinging(4, 7):
+        other.step(actions)
+    assert np.array_equal(envs.step(swinging(4, 1)[0])[0], other.step(swinging(4, 1)[0])[0])
+
+
+def test_the_spaces_and_metadata_are_those_that_gymnasium_asks_for() -> None:
+    envs = make(3, SAME)
+    assert envs.metadata["autoreset_mode"] is SAME
+    assert RimlessWheelVectorEnv.metadata["autoreset_mode"] is NEXT
+    seen, _ = envs.reset(seed=0)
+    assert seen in envs.observation_space
+    assert envs.observation_space.shape == (3, *envs.single_observation_space.shape)
+    envs.action_space.seed(0)
+    seen, rewards, terminated, truncated, _ = envs.step(envs.action_space.sample())
+    assert seen in envs.observation_space
+    assert rewards.dtype == np.float64
+    assert terminated.dtype == truncated.dtype == np.bool_
+    assert envs.spec is not None
+    assert envs.max_episode_steps == EPISODE_STEPS
+
+
+@pytest.mark.parametrize("wrapper", ["RecordEpisodeStatistics", "DictInfoToList"])
+@pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
+def test_gymnasiums_wrappers_understand_it(wrapper: str, mode: AutoresetMode) -> None:
+    envs = getattr(gym.wrappers.vector, wrapper)(make(3, mode, max_episode_steps=30))
+    envs.reset(seed=0)
+    lengths = []
+    for actions in swinging(3, 100):
+        info = envs.step(actions)[-1]
+        if wrapper == "DictInfoToList":
+            assert isinstance(info[0]["distance"], float)
+        elif "episode" in info:
+            lengths += info["episode"]["l"][info["_episode"]].tolist()
+    assert wrapper == "DictInfoToList" or max(lengths) == 30
+
+
+def test_wrong_actions_are_refused_by_row_and_change_nothing() -> None:
+    envs = make(3)
+    envs.reset(seed=0)
+    states = envs.states
+    actions = np.zeros((3, 1), np.float32)
+    actions[[0, 2]] = np.nan
+    with pytest.raises(ValueError, match=r"rows \[0, 2\] are NaN"):
+        envs.step(actions)
+    for shape in ((3,), (1, 3), (2, 1)):
+        with pytest.raises(ValueError, match="shape"):
+            envs.step(np.zeros(shape, np.float32))
+    assert np.array_equal(envs.states, states)
+
+
+def test_nothing_that_is_not_a_number_leaves_machines_driven_absurdly() -> None:
+    machines = [THESIS_PHYSICAL.replace(voltage_limit=10.0**k) for k in range(1, 8)]
+    envs = make(7, params=machines)
+    envs.reset(seed=0)
+    for actions in swinging(7, 200, hold=5):
+        try:
+            seen, rewards, _, _, info = envs.step(actions)
+        except RuntimeError:  # says which row's motion left the model's range
+            continue
+        assert np.isfinite(seen).all()
+        assert np.isfinite(rewards).all()
+        assert not any(np.isnan(values).any() for values in info.values())
+
+
+def test_arguments_that_make_no_sense_are_refused() -> None:
+    for settings in (
+        {"num_envs": 0},
+        {"num_threads": 0},
+        {"max_episode_steps": 0},
+        {"autoreset_mode": "sometimes"},
+        {"render_mode": "human"},
+        {"params": [THESIS_PHYSICAL] * 3, "num_envs": 2},
+    ):
+        with pytest.raises(ValueError, match=r"must be|choose from|not a valid"):
+            RimlessWheelVectorEnv(**settings)
+    for settings in ({"params": "PROTOTYPE"}, {"task": 1}, {"ranges": 3}, {"disturbances": {}}):
+        with pytest.raises(TypeError, match="give a"):
+            RimlessWheelVectorEnv(**settings)
+
+
+def test_a_few_rows_are_drawn_as_a_grid_and_all_as_a_list() -> None:
+    envs = make(20, render_mode="rgb_array")
+    with pytest.raises(RuntimeError, match="reset"):
+        envs.render()
+    envs.reset(seed=0)
+    picture = envs.render()
+    assert picture.dtype == np.uint8
+    assert picture.shape == (608, 908, 3)  # 3 x 3 pictures of 200 x 300, 4 pixels apart
+    envs.step(np.ones((20, 1), np.float32))
+    assert not np.array_equal(envs.render(), picture)
+    frames = make(2, render_mode="rgb_array_list")
+    frames.reset(seed=0)
+    assert [frame.shape for frame in frames.render()] == [(400, 600, 3)] * 2
+    single = gym.make("RimlessWheel-v0", render_mode="rgb_array")
+    single.reset(seed=0)
+    assert np.array_equal(frames.render()[0], single.render())

@@ -1,0 +1,139 @@
+"""Results in files: .npz archives of plain arrays and a JSON header, closed with a digest.
+
+Nothing in them is executed when they are read. The digest tells a file that was edited or damaged
+from one that says what was computed; it does not tell who computed it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.trajectory import PhaseTrajectory
+
+#: Entries of a file besides its arrays.
+HEADER, DIGEST = "header", "digest"
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(PhaseTrajectory))
+
+
+def write_arrays(
+    path: str | Path, form: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write arrays and a header of JSON values; a file that was there is replaced as a whole.
+
+    Args:
+        path: of the file, .npz.
+        form: what the file is, and the version of its format.
+        header: everything that is not an array.
+        arrays: by name, neither `HEADER` nor `DIGEST`.
+    """
+    text = np.array(json.dumps({"format": form, **header}))
+    entries: dict[str, Any] = {**arrays, HEADER: text}
+    entries[DIGEST] = np.array(digest(entries))
+    path = Path(path)
+    unfinished = path.with_name(path.name + ".part")
+    with unfinished.open("wb") as file:
+        np.savez_compressed(file, **entries)
+    os.replace(unfinished, path)
+
+
+def read_arrays(
+    path: str | Path, form: str, error: type[Exception], remedy: str
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The header and the arrays that `write_arrays` wrote, if they have not changed since.
+
+    Args:
+        path: of the file.
+        form: what it has to be.
+        error: raised if it is something else, or was edited or damaged.
+        remedy: what to do then, for the message.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise error(f"{path}: a folder; give the .npz file in it")
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
+        header = json.loads(str(arrays[HEADER]))
+        found = header.pop("format")
+    except Exception as cause:  # a damaged archive raises almost anything
+        raise error(
+            f"{path}: damaged, or nothing that this package saved ({cause!r}); {remedy}"
+        ) from cause
+    if found != form:
+        raise error(f"{path}: format {found!r}, but {form!r} is wanted here; {remedy}")
+    if str(arrays.pop(DIGEST, None)) != digest(arrays):
+        raise error(
+            f"{path}: edited or damaged since it was saved (its digest does not fit), so that its "
+            f"figures say nothing; {remedy}"
+        )
+    del arrays[HEADER]
+    return header, arrays
+
+
+def digest(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over names, types, shapes and contents of arrays, the header's text included."""
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def phases_to_arrays(
+    phases: Sequence[PhaseTrajectory], prefix: str = ""
+) -> dict[str, NDArray[Any]]:
+    """The arrays of a trajectory by name, "phase0_edges" and so on."""
+    return {
+        f"{prefix}phase{i}_{name}": getattr(phase, name)
+        for i, phase in enumerate(phases)
+        for name in _FIELDS
+    }
+
+
+def phases_from_arrays(
+    arrays: Mapping[str, NDArray[Any]], prefix: str = ""
+) -> tuple[PhaseTrajectory, ...]:
+    """The trajectory in arrays that `phases_to_arrays` named.
+
+    Raises:
+        ValueError: there is none.
+    """
+    count = 0
+    while f"{prefix}phase{count}_edges" in arrays:
+        count += 1
+    if not count:
+        raise ValueError("it has no phases")
+    return tuple(
+        PhaseTrajectory(*(arrays[f"{prefix}phase{i}_{name}"] for name in _FIELDS))
+        for i in range(count)
+    )
+
+
+def jsonable(value: Any) -> Any:
+    """Values as strict JSON: arrays and tuples as lists, infinities and NaN as null."""
+    if isinstance(value, Mapping):
+        return {key: jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return jsonable(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

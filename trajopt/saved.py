@@ -1,0 +1,168 @@
+"""Solutions in files: everything but the problem, whose functions cannot be saved as plain data.
+
+`load` therefore asks for the problem, and notices a wrong one; `load_phases` needs none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trajopt.accuracy import audit
+from trajopt.costates import Certificate, hamiltonian
+from trajopt.extremal import Attempt, Extremal
+from trajopt.files import (
+    jsonable,
+    phases_from_arrays,
+    phases_to_arrays,
+    read_arrays,
+    write_arrays,
+)
+from trajopt.mesh import Mesh
+from trajopt.problem import Problem
+from trajopt.resimulation import Resimulation
+from trajopt.rows import Breach
+from trajopt.trajectory import PhaseTrajectory
+
+FORMAT = "trajopt extremal 1"
+
+REMEDY = "copy it again, or solve its problem again"
+
+#: Attributes of a solution that are JSON values themselves, and those that are dataclasses.
+PLAIN = ("tolerance", "transcribed_cost", "mesh_error", "status", "provenance")
+TABLES = ("mesh", "resimulation", "attempts", "breaches", "audit")
+
+
+class ExtremalFileError(ValueError):
+    """A file is no solution that this version saved, or of another problem, or was damaged."""
+
+
+def save(extremal: Extremal, path: str | Path) -> None:
+    """Write a solution as `trajopt.files` does."""
+    certificate, arrays = extremal.certificate, phases_to_arrays(extremal.phases)
+    for i, costates in enumerate(certificate.costates):
+        arrays[f"phase{i}_costates"] = costates
+        arrays[f"phase{i}_hamiltonian"] = certificate.hamiltonian[i]
+        arrays[f"phase{i}_mean_hamiltonian"] = certificate.mean_hamiltonian[i]
+    arrays["parameters"] = extremal.parameters
+    arrays["duration_price"] = certificate.duration_price
+    write_arrays(path, FORMAT, _header(extremal), arrays)
+
+
+def load(path: str | Path, problem: Problem) -> Extremal:
+    """Read a solution of `problem`.
+
+    Names, the Hamiltonian along the trajectory and the limits between its nodes have to come out
+    as they were saved, or the problem is another one.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ExtremalFileError: it is not a solution saved by this version, was edited or damaged, or is
+            of another problem.
+    """
+    header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
+    if header["names"] != _names(problem):
+        raise ExtremalFileError(
+            f"{path}: a solution of a problem with {header['names']}, while the problem given has "
+            f"{_names(problem)}; `load_phases` reads it as a guess"
+        )
+    count = range(len(problem.phases))
+    extremal = Extremal(
+        problem=problem,
+        mesh=Mesh.from_dict(header["mesh"]),
+        phases=phases_from_arrays(arrays),
+        parameters=arrays["parameters"],
+        certificate=Certificate(
+            tuple(arrays[f"phase{i}_costates"] for i in count),
+            tuple(arrays[f"phase{i}_hamiltonian"] for i in count),
+            tuple(arrays[f"phase{i}_mean_hamiltonian"] for i in count),
+            arrays["duration_price"],
+        ),
+        resimulation=_resimulation(header["resimulation"]),
+        attempts=tuple(Attempt(**a) for a in header["attempts"]),
+        breaches=tuple(Breach(**b) for b in header["breaches"]),
+        audit=tuple(Breach(**b) for b in header["audit"]),
+        **{name: header[name] for name in PLAIN},
+    )
+    found = _difference(extremal)
+    if found:
+        raise ExtremalFileError(
+            f"{path}: a solution of another problem than the one given: {found}; `load_phases` "
+            "reads it as a guess"
+        )
+    return extremal
+
+
+def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
+    """The trajectory that `save` wrote, a guess for any problem with such phases, on any mesh.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ExtremalFileError: it is not a solution saved by this version, or was edited or damaged.
+    """
+    return phases_from_arrays(read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1])
+
+
+def figures(extremal: Extremal) -> dict[str, Any]:
+    """Figures and provenance as plain JSON values (infinities and NaN as null)."""
+    pairs = zip(extremal.problem.phases, extremal.phases, strict=True)
+    parameters = zip(extremal.problem.parameters, extremal.parameters, strict=True)
+    values = {
+        "converged": extremal.converged,
+        "failures": extremal.failures,
+        "cost": extremal.cost,
+        "duration": extremal.duration,
+        "durations": [[phase.name, trajectory.duration] for phase, trajectory in pairs],
+        "parameters": dict(parameters),
+        "hamiltonian_spread": extremal.certificate.hamiltonian_spread,
+        "transversality_error": extremal.certificate.transversality_error,
+        **_header(extremal),
+    }
+    return dict(jsonable(values))
+
+
+def _header(extremal: Extremal) -> dict[str, Any]:
+    return {
+        "names": _names(extremal.problem),
+        **{name: _as_dicts(getattr(extremal, name)) for name in TABLES},
+        **{name: getattr(extremal, name) for name in PLAIN},
+    }
+
+
+def _names(problem: Problem) -> dict[str, Any]:
+    phases = [[phase.name, list(phase.states), list(phase.controls)] for phase in problem.phases]
+    return {"phases": phases, "parameters": list(problem.parameters)}
+
+
+def _as_dicts(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [dataclasses.asdict(item) for item in value]
+    return None if value is None else dataclasses.asdict(value)
+
+
+def _resimulation(values: dict[str, Any] | None) -> Resimulation | None:
+    if values is None:
+        return None
+    return Resimulation(**{**values, "phase_errors": tuple(values["phase_errors"])})
+
+
+def _difference(extremal: Extremal) -> str:
+    """In what the saved figures differ from those of the trajectory in the problem, if at all."""
+    problem, p, certificate = extremal.problem, extremal.parameters, extremal.certificate
+    saved = certificate.costates, certificate.hamiltonian
+    for phase, trajectory, costates, before in zip(
+        problem.phases, extremal.phases, *saved, strict=True
+    ):
+        if phase.integral is not None:
+            continue  # what its integrals are worth is not in the file
+        now = hamiltonian(phase, trajectory, costates, p)
+        if not np.allclose(now, before, rtol=1e-8, atol=1e-8, equal_nan=True):
+            return f"the flow or the running cost of phase {phase.name!r} is different"
+    known = {(b.kind, b.name, b.phase): b.amount for b in extremal.audit}
+    for breach in audit(problem, extremal.phases, p):
+        if breach.amount > known.get((breach.kind, breach.name, breach.phase), 0.0) + 1e-8:
+            return str(breach)
+    return ""

@@ -1,0 +1,443 @@
+"""Multi-start: many local optima lie about, and nothing but trying finds the good ones.
+
+Every start is solved once, on one coarse mesh that all of them share, which is quick and tells
+good optima from bad ones; `best_of` refines and verifies the winners.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+import signal
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import closing
+from functools import cached_property, partial
+from itertools import islice
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from tqdm import tqdm
+
+from trajopt.extremal import Extremal
+from trajopt.files import phases_from_arrays, phases_to_arrays, read_arrays, write_arrays
+from trajopt.guesses import Guess
+from trajopt.interrupted import Interrupted
+from trajopt.mesh import Mesh
+from trajopt.nlp import Transcription
+from trajopt.problem import Array, Problem
+from trajopt.provenance import provenance
+from trajopt.solve import WARM_BARRIER, solve
+from trajopt.trajectory import PhaseTrajectory
+
+FORMAT = "trajopt search 1"
+
+#: Of the mesh that a problem's starts share, if no other is given.
+ELEMENTS, DEGREE = 14, 4
+
+#: IPOPT's, over `nlp.IPOPT`: a start that takes longer seldom leads anywhere.
+OPTIONS = {"max_iter": 300}
+
+#: Starts that another process has at a time: the one that it solves, and the next.
+AHEAD = 2
+
+#: Of costs (relative), and of states sampled along the phases (relative to 1 + their magnitude).
+SAME_COST, SAME_STATES = 1e-4, 1e-2
+
+
+class SearchFileError(ValueError):
+    """A file is not a search that this version saved, or was edited or damaged since."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """A start of which more than a guess is to be said.
+
+    Attributes:
+        guess: one trajectory per phase.
+        parameters: guess of the static parameters; the middle of their bounds by default.
+        problems: what is solved, each from the solution of the one before; they differ from the
+            search's problem in numbers alone. That problem itself by default.
+        kind: of the optimum sought ("2 turns"); optima of different kinds are different.
+    """
+
+    guess: Guess
+    parameters: Array | None = None
+    problems: tuple[Problem, ...] = ()
+    kind: str = ""
+
+
+#: Where start number `index` begins, by a generator of its own; to be pickled for the workers.
+StartFamily: TypeAlias = Callable[[np.random.Generator, int], Guess | Start]
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How one start ended.
+
+    Attributes:
+        index: of the start.
+        kind: see `Start`.
+        cost: as the transcription sees it.
+        phases: the last trajectory.
+        parameters: the static parameters.
+        iterations: of IPOPT, for all of the start's problems.
+        failure: in words; empty if it is a local optimum.
+    """
+
+    index: int
+    kind: str
+    cost: float
+    phases: tuple[PhaseTrajectory, ...]
+    parameters: Array
+    iterations: int
+    failure: str
+
+    @cached_property
+    def _samples(self) -> list[Array]:
+        fractions = np.linspace(0.0, 1.0, 33)
+        return [phase.state(phase.duration * fractions) for phase in self.phases]
+
+    def same_as(self, other: Outcome) -> bool:
+        """Whether both are one optimum, to the accuracy of a coarse mesh."""
+        if self.kind != other.kind:
+            return False
+        if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=1e-9):
+            return False
+        mine, theirs = ([p.duration for p in o.phases] for o in (self, other))
+        pairs = zip(self._samples, other._samples, strict=True)
+        return np.allclose(mine, theirs, rtol=SAME_STATES) and all(_alike(a, b) for a, b in pairs)
+
+
+def _alike(a: Array, b: Array) -> bool:
+    return bool(np.all(np.abs(a - b) <= SAME_STATES * (1.0 + np.abs(a).max(axis=0))))
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum:
+    """A local optimum, and the starts that led to it.
+
+    Attributes:
+        best: the start that came out best, by a hair.
+        found: indices of all of them, ascending.
+    """
+
+    best: Outcome
+    found: tuple[int, ...]
+
+    @property
+    def cost(self) -> float:
+        """On the search's mesh."""
+        return self.best.cost
+
+    @property
+    def phases(self) -> tuple[PhaseTrajectory, ...]:
+        """The trajectory, on the search's mesh."""
+        return self.best.phases
+
+
+#: Whether two outcomes are one optimum.
+Same: TypeAlias = Callable[[Outcome, Outcome], bool]
+
+
+def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple[Optimum, ...]:
+    """Different optima among what did not fail, best first, with how often each was found."""
+    successes = [outcome for outcome in outcomes if not outcome.failure]
+    groups: list[list[Outcome]] = []
+    for outcome in sorted(successes, key=lambda o: (o.cost, o.index)):
+        group = next((g for g in groups if same(g[0], outcome)), None)
+        if group is None:
+            groups.append([outcome])
+        else:
+            group.append(outcome)
+    return tuple(Optimum(g[0], tuple(sorted(o.index for o in g))) for g in groups)
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Search:
+    """What a multi-start found; all starts if it was not interrupted.
+
+    Attributes:
+        problem: what was solved.
+        family: of the starts.
+        starts: asked for.
+        seed: of the family.
+        mesh: that all starts share.
+        options: of IPOPT, over `nlp.IPOPT`.
+        outcomes: of the starts that are finished, by index.
+        same: when two of them are one optimum.
+        provenance: versions and git revision.
+    """
+
+    problem: Problem
+    family: StartFamily
+    starts: int
+    seed: int
+    mesh: Mesh
+    options: Mapping[str, Any]
+    outcomes: tuple[Outcome, ...] = ()
+    same: Same = Outcome.same_as
+    provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+
+    def start(self, index: int) -> Start:
+        """Start number `index`: the same one whenever it is asked for."""
+        drawn = self.family(np.random.default_rng([self.seed, index]), index)
+        start = drawn if isinstance(drawn, Start) else Start(tuple(drawn))
+        return dataclasses.replace(start, problems=start.problems or (self.problem,))
+
+    @cached_property
+    def optima(self) -> tuple[Optimum, ...]:
+        """Different local optima, best first."""
+        return distinct(self.outcomes, self.same)
+
+    @property
+    def failures(self) -> tuple[Outcome, ...]:
+        """The starts that led nowhere, by index."""
+        return tuple(outcome for outcome in self.outcomes if outcome.failure)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every start is finished."""
+        return len(self.outcomes) == self.starts
+
+    def __repr__(self) -> str:
+        best = f"best cost {self.optima[0].cost:.6g}" if self.optima else "none found"
+        return (
+            f"Search({len(self.outcomes)} of {self.starts} starts, {len(self.optima)} local "
+            f"optima, {best}, {len(self.failures)} failed)"
+        )
+
+    def report(self, most: int = 10) -> str:
+        """The `most` best optima and the reasons of failure, as text."""
+        done, optima = len(self.outcomes), self.optima
+        lines = [f"Multi-start, {done} of {self.starts} starts (seed {self.seed})"]
+        for optimum in optima[:most]:
+            times, kind = len(optimum.found), optimum.best.kind
+            lines.append(
+                f"  cost {optimum.cost:<15.9g} from {times} start(s), {times / done:.1%}"
+                + (f", {kind}" if kind else "")
+            )
+        if len(optima) > most:
+            lines.append(f"  and {len(optima) - most} more, up to {optima[-1].cost:.9g}")
+        if not optima:
+            lines.append("  NO LOCAL OPTIMUM FOUND")
+        reasons = collections.Counter(o.failure.split(":")[0] for o in self.failures)
+        lines += [f"  {count} failed: {reason}" for reason, count in reasons.most_common()]
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> None:
+        """Write everything but the problem and the family, as `trajopt.files` does."""
+        names = [f.name for f in dataclasses.fields(Outcome) if f.name not in _ARRAYS]
+        header = {
+            "starts": self.starts,
+            "seed": self.seed,
+            "mesh": dataclasses.asdict(self.mesh),
+            "options": dict(self.options),
+            "outcomes": [{name: getattr(o, name) for name in names} for o in self.outcomes],
+            "provenance": self.provenance,
+        }
+        arrays: dict[str, Any] = {}
+        for outcome in self.outcomes:
+            prefix = f"start{outcome.index}_"
+            arrays |= phases_to_arrays(outcome.phases, prefix)
+            arrays[prefix + "parameters"] = outcome.parameters
+        write_arrays(path, FORMAT, header, arrays)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        problem: Problem,
+        family: StartFamily,
+        same: Same = Outcome.same_as,
+    ) -> Search:
+        """Read what `save` wrote, of this problem and family: the file does not know them.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            SearchFileError: it is not a search saved by this version, or was edited or damaged.
+        """
+        remedy = "search again"
+        header, arrays = read_arrays(path, FORMAT, SearchFileError, remedy)
+        outcomes = []
+        for entry in header["outcomes"]:
+            prefix = f"start{entry['index']}_"
+            phases = phases_from_arrays(arrays, prefix)
+            if [p.states.shape[-1] for p in phases] != [len(p.states) for p in problem.phases]:
+                raise SearchFileError(f"{path}: a search of another problem; {remedy}")
+            parameters = arrays[prefix + "parameters"]
+            outcomes.append(Outcome(phases=phases, parameters=parameters, **entry))
+        return cls(
+            problem=problem,
+            family=family,
+            starts=header["starts"],
+            seed=header["seed"],
+            mesh=Mesh.from_dict(header["mesh"]),
+            options=header["options"],
+            outcomes=tuple(outcomes),
+            same=same,
+            provenance=header["provenance"],
+        )
+
+
+#: Attributes of an outcome that a file keeps as arrays.
+_ARRAYS = ("phases", "parameters")
+
+
+def multi_start(
+    problem: Problem,
+    family: StartFamily,
+    starts: int,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    mesh: Mesh | None = None,
+    known: Search | None = None,
+    same: Same = Outcome.same_as,
+    progress: bool = False,
+    **options: Any,
+) -> Search:
+    """Solve a problem from many starts, each once and on one mesh.
+
+    The same seed gives the same starts, and the same results, whatever the number of workers.
+
+    Args:
+        problem: what to solve.
+        family: (generator, index) -> a guess, or a `Start`; such as those of `trajopt.guesses`.
+            With more than one worker it must be possible to pickle it.
+        starts: how many.
+        seed: of the generators.
+        workers: processes, this one included.
+        mesh: 14 elements of degree 4 per phase by default.
+        known: an earlier search, perhaps interrupted, of the same problem, family, seed, mesh and
+            options: what it has finished is not done again.
+        same: when two outcomes are one optimum.
+        progress: whether to show a bar.
+        options: of IPOPT, over `OPTIONS`.
+
+    Raises:
+        Interrupted: Ctrl-C was pressed; its `partial` is the search so far.
+        ValueError: `known` is another search.
+    """
+    mesh = mesh or Mesh.uniform(problem, ELEMENTS, DEGREE)
+    search = Search(problem, family, starts, seed, mesh, OPTIONS | options, same=same)
+    finished = {o.index: o for o in _outcomes(known, search) if o.index < starts}
+    missing = [index for index in range(starts) if index not in finished]
+
+    def so_far() -> Search:
+        outcomes = tuple(outcome for _, outcome in sorted(finished.items()))
+        return dataclasses.replace(search, outcomes=outcomes)
+
+    run = _in_turn if workers == 1 or len(missing) < 2 else partial(_shared_out, workers)
+    best = min((o.cost for o in finished.values() if not o.failure), default=math.inf)
+    try:
+        with (
+            tqdm(total=starts, initial=len(finished), desc="starts", disable=not progress) as bar,
+            closing(run(search, missing)) as outcomes,
+        ):
+            for outcome in outcomes:
+                finished[outcome.index] = outcome
+                if not outcome.failure and outcome.cost < best:
+                    best = outcome.cost
+                    bar.set_postfix_str(f"best cost {best:.6g}", refresh=False)
+                bar.update()
+    except KeyboardInterrupt:
+        raise Interrupted(so_far()) from None
+    return so_far()
+
+
+def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, ...]:
+    """The `count` best optima, refined and verified by `solve`, best first; failures come last.
+
+    Args:
+        search: what found them.
+        count: how many, at most.
+        settings: of `solve`, options of IPOPT included.
+    """
+    settings = {"mu_init": WARM_BARRIER} | settings
+    refined = []
+    for optimum in search.optima[:count]:
+        problem = search.start(optimum.best.index).problems[-1]
+        guess, parameters = optimum.phases, optimum.best.parameters
+        refined.append(solve(problem, guess, search.mesh, parameters=parameters, **settings))
+    return tuple(sorted(refined, key=lambda e: (not e.converged, e.cost)))
+
+
+def _outcomes(known: Search | None, search: Search) -> tuple[Outcome, ...]:
+    if known is None:
+        return ()
+    for name in ("seed", "mesh", "options"):
+        mine, theirs = getattr(search, name), getattr(known, name)
+        if mine != theirs:
+            raise ValueError(f"known: its {name} is {theirs}, not {mine}; search anew")
+    return known.outcomes
+
+
+Outcomes: TypeAlias = Generator[Outcome, None, None]
+
+
+class _Solver:
+    """Solves a search's starts on one transcription."""
+
+    def __init__(self, search: Search) -> None:
+        self.search = search
+        self.transcription = Transcription(search.problem, search.mesh)
+
+    def outcome(self, index: int) -> Outcome:
+        """Of start number `index`."""
+        start = self.search.start(index)
+        guess, parameters, iterations = start.guess, start.parameters, 0
+        for problem in start.problems:
+            result = self.transcription.solve(guess, problem, parameters, **self.search.options)
+            guess, parameters = result.phases, result.parameters
+            iterations += result.iterations
+        failure = "" if result.success else f"{result.status}: {result.worst}"
+        found = result.cost, result.phases, result.parameters
+        return Outcome(index, start.kind, *found, iterations, failure)
+
+
+def _in_turn(search: Search, indices: Iterable[int]) -> Outcomes:
+    solver = _Solver(search)
+    yield from map(solver.outcome, indices)
+
+
+def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcomes:
+    """Outcomes as they come, from this process and others.
+
+    This one works too, for the others take a second to begin. It hands them few starts ahead:
+    Ctrl-C waits for those that they have.
+    """
+    remaining, solver = iter(indices), _Solver(search)
+    others = workers - 1
+    pool = ProcessPoolExecutor(others, get_context("spawn"), _start_worker, (search,))
+    running: set[Future[Outcome]] = set()
+    try:
+        while True:
+            ahead = AHEAD * others - len(running)
+            running |= {pool.submit(_work, index) for index in islice(remaining, ahead)}
+            own = next(remaining, None)
+            if own is not None:
+                yield solver.outcome(own)
+            elif not running:
+                return
+            patience = None if own is None else 0.0
+            done, running = wait(running, patience, FIRST_COMPLETED)
+            yield from (future.result() for future in done)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+_worker: _Solver
+
+
+def _start_worker(search: Search) -> None:
+    global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
+    _worker = _Solver(search)
+
+
+def _work(index: int) -> Outcome:
+    return _worker.outcome(index)
