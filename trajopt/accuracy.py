@@ -70,7 +70,8 @@ def assess(
     residual = rates - trajectory.element_durations[:, None, None] * flow
     trapezia = 0.5 * (residual[:, 1:] + residual[:, :-1]) * np.diff(GRID)[:, None]
     integral = np.cumsum(trapezia, axis=1)
-    step = stepped(phase, trajectory, p) - trajectory.states[:, -1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
     path = np.zeros((len(states), 1))
     if phase.path is not None:
         values = evaluated(phase.path.function, states, controls, p)
@@ -121,7 +122,10 @@ def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 
 
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
-    """States (M, nx) at the elements' right edges, integrated from their left edges."""
+    """States (M, nx) at the elements' right edges, integrated from their left edges.
+
+    They may be infinite or not a number where an explicit method fails, on long stiff elements.
+    """
     y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / STEPS
     for step in range(STEPS):
         rates: list[Array] = []

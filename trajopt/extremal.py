@@ -52,6 +52,7 @@ class Extremal:
         phases: the trajectory, phase by phase.
         parameters: values of the static parameters, shape (np,).
         tolerance: that was asked of `mesh_error`.
+        limit_tolerance: that was asked of limits between the nodes.
         transcribed_cost: as the transcription sees it.
         mesh_error: largest estimated relative error of the states within an element.
         status: IPOPT's words for the run on `mesh`.
@@ -68,6 +69,7 @@ class Extremal:
     phases: tuple[PhaseTrajectory, ...]
     parameters: Array
     tolerance: float
+    limit_tolerance: float
     transcribed_cost: float
     mesh_error: float
     status: str
@@ -99,6 +101,9 @@ class Extremal:
         found += [str(breach) for breach in self.breaches[:3]]
         if not self.mesh_error <= self.tolerance:
             found.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
+        found += [
+            f"between the nodes, {b}" for b in self.audit[:3] if b.amount > self.limit_tolerance
+        ]
         if self.resimulation is not None:
             worst = max(self.resimulation.phase_errors)
             if not worst <= RESIMULATION_FACTOR * self.tolerance:
@@ -107,7 +112,7 @@ class Extremal:
 
     @property
     def converged(self) -> bool:
-        """Whether IPOPT succeeded, the mesh is fine enough, and playing it back agrees."""
+        """Whether IPOPT succeeded, the mesh is fine enough, limits hold, playing it back agrees."""
         return not self.failures
 
     @property

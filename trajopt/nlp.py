@@ -86,6 +86,7 @@ class Transcription:
                 f"the mesh has {len(mesh.degrees)} phases, the problem {len(problem.phases)}: "
                 "make it with Mesh.uniform(problem, ...)"
             )
+        _require_inequalities(problem, mesh)
         self.problem, self.mesh = problem, mesh
         self.layout = Layout(problem, mesh)
         self.rows: list[Rows] = []
@@ -298,6 +299,18 @@ class Transcription:
             multipliers=np.asarray(found["lam_g"]).ravel(),
             bound_multipliers=np.asarray(found["lam_x"]).ravel(),
         )
+
+
+def _require_inequalities(problem: Problem, mesh: Mesh) -> None:
+    for phase in problem.phases:
+        path = phase.path
+        if mesh.scheme == "radau" and path is not None and np.any(path.lower == path.upper):
+            name = path.names[int(np.argmax(path.lower == path.upper))]
+            raise ValueError(
+                f"path constraint {name!r} of phase {phase.name!r} is an equation: radau imposes "
+                "it at more places than its controls have freedoms; solve it for a control, or "
+                "use another scheme"
+            )
 
 
 def _once(function: Any, variables: Sequence[NDArray[np.intp]], rows: Any) -> Block:

@@ -26,6 +26,7 @@ def pack(
     Durations are scaled to the total that is asked for; static parameters are in the middle of
     their bounds unless given.
     """
+    _require_fit(problem, guess)
     p = middle(problem) if parameters is None else np.asarray(parameters, dtype=float)
     parts: dict[Key, Array] = {(-1, "parameters", 0): p.reshape(-1, 1)}
     low, high = pair(problem.duration)
@@ -42,6 +43,21 @@ def pack(
             packed = _pack_group(phase, group, trajectory, edges, p)
             parts |= {(i, kind, group.degree): values for kind, values in packed.items()}
     return layout.join(parts)
+
+
+def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
+    if len(guess) != len(problem.phases):
+        raise ValueError(
+            f"the guess has {len(guess)} trajectories for the {len(problem.phases)} phases: "
+            "give one each"
+        )
+    for phase, trajectory in zip(problem.phases, guess, strict=True):
+        given = trajectory.states.shape[-1], trajectory.controls.shape[-1]
+        if given != (len(phase.states), len(phase.controls)):
+            raise ValueError(
+                f"the guess of phase {phase.name!r}: {given[0]} states and {given[1]} controls "
+                f"for {phase.states} and {phase.controls}"
+            )
 
 
 def _pack_group(

@@ -301,6 +301,10 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
             f"phase {phase.name!r}: flow gives {changes['flow'].size1_out(0)} rates for the "
             f"{nx} states {phase.states}"
         )
+    if "cost" in changes and changes["cost"].size1_out(0) != 1:
+        raise ValueError(
+            f"phase {phase.name!r}: cost gives {changes['cost'].size1_out(0)} numbers, not one"
+        )
     for name, sizes in (
         ("path", (nx, nu, parameters)),
         ("integral", (nx, nu, parameters)),

@@ -7,6 +7,7 @@ Appl. Methods 36 (2015), with splits at the control's own switches.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,16 +60,19 @@ def refined(
     An element in which the control switches (it jumps and costs too much, a power changes sign, a
     bound is met or left) is split there. Else, if states and controls are smooth, its degree rises
     by as much as the error asks for; if they are not, or the degree is at its cap, it is halved.
+    Where there is no room to split all, the worst are.
     """
     fractions, degrees = [], []
-    room = MAX_ELEMENTS - mesh.elements
+    room, fixed = MAX_ELEMENTS - mesh.elements, mesh.scheme in FIXED_DEGREE
+    tolerances = state_tolerance, cost_tolerance, limit_tolerance
+    misses = [_misses(quality, *tolerances) for quality in qualities]
+    ranked = np.sort(np.concatenate(misses))[::-1]
+    least = ranked[room] if room < len(ranked) else 0.0
     for i, (phase, trajectory, quality) in enumerate(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = np.maximum(
-            quality.limit_violation / limit_tolerance, quality.path_violation.max(axis=1) / COARSE
-        )
+        limits = _limits(quality, limit_tolerance)
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = max(
@@ -77,13 +81,12 @@ def refined(
             wasteful = quality.cost_gap[e] > cost_tolerance
             jumps, inside = breaks(trajectory, e) if wasteful else [], []
             if jumps or max(excess, limits[e]) > 1.0:
-                raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
-                fixed = mesh.scheme in FIXED_DEGREE
+                raised = degree + max(1, math.ceil(math.log10(np.clip(excess, 1.0, 1e99))))
                 switches = switch_points(phase, trajectory, e, p)
                 smooth = not fixed and is_smooth(trajectory, e) and not switches
-                if smooth and raised <= MAX_DEGREE and excess > 1.0:
+                if smooth and raised <= MAX_DEGREE and excess > max(1.0, limits[e]):
                     degree = raised
-                elif right - left > SHORTEST and room > 0:
+                elif right - left > SHORTEST and room > 0 and misses[i][e] >= least:
                     inside = jumps or switches or [0.5]
                     room -= len(inside)
             edges += [left + (right - left) * s for s in inside] + [right]
@@ -91,6 +94,21 @@ def refined(
         fractions.append(tuple(edges))
         degrees.append(tuple(orders))
     return dataclasses.replace(mesh, fractions=tuple(fractions), degrees=tuple(degrees))
+
+
+def _misses(
+    quality: Quality, state_tolerance: float, cost_tolerance: float, limit_tolerance: float
+) -> Array:
+    """The worst of all errors of every element, relative to its tolerance, shape (M,)."""
+    cost = np.maximum(quality.cost_error, quality.cost_gap) / cost_tolerance
+    limits = _limits(quality, limit_tolerance)
+    return np.max([quality.state_error / state_tolerance, cost, limits], axis=0)
+
+
+def _limits(quality: Quality, tolerance: float) -> Array:
+    """Violations of limits relative to what is tolerated, shape (M,)."""
+    path = quality.path_violation.max(axis=1) / COARSE
+    return np.asarray(np.maximum(quality.limit_violation / tolerance, path))
 
 
 def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mesh:
@@ -114,31 +132,36 @@ def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mes
 def breaks(trajectory: PhaseTrajectory, element: int) -> list[float]:
     """The fraction of an element at which a control jumps or has a kink, if one does.
 
-    The neighbours' controls, continued straight on, meet at a kink. If they do not, the control
+    The neighbours' controls (its own at the phase's ends), continued straight on, meet at a kink.
+    If they do not, the control
     jumps from one to the other where that leaves the element's mean control as it is; near an
-    edge the element is cut beyond the jump, to be sure that the rest has none.
+    edge the element is cut beyond the jump, to be sure that the rest has none. (Controls that are
+    linear on every element have kinks at their edges, and nothing to tell where others are.)
     """
     u, h = trajectory.controls, trajectory.element_durations
-    if not u.shape[-1]:
+    if not u.shape[-1] or len(trajectory.control_nodes) < 3:
         return []
     slope = full_differentiation_matrix(tuple(trajectory.control_nodes))
     last, first = max(element - 1, 0), min(element + 1, len(u) - 1)
-    before, after = u[last, -1 if last < element else 0], u[first, 0 if first > element else -1]
-    rise = h[element] * (slope[-1] @ u[last] / h[last]) * (last < element)
-    fall = h[element] * (slope[0] @ u[first] / h[first]) * (first > element)
+    i, j = (-1 if last < element else 0), (0 if first > element else -1)
+    before, rise = u[last, i], h[element] / h[last] * (slope[i] @ u[last])
+    after, fall = u[first, j], h[element] / h[first] * (slope[j] @ u[first])
     gap = np.array([after - fall - before, after - before - rise])  # at the element's edges
     apart = np.abs(gap).max(axis=0) / (np.ptp(u, axis=(0, 1)) + np.finfo(float).tiny)
     k = int(np.argmax(apart))
     if apart[k] < NO_BREAK:
         return []
     left, right = gap[:, k]
+    jump = before[k] - after[k]
     if left * right < 0.0:
         s = left / (left - right)
-    else:
+    elif jump:
         points, weights = np.polynomial.legendre.leggauss(len(trajectory.control_nodes))
         values = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * points) @ u[element, :, k]
-        s = (0.5 * weights @ values - after[k]) / (before[k] - after[k])
+        s = (0.5 * weights @ values - after[k]) / jump
         s = 2 * s if s < 0.1 else 2 * s - 1 if s > 0.9 else s
+    else:
+        return []
     return [float(s)] if 0.005 < s < 0.995 else []
 
 

@@ -117,6 +117,7 @@ def solve(
         phases=result.phases,
         parameters=result.parameters,
         tolerance=tolerance,
+        limit_tolerance=limit_tolerance,
         transcribed_cost=result.cost,
         mesh_error=_error(qualities),
         status=result.status,

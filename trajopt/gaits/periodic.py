@@ -9,16 +9,17 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from trajopt.extremal import Extremal
-from trajopt.gaits.search import Candidate, distinct, multi_start
+from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Optimality, Optimum, Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
 from trajopt.gaits.verify import polished, verify
 from trajopt.mesh import Mesh
-from trajopt.nlp import Result, Transcription
+from trajopt.nlp import Transcription
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
 from trajopt.rows import Breach
+from trajopt.search import Outcome, distinct
 from trajopt.solve import solve
 from trajopt.trajectory import PhaseTrajectory
 
@@ -89,32 +90,26 @@ def periodic_gait(
             solved.append((found, lead.theta_turns))
             break
         failures.append(obstacle)
-    candidates: list[Candidate] = []
-    failed: list[Result] = []
+    outcomes: list[Outcome] = [_outcome(found, turns) for found, turns in solved]
     if starts > 0:
-        candidates, failed = multi_start(
-            params,
-            speed=speed,
-            steps=steps,
-            regeneration=regeneration,
-            starts=starts,
-            seed=seed,
-            workers=workers,
-            progress=progress,
-        )
-    best_led = min((found.cost for found, _ in solved), default=math.inf)
-    for candidate in candidates[:REFINED]:
-        if candidate.cost < 1.05 * best_led:
-            found = _refined(params, candidate, speed, regeneration)
-            if found.succeeded:
-                solved.append((found, candidate.theta_turns))
+        family = GaitFamily(params, speed, steps, regeneration)
+        search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
+        outcomes += search.outcomes
+        best_led = min((found.cost for found, _ in solved), default=math.inf)
+        for optimum in search.optima[:REFINED]:
+            if optimum.cost < 1.05 * best_led:
+                found = _refined(family, optimum.best)
+                if found.succeeded:
+                    solved.append((found, int(optimum.best.kind)))
+        failures += [outcome.failure for outcome in search.failures]
     if not solved:
-        failures += [_obstacle(result.status, result.breaches) for result in failed]
         raise NoGaitError(_no_gait(params, speed, steps, failures))
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
-    met = distinct([Candidate(e.phases, k, e.cost) for e, k in solved] + candidates)
-    optima = tuple(Optimum(c.cost / weight, c.theta_turns, c.found) for c in met)
+    optima = tuple(
+        Optimum(o.cost / weight, int(o.best.kind), len(o.found))
+        for o in distinct(outcomes, same_gait)
+    )
     solutions = []
     for found, turns in sorted(solved, key=lambda pair: pair[0].cost):
         solution = _solution(params, found, turns, regeneration, optima, settings)
@@ -159,10 +154,21 @@ def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
     return Mesh(fractions, degrees, control_degree=CONTROL_DEGREE)
 
 
-def _refined(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Extremal:
-    problem = _problem(params, candidate, speed, regen)
+def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
+    problem = gait_problem(
+        family.params,
+        speed=family.speed,
+        steps=family.steps,
+        theta_turns=int(outcome.kind),
+        regeneration=family.regeneration,
+    )
     mesh = Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
-    return _solved(problem, candidate.phases, mesh, mu_init=1e-4)
+    return _solved(problem, outcome.phases, mesh, mu_init=1e-4)
+
+
+def _outcome(found: Extremal, turns: int) -> Outcome:
+    """A gait that was led here, as one more start."""
+    return Outcome(-1, str(turns), found.cost, found.phases, found.parameters, 0, "")
 
 
 def _solved(
@@ -170,11 +176,6 @@ def _solved(
 ) -> Extremal:
     """A gait near a guess; the reference simulator verifies it, touchdowns and all."""
     return solve(problem, guess, mesh, verify=False, mu_init=mu_init)
-
-
-def _problem(params: WheelParams, candidate: Candidate, speed: float, regen: bool) -> Problem:
-    steps, turns = len(candidate.phases), candidate.theta_turns
-    return gait_problem(params, speed=speed, steps=steps, theta_turns=turns, regeneration=regen)
 
 
 def _solution(

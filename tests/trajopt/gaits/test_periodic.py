@@ -9,10 +9,11 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
-from trajopt.gaits.search import Candidate, distinct, random_guess
+from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.shipped import nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
+from trajopt.search import Outcome, distinct
 
 MODEL = HybridModel(THESIS_PHYSICAL)
 
@@ -202,9 +203,12 @@ def test_random_guesses_depend_on_the_seed_alone():
 
 def test_the_same_optimum_found_twice_counts_twice(gait):
     shifted = gait.phases[1:] + gait.phases[:1]
-    candidates = [Candidate(phases, 0, gait.cost) for phases in (gait.phases, shifted)]
-    candidates.append(Candidate(gait.phases, 0, 2 * gait.cost))
-    assert [c.found for c in distinct(candidates)] == [2, 1]
+    starts = [(gait.phases, 1.0), (shifted, 1.0), (gait.phases, 2.0)]
+    outcomes = [
+        Outcome(i, "0", times * gait.cost, phases, np.empty(0), 1, "")
+        for i, (phases, times) in enumerate(starts)
+    ]
+    assert [o.found for o in distinct(outcomes, same_gait)] == [(0, 1), (2,)]
 
 
 def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate():
