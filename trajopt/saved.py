@@ -32,9 +32,15 @@ FORMAT = "trajopt extremal 1"
 
 REMEDY = "copy it again, or solve its problem again"
 
-#: Attributes of a solution that are JSON values themselves, and those that are dataclasses.
-PLAIN = ("tolerance", "transcribed_cost", "mesh_error", "status", "provenance")
+#: Attributes of a solution that are dataclasses, or tuples of them.
 TABLES = ("mesh", "resimulation", "attempts", "breaches", "audit")
+
+#: Those that are JSON values themselves: all that are neither tables, nor arrays, nor the problem.
+PLAIN = tuple(
+    field.name
+    for field in dataclasses.fields(Extremal)
+    if field.name not in (*TABLES, "problem", "phases", "parameters", "certificate")
+)
 
 
 class ExtremalFileError(ValueError):
