@@ -65,14 +65,15 @@ def refined(
     fractions, degrees = [], []
     room, fixed = MAX_ELEMENTS - mesh.elements, mesh.scheme in FIXED_DEGREE
     tolerances = state_tolerance, cost_tolerance, limit_tolerance
-    misses = [_misses(quality, *tolerances) for quality in qualities]
+    pairs = zip(problem.phases, qualities, strict=True)
+    misses = [_misses(phase, quality, *tolerances) for phase, quality in pairs]
     ranked = np.sort(np.concatenate(misses))[::-1]
     least = ranked[room] if room < len(ranked) else 0.0
     for i, (phase, trajectory, quality) in enumerate(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = _limits(quality, limit_tolerance)
+        limits = _limits(phase, quality, limit_tolerance)
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = max(
@@ -97,17 +98,24 @@ def refined(
 
 
 def _misses(
-    quality: Quality, state_tolerance: float, cost_tolerance: float, limit_tolerance: float
+    phase: Phase,
+    quality: Quality,
+    state_tolerance: float,
+    cost_tolerance: float,
+    limit_tolerance: float,
 ) -> Array:
     """The worst of all errors of every element, relative to its tolerance, shape (M,)."""
     cost = np.maximum(quality.cost_error, quality.cost_gap) / cost_tolerance
-    limits = _limits(quality, limit_tolerance)
+    limits = _limits(phase, quality, limit_tolerance)
     return np.max([quality.state_error / state_tolerance, cost, limits], axis=0)
 
 
-def _limits(quality: Quality, tolerance: float) -> Array:
+def _limits(phase: Phase, quality: Quality, tolerance: float) -> Array:
     """Violations of limits relative to what is tolerated, shape (M,)."""
-    path = quality.path_violation.max(axis=1) / COARSE
+    coarse = np.full(quality.path_violation.shape[1], COARSE)
+    if phase.path is not None:  # equations leave no room for margins
+        coarse[phase.path.lower == phase.path.upper] = tolerance
+    path = (quality.path_violation / coarse).max(axis=1)
     return np.asarray(np.maximum(quality.limit_violation / tolerance, path))
 
 

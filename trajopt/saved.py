@@ -32,7 +32,7 @@ FORMAT = "trajopt extremal 1"
 REMEDY = "copy it again, or solve its problem again"
 
 #: Attributes of a solution that are JSON values themselves, and those that are dataclasses.
-PLAIN = ("tolerance", "transcribed_cost", "mesh_error", "status", "provenance")
+PLAIN = ("tolerance", "limit_tolerance", "transcribed_cost", "mesh_error", "status", "provenance")
 TABLES = ("mesh", "resimulation", "attempts", "breaches", "audit")
 
 
