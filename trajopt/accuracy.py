@@ -104,8 +104,8 @@ def cost_errors(transcription: Transcription, result: Result) -> list[Array]:
         mapped = block.function.map(block.count)
         outputs, cost = mapped(result.unknowns[block.variables], block.data)
         rows = paid[index].shape[1] - 1
-        integrals = np.asarray(outputs)[len(block.rows) - rows :]
-        paid[index][group.elements] -= np.vstack([np.asarray(cost), integrals]).T
+        integrals = outputs.full()[len(block.rows) - rows :]
+        paid[index][group.elements] -= np.vstack([cost.full(), integrals]).T
     return [(np.abs(v) / s).max(axis=1) for v, s in zip(paid, scale, strict=True)]
 
 

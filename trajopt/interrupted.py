@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
@@ -17,3 +22,33 @@ class Interrupted(KeyboardInterrupt, Generic[T]):
     def __init__(self, partial: T) -> None:
         super().__init__("interrupted: what was finished is in `partial`")
         self.partial = partial
+
+
+@contextmanager
+def heeded() -> Iterator[None]:
+    """Ctrl-C within is a KeyboardInterrupt, at its end at the latest.
+
+    CasADi's wrappers lose one in ten otherwise, or turn it into a SystemError.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed = threading.Event()
+    former = signal.getsignal(signal.SIGINT)
+
+    def press(number: int, frame: FrameType | None) -> None:
+        pressed.set()
+        if callable(former):
+            former(number, frame)
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    except Exception as error:
+        if pressed.is_set():
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        signal.signal(signal.SIGINT, former)
+    if pressed.is_set() and former is signal.default_int_handler:
+        raise KeyboardInterrupt

@@ -137,7 +137,8 @@ def evaluated(function: object, states: Array, controls: Array, p: Array) -> Arr
     shape = states.shape[:-1]
     count = math.prod(shape)
     columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
-    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))  # type: ignore[operator]
+    # Not np.asarray(DM): Ctrl-C within becomes a SystemError.
+    values = function(*columns, np.repeat(p[:, None], count, axis=1)).full()  # type: ignore[operator]
     return values.T.reshape(*shape, len(values))
 
 

@@ -52,7 +52,7 @@ def resimulated(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -
             chain.append(error)
         if i in following:
             link = following[i]
-            start = np.asarray(link.map(end, p)).ravel() + problem.offset(link)
+            start = link.map(end, p).full().ravel() + problem.offset(link)
         elif i + 1 < len(phases):
             start = phases[i + 1].start
     if problem.endpoint_cost is not None:
@@ -99,7 +99,7 @@ def followed(
             u = powers[0]
             for c in powers[1:]:
                 u = u * ((t - begin) / h) + c
-            flow = np.asarray(phase.flow(y[:nx], u, p)).ravel()
+            flow = phase.flow(y[:nx], u, p).full().ravel()
             return np.append(flow, paid_rate(phase, y[:nx], u, p))
 
         times = begin + h * np.linspace(0.0, 1.0, 9)
@@ -116,5 +116,5 @@ def paid_rate(phase: Phase, x: Array, u: Array, p: Array) -> float:
     """Running cost and powers at one point."""
     paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
     if phase.powers is not None:
-        paid += float(np.maximum(np.asarray(phase.powers(x, u, p)), phase.floor).sum())
+        paid += float(np.maximum(phase.powers(x, u, p).full(), phase.floor).sum())
     return paid

@@ -12,6 +12,7 @@ from trajopt.accuracy import Quality, assess, audit, cost_errors
 from trajopt.costates import certificate
 from trajopt.extremal import Attempt, Extremal
 from trajopt.guesses import straight_lines
+from trajopt.interrupted import heeded
 from trajopt.mesh import Mesh
 from trajopt.nlp import Result, Transcription
 from trajopt.problem import Array, Constraint, Problem
@@ -38,6 +39,7 @@ WARM_ITERATIONS = 150
 CERTIFYING_PASSES, SAME_COST = 5, 5e-3
 
 
+@heeded()
 def solve(
     problem: Problem,
     guess: Sequence[PhaseTrajectory] | None = None,
