@@ -10,6 +10,7 @@ same to the last bit whatever moves beside it.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -207,7 +208,20 @@ def machine_arrays(
 
 def scratch() -> NDArray[np.float64]:
     """Work space for one call of the kernel at a time."""
-    return np.zeros(SCRATCH_SIZE)
+    space = aligned((SCRATCH_SIZE,))
+    space[:] = 0.0
+    return space
+
+
+def aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """An empty array that begins with a line of the cache, as do its rows of a tile's width.
+
+    Reading eight numbers at once takes twice as long across the border of two lines.
+    """
+    size = math.prod(shape)
+    space = np.empty(size + LANES)
+    begin = -(space.ctypes.data // space.itemsize) % LANES
+    return space[begin : begin + size].reshape(shape)
 
 
 def advance(
