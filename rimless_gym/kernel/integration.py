@@ -56,7 +56,6 @@ def _stage(i: int) -> Callable[..., None]:
     acc = of.STAGE_ACC + 2 * i * LANES
     share = float(_B[i]) if i < STAGES else 0.0
 
-    @_vectorised
     def stage(tile):
         for lane in range(LANES):
             h, (phi, theta, dphi, dtheta) = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
@@ -80,7 +79,9 @@ def _stage(i: int) -> Callable[..., None]:
                 tile[of.TURNED + lane] += share * h * turned
                 tile[of.BRAKED + lane] += share * h * braked
 
-    return stage
+    # Machine code finds functions by name, also in what other processes left in numba's cache.
+    stage.__qualname__ = f"stage_{i}"
+    return _vectorised(stage)
 
 
 @_vectorised

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 
 import numpy as np
 
 from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.kernel import integration
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.interpolation import quintic, upward_root, value
 
@@ -25,6 +27,12 @@ def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
     orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 7.8
     assert errors[-1] < 1e-10
+
+
+def test_the_stages_go_by_names_of_their_own_in_machine_code() -> None:
+    """Else what different processes compiled and cached might call each other's."""
+    stages = [f for name, f in vars(integration).items() if re.fullmatch(r"_s\d+|_end", name)]
+    assert len({f.py_func.__qualname__ for f in stages}) == integration.STAGES
 
 
 def test_the_quintic_through_a_steps_ends_is_exact_for_quintics_and_of_sixth_order() -> None:
