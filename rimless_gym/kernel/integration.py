@@ -16,7 +16,14 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from rimless_gym.hybrid import SINGLE, accelerations, inlined, losses, relative_rate
+from rimless_gym.hybrid import (
+    SINGLE,
+    accelerations,
+    accelerations_turned,
+    inlined,
+    losses,
+    relative_rate,
+)
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.tile import (
     LANES,
@@ -26,7 +33,9 @@ from rimless_gym.kernel.tile import (
     get_state,
     machine,
     put_pair,
+    put_sines,
     put_state,
+    turned_angles,
 )
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
@@ -66,14 +75,15 @@ def _stage(i: int) -> Callable[..., None]:
                 v1 += w[m] * a1
                 x0 += ww[m] * a0
                 x1 += ww[m] * a1
-            x0, x1 = phi + h * (c * dphi + h * x0), theta + h * (c * dtheta + h * x1)
+            x0, x1 = h * (c * dphi + h * x0), h * (c * dtheta + h * x1)
             v0, v1 = dphi + h * v0, dtheta + h * v1
             if i < STAGES:
                 mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
-                a = accelerations(mode, x0, x1, v0, v1, u, p)
-                tile[acc + lane], tile[acc + LANES + lane] = a
+                there = turned_angles(tile, lane, x0, x1)
+                put_pair(tile, acc, lane, accelerations_turned(mode, *there, v0, v1, u, p))
             else:
-                put_state(tile, of.NEXT, lane, (x0, x1, v0, v1))
+                put_state(tile, of.NEXT, lane, (phi + x0, theta + x1, v0, v1))
+            tile[of.FAR + lane] = max(tile[of.FAR + lane], x0 * x0 + x1 * x1)
             if share != 0.0:
                 turned, braked = _integrands(tile, lane, v0, v1)
                 tile[of.TURNED + lane] += share * h * turned
@@ -92,6 +102,7 @@ def _begin(tile):
         tile[of.TURNED + lane] = _SHARE * tile[of.STEP + lane] * turned
         tile[of.BRAKED + lane] = _SHARE * tile[of.STEP + lane] * braked
         put_pair(tile, of.STAGE_ACC, lane, get_pair(tile, of.ACC, lane))
+        tile[of.FAR + lane] = 0.0
 
 
 _SHARE = float(_B[0])
@@ -101,8 +112,18 @@ _s1, _s2, _s3, _s4, _s5, _s6, _s7, _s8, _s9, _s10, _s11, _end = (
 
 
 @_vectorised
+def find_sines(tile):
+    """The sines and cosines of all lanes' angles."""
+    for lane in range(LANES):
+        put_sines(tile, lane)
+
+
+@_vectorised
 def rk8(tile):
-    """Advance all lanes from STATE by STEP: NEXT, TURNED and BRAKED; ACC is that of STATE."""
+    """Advance all lanes from STATE by STEP: NEXT, TURNED, BRAKED and FAR.
+
+    ACC and SINES are those of STATE.
+    """
     _begin(tile)
     _s1(tile)
     _s2(tile)
@@ -131,5 +152,6 @@ def smooth_states(
     for _ in range(steps):
         now = lane[state : state + 4] = lane[end : end + 4].copy()
         lane[acc : acc + 2] = accelerations(SINGLE, *now, u, params.constants)
+        find_sines(tile)
         rk8(tile)
         yield lane[end : end + 4].copy()

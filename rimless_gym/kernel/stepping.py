@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel import tile as of
-from rimless_gym.kernel.attempt import attempt_step, runs
+from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
 from rimless_gym.kernel.booking import open_interval
 from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
 from rimless_gym.params import N_CONSTANTS, WheelParams
@@ -119,7 +119,7 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
             tile[quantity * LANES + lane] = work[place + quantity]
         if constants.shape[1] > 1:
             load_machine(tile, lane, constants, poles, int(tile[of.INDEX + lane]))
-    attempt_step(tile, count, duration, pull)
+    attempt_again(tile, count, duration, pull)
     for lane in range(count):
         if not runs(tile, lane):
             store_lane(tile, lane, states, out, stride)
@@ -146,7 +146,7 @@ def _batch(fingerprint: int) -> Callable[..., None]:
             open_interval(tile, duration, pull)
             unfinished = attempt_step(tile, count, duration, pull)
             while unfinished and last - first <= LANES:
-                unfinished = attempt_step(tile, count, duration, pull)
+                unfinished = attempt_again(tile, count, duration, pull)
             store(tile, flat, flat_out, base, count, stride)
             if unfinished:
                 waiting = enqueue(tile, count, work, waiting)
