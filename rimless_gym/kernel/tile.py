@@ -65,7 +65,7 @@ POLE = _rows(1)  # the motor's (1/s)
 # Results of an attempt.
 STEP = _rows(1)  # its length (s)
 NEXT = _rows(4)  # state after it
-STAGE_ACC = _rows(2 * STAGES)  # accelerations at the stages
+STAGE_ACC = _rows(2 * STAGES)  # accelerations at the stages, times the step's length
 NEXT_ACC = _rows(2)
 SINES = _rows(4)  # sine and cosine of phi, then of theta, at its start
 FAR = _rows(1)  # how far the angles turn from there to any stage, squared: phi's and theta's turns
