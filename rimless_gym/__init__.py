@@ -30,4 +30,7 @@ gymnasium.register(
     entry_point="rimless_gym.envs.env:RimlessWheelEnv",
     vector_entry_point="rimless_gym.envs.vector_env:RimlessWheelVectorEnv",
     max_episode_steps=EPISODE_STEPS,
+    # The environment refuses by itself, with errors, what these wrappers look for in every step.
+    order_enforce=False,
+    disable_env_checker=True,
 )

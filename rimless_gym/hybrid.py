@@ -9,13 +9,16 @@ guard, reset and threshold and differ only in how they integrate and locate even
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym.equations import THESIS, equations
 from rimless_gym.params import N_CONSTANTS, Constants
-from rimless_gym.trigonometry import cos, sin
+from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
 
 SINGLE, DOUBLE = 0, 1  # stance modes
 MODE_NAMES = ("single_stance", "double_stance")
@@ -45,6 +48,8 @@ MAX_RATE = 60.0
 
 inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 eq = equations(sin, cos, inlined)
+#: The same equations of angles phi and theta given as `rimless_gym.trigonometry.sin_turned` does.
+turned = equations(sin_turned, cos_turned, inlined)
 hub_position = eq.hub_position
 relative_rate = eq.relative_rate
 mass_matrix = eq.mass_matrix
@@ -65,12 +70,20 @@ linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
 
 
-@inlined
-def accelerations(mode, phi, theta, dphi, dtheta, u, p):
-    """(phi'', theta'') in either stance mode, without a branch, so that loops over it vectorise."""
-    ddphi, ddtheta = single_stance(phi, theta, dphi, dtheta, u, p)
-    standing = double_stance(phi, theta, dphi, dtheta, u, p)
-    return (0.0, standing) if mode == DOUBLE else (ddphi, ddtheta)
+def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:
+    single_stance, double_stance = eq.single_stance, eq.double_stance
+
+    @inlined
+    def accelerations(mode, phi, theta, dphi, dtheta, u, p):
+        """(phi'', theta'') in either stance mode, without a branch: loops over it vectorise."""
+        ddphi, ddtheta = single_stance(phi, theta, dphi, dtheta, u, p)
+        standing = double_stance(phi, theta, dphi, dtheta, u, p)
+        return (0.0, standing) if mode == DOUBLE else (ddphi, ddtheta)
+
+    return accelerations
+
+
+accelerations, accelerations_turned = _in_either_mode(eq), _in_either_mode(turned)
 
 
 @njit(error_model="numpy")

@@ -3,6 +3,9 @@
 x is reduced to r = x - k pi/2 in [-pi/4, pi/4]; sin r and cos r are minimax polynomials there,
 and the quadrant k picks one of them and its sign. Both functions share that work where a program
 needs both. Absolute error below 2.5e-16 for |x| < 1e5; sin is exactly odd, cos even.
+
+Within a step an angle only turns a little from where its sine and cosine are known: `sin_turned`
+and `cos_turned` take (sine, cosine, turn), and get by with shorter polynomials of the turn.
 """
 
 from __future__ import annotations
@@ -57,3 +60,41 @@ def cos(x):
     """Cosine of x (rad)."""
     k, s, c = _reduced(x)
     return _signed(s if k & 1 else c, k + 1)
+
+
+#: Up to this turn (rad) the error is below 3.5e-16, all of it rounding; it grows like (turn)^11.
+MAX_TURN = 0.25
+
+_TURN_S = (
+    *(-0.1666666666666255, 0.008333333327984367),
+    *(-0.00019841246799989548, 2.7516830158333485e-06),
+)
+_TURN_C = (
+    *(0.04166666666666201, -0.0013888888883502848),
+    *(2.480156592374761e-05, -2.75219614266519e-07),
+)
+
+
+@_inlined
+def _turn(d):
+    """(sin d, cos d) of a small angle."""
+    z = d * d
+    s = d + d * z * (_TURN_S[0] + z * (_TURN_S[1] + z * (_TURN_S[2] + z * _TURN_S[3])))
+    c = z * z * (_TURN_C[0] + z * (_TURN_C[1] + z * (_TURN_C[2] + z * _TURN_C[3])))
+    return s, 1.0 - 0.5 * z + c
+
+
+@_inlined
+def sin_turned(angle):
+    """Sine of an angle given as the sine and cosine of one that it is a small turn away from."""
+    sine, cosine, turn = angle
+    s, c = _turn(turn)
+    return sine * c + cosine * s
+
+
+@_inlined
+def cos_turned(angle):
+    """Cosine likewise."""
+    sine, cosine, turn = angle
+    s, c = _turn(turn)
+    return cosine * c - sine * s

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 from numpy.typing import NDArray
 
 from rimless_gym.envs import interval
@@ -26,6 +27,7 @@ from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
 _BOUND = ("_advance", "_values")
+_NO_FAILURE = {"failure": None}
 
 
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -190,14 +192,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
-        if action.__class__ is not np.ndarray or action.shape != (1,):
+        if action.__class__ is not ndarray or action.shape != (1,):
             action = _as_action(action)
         command = action.item()
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-        info = LazyInfo()
-        info["failure"] = self._end() if self._advance(command) else None
-        info.source = entries, self._block.tobytes()
+        info = LazyInfo(_NO_FAILURE)
+        if self._advance(command):
+            info["failure"] = self._end()
+        info.source = entries, self._values.tobytes()
         if self.render_mode == "human":
             self.render()
         return self._observation.copy(), self._values[REWARD], self._ended, False, info

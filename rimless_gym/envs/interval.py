@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
 from rimless_gym.kernel.stepping import (
     DPHI,
@@ -26,7 +27,6 @@ from rimless_gym.kernel.stepping import (
     MODE,
     PHI,
     SCRATCH_SIZE,
-    SOURCE_FINGERPRINT,
     STATE_SIZE,
     THETA,
     advance_batch,

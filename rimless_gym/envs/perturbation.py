@@ -19,8 +19,9 @@ from rimless_gym.envs.interval import (
 )
 from rimless_gym.envs.randomness import between, next_uniform, normal
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, SINGLE, kinetic_energy, push
-from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, SOURCE_FINGERPRINT, THETA
+from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import N_CONSTANTS, Constants
 
 # `settings` (SETTINGS_SIZE,), as `Disturbances.settings` makes them.

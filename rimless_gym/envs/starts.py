@@ -40,6 +40,7 @@ from rimless_gym.envs.perturbation import (
 )
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.task import draw_state, foot_force
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import (
     DPHI,
@@ -48,7 +49,6 @@ from rimless_gym.kernel.stepping import (
     MAX_POLE,
     MODE,
     PHI,
-    SOURCE_FINGERPRINT,
     THETA,
 )
 from rimless_gym.params import Constants, WheelParams, constants_of

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from rimless_gym import hybrid
 from rimless_gym.envs.randomness import between, next_uniform
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
     MODE,
     PHI,
-    SOURCE_FINGERPRINT,
     STATE_SIZE,
     THETA,
 )

@@ -28,12 +28,13 @@ from rimless_gym.kernel.booking import (
     restart,
 )
 from rimless_gym.kernel.events import LIFT_OFF, NOTHING, RELEASE, force_guard, judge
-from rimless_gym.kernel.integration import rk8
+from rimless_gym.kernel.integration import find_sines, rk8
 from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, one_copy
 from rimless_gym.kernel.work import split_at_current, split_work
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy
-#: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait.
+#: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait. Angles then turn
+#: well below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 _vectorised = njit(error_model="numpy", fastmath={"contract"})
@@ -146,3 +147,11 @@ def attempt_step(tile, count, duration, pull):
             close(tile, lane, duration)
         unfinished += 1 if runs(tile, lane) else 0
     return unfinished
+
+
+@njit(error_model="numpy")
+def attempt_again(tile, count, duration, pull):
+    """`attempt_step` of lanes that have moved since their interval was opened."""
+    one_copy()
+    find_sines(tile)
+    return attempt_step(tile, count, duration, pull)

@@ -15,17 +15,25 @@ from rimless_gym.hybrid import (
     DOUBLE,
     MAX_RATE,
     OK,
-    accelerations,
-    ground_reaction,
-    hub_position,
+    accelerations_turned,
     inlined,
     linear_momentum,
     mechanical_energy,
-    pendulum_clearance,
     relative_rate,
+    turned,
 )
 from rimless_gym.kernel import tile as of
-from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, put_pair, put_state
+from rimless_gym.kernel.tile import (
+    LANES,
+    get_pair,
+    get_state,
+    machine,
+    put_pair,
+    put_sines,
+    put_state,
+    turned_angles,
+)
+from rimless_gym.trigonometry import MAX_TURN
 
 _vectorised = njit(error_model="numpy", fastmath={"contract"})
 
@@ -34,12 +42,21 @@ _vectorised = njit(error_model="numpy", fastmath={"contract"})
 DIP = 0.02
 
 
+_ground_reaction, _pendulum_clearance = turned.ground_reaction, turned.pendulum_clearance
+_mechanical_energy, _hub_position = turned.mechanical_energy, turned.hub_position
+
+
 @inlined
-def _contact(y, acc, p):
-    """(Fx, Fy, friction demand, the pendulum's clearance)."""
-    fx, fy = ground_reaction(y[0], y[1], y[2], y[3], acc[0], acc[1], p)
+def _evaluate(tile, lane, angles, dphi, dtheta):
+    """A state's accelerations, contact (Fx, Fy, friction demand, clearance), energy and hub's x."""
+    (phi, theta), p = angles, machine(tile, lane)
+    mode, u = tile[of.MODE + lane], tile[of.VOLTAGE + lane]
+    acc = accelerations_turned(mode, phi, theta, dphi, dtheta, u, p)
+    fx, fy = _ground_reaction(phi, theta, dphi, dtheta, acc[0], acc[1], p)
     demand = abs(fx) / fy
-    return fx, fy, demand if fy > 0.0 else np.inf, pendulum_clearance(y[0], y[1], p)
+    contact = fx, fy, demand if fy > 0.0 else np.inf, _pendulum_clearance(phi, theta, p)
+    energy = _mechanical_energy(phi, theta, dphi, dtheta, p)
+    return acc, contact, energy, _hub_position(phi, p)[0]
 
 
 @inlined
@@ -52,11 +69,10 @@ def book(tile, quantity, lane, amount):
 def open_interval(tile, duration, pull):
     """Begin a control interval of all lanes: nothing booked, no event under way."""
     for lane in range(LANES):
-        y, mode, u = get_state(tile, of.STATE, lane), tile[of.MODE + lane], tile[of.VOLTAGE + lane]
-        p = machine(tile, lane)
-        acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-        fx, fy, demand, clearance = _contact(y, acc, p)
-        energy, hub = mechanical_energy(y[0], y[1], y[2], y[3], p), hub_position(y[0], p)[0]
+        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+        put_sines(tile, lane)
+        here = turned_angles(tile, lane, 0.0, 0.0)
+        acc, (fx, fy, demand, clearance), energy, hub = _evaluate(tile, lane, here, dphi, dtheta)
         put_pair(tile, of.ACC, lane, acc)
         tile[of.ENERGY + lane] = energy
         tile[of.ENERGY_BEFORE + lane] = energy
@@ -120,15 +136,16 @@ def measure(tile, pull):
         y, end = get_state(tile, of.STATE, lane), get_state(tile, of.NEXT, lane)
         mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
         p, acc = machine(tile, lane), get_pair(tile, of.ACC, lane)
-        acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
-        fx, fy, demand, clearance = _contact(end, acc_end, p)
+        there = turned_angles(tile, lane, end[0] - y[0], end[1] - y[1])
+        acc_end, contact, energy, hub = _evaluate(tile, lane, there, end[2], end[3])
+        fx, fy, demand, clearance = contact
         put_pair(tile, of.NEXT_ACC, lane, acc_end)
         tile[of.FORCE_X + lane] = fx
         tile[of.FORCE_Y + lane] = fy
         tile[of.DEMAND + lane] = demand
         tile[of.CLEARANCE + lane] = clearance
-        tile[of.NEXT_ENERGY + lane] = mechanical_energy(end[0], end[1], end[2], end[3], p)
-        tile[of.NEXT_HUB + lane] = hub_position(end[0], p)[0]
+        tile[of.NEXT_ENERGY + lane] = energy
+        tile[of.NEXT_HUB + lane] = hub
 
         turn, q = relative_rate(end[0] - y[0], end[1] - y[1], p), tile[of.TURNED + lane]
         rate, rate_end = relative_rate(y[2], y[3], p), relative_rate(end[2], end[3], p)
@@ -148,12 +165,14 @@ def measure(tile, pull):
         light = pressed < DIP * (p.S2 * swing + p.S1 * roll)
         kink = p.Cd > 0.0 and y[2] * end[2] < 0.0
         sane = max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE
+        sane = sane and tile[of.FAR + lane] <= MAX_TURN * MAX_TURN
         common = sane and not (near or light or kink or mode == DOUBLE)
         common = common and tile[of.GOAL + lane] == 0.0 and tile[of.CUT + lane] == 0.0
         waits = tile[of.LEFT + lane] <= 0.0 or tile[of.FAILURE + lane] != OK
         flips = of.CURRENT if (u - p.K * rate) * (u - p.K * rate_end) < 0.0 else of.PLAIN
         flips = of.SPLIT if rate * rate_end < 0.0 else flips
-        flag = flips if common or waits else of.FLAGGED
+        flag = flips if common else of.FLAGGED
+        flag = of.IDLE if waits else flag
         tile[of.FLAG + lane] = flag
         current += 1 if flag == of.CURRENT else 0
         split += 1 if flag == of.SPLIT else 0
@@ -163,14 +182,14 @@ def measure(tile, pull):
 
 @_vectorised
 def accept(tile, duration):
-    """Take the attempted step in all lanes that are not flagged any more.
+    """Take the attempted step in all lanes that made one and are not flagged any more.
 
     Returns how many lanes are not done.
     """
     unfinished = 0
     for lane in range(LANES):
         tile[of.EVENT + lane] = 0.0
-        if tile[of.FLAG + lane] != of.FLAGGED:
+        if tile[of.FLAG + lane] < of.FLAGGED:
             h = tile[of.STEP + lane]
             put_state(tile, of.STATE, lane, get_state(tile, of.NEXT, lane))
             put_pair(tile, of.ACC, lane, get_pair(tile, of.NEXT_ACC, lane))
@@ -207,15 +226,15 @@ def _extreme(tile, lane, fy, demand):
 @njit(error_model="numpy")
 def restart(tile, lane, mode, foot, y):
     """Put a lane into another mode or onto another leg, and book the contact forces there."""
-    u, p = tile[of.VOLTAGE + lane], machine(tile, lane)
-    acc = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-    fx, fy, demand, clearance = _contact(y, acc, p)
     tile[of.MODE + lane] = mode
     tile[of.FOOT + lane] = foot
     put_state(tile, of.STATE, lane, y)
+    put_sines(tile, lane)
+    here = turned_angles(tile, lane, 0.0, 0.0)
+    acc, (fx, fy, demand, clearance), energy, hub = _evaluate(tile, lane, here, y[2], y[3])
     put_pair(tile, of.ACC, lane, acc)
-    tile[of.ENERGY + lane] = mechanical_energy(y[0], y[1], y[2], y[3], p)
-    tile[of.HUB + lane] = hub_position(y[0], p)[0]
+    tile[of.ENERGY + lane] = energy
+    tile[of.HUB + lane] = hub
     tile[of.BOOKED + row.FORCE_X * LANES + lane] = fx
     tile[of.BOOKED + row.FORCE_Y * LANES + lane] = fy
     _extreme(tile, lane, fy, demand)

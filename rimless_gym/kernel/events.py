@@ -28,6 +28,7 @@ from rimless_gym.kernel.interpolation import (
     value,
 )
 from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine
+from rimless_gym.trigonometry import MAX_TURN
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
 GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
@@ -133,6 +134,9 @@ def judge(tile, lane, pull):
         tile[of.FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
         return False
     if goal == NOTHING:
+        if tile[of.FAR + lane] > MAX_TURN * MAX_TURN:  # beyond where its sines are right
+            tile[of.ATTEMPT + lane] = 0.5 * h
+            return False
         if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
             tile[of.CUT + lane] = _AT_REVERSAL
             s = reversal(y, acc, end, acc_end, h)

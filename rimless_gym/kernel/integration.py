@@ -16,7 +16,14 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from rimless_gym.hybrid import SINGLE, accelerations, inlined, losses, relative_rate
+from rimless_gym.hybrid import (
+    SINGLE,
+    accelerations,
+    accelerations_turned,
+    inlined,
+    losses,
+    relative_rate,
+)
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.tile import (
     LANES,
@@ -26,7 +33,9 @@ from rimless_gym.kernel.tile import (
     get_state,
     machine,
     put_pair,
+    put_sines,
     put_state,
+    turned_angles,
 )
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
@@ -42,6 +51,16 @@ def _integrands(tile, lane, dphi, dtheta):
     return dpsi * dpsi, losses(dphi, dpsi, 0.0, p)[2]
 
 
+def _terms(
+    weights: NDArray[np.float64],
+) -> tuple[int, tuple[np.int64, ...], tuple[float, ...]]:
+    """Terms of a sum over the stages: how many, and where each is and what it counts."""
+    used = [j for j, weight in enumerate(weights) if abs(weight) > 1e-15]  # less is a rounded zero
+    used = used or [0]  # numba knows no loop over an empty tuple
+    offsets = tuple(of.STAGE_ACC + 2 * j * LANES for j in used)
+    return len(used), offsets, tuple(float(weights[j]) for j in used)
+
+
 def _stage(i: int) -> Callable[..., None]:
     """Compiled: NEXT at stage `i` from the accelerations before; at the end of the step, i = 12.
 
@@ -49,38 +68,40 @@ def _stage(i: int) -> Callable[..., None]:
     """
     rates = _A[i, :i] if i < STAGES else _B
     positions = rates @ _A[:i, :i]
-    used = [j for j in range(i) if rates[j] or positions[j]]
-    terms, offsets = len(used), tuple(of.STAGE_ACC + 2 * j * LANES for j in used)
-    w, ww = tuple(float(rates[j]) for j in used), tuple(float(positions[j]) for j in used)
+    (n, at, w), (nn, att, ww) = _terms(rates), _terms(positions)
     c = float(rates.sum())
     acc = of.STAGE_ACC + 2 * i * LANES
     share = float(_B[i]) if i < STAGES else 0.0
 
-    @_vectorised
     def stage(tile):
         for lane in range(LANES):
             h, (phi, theta, dphi, dtheta) = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
-            v0 = v1 = x0 = x1 = 0.0
-            for m in range(terms):
-                a0, a1 = tile[offsets[m] + lane], tile[offsets[m] + LANES + lane]
-                v0 += w[m] * a0
-                v1 += w[m] * a1
-                x0 += ww[m] * a0
-                x1 += ww[m] * a1
-            x0, x1 = phi + h * (c * dphi + h * x0), theta + h * (c * dtheta + h * x1)
-            v0, v1 = dphi + h * v0, dtheta + h * v1
+            v0, v1, x0, x1 = dphi, dtheta, c * dphi, c * dtheta
+            for m in range(n):
+                v0 += w[m] * tile[at[m] + lane]
+                v1 += w[m] * tile[at[m] + LANES + lane]
+            for m in range(nn):
+                x0 += ww[m] * tile[att[m] + lane]
+                x1 += ww[m] * tile[att[m] + LANES + lane]
+            x0, x1 = h * x0, h * x1
             if i < STAGES:
                 mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
-                a = accelerations(mode, x0, x1, v0, v1, u, p)
-                tile[acc + lane], tile[acc + LANES + lane] = a
+                there = turned_angles(tile, lane, x0, x1)
+                a0, a1 = accelerations_turned(mode, *there, v0, v1, u, p)
+                put_pair(tile, acc, lane, (h * a0, h * a1))
             else:
-                put_state(tile, of.NEXT, lane, (x0, x1, v0, v1))
+                put_state(tile, of.NEXT, lane, (phi + x0, theta + x1, v0, v1))
+                tile[of.TURNED + lane] *= h
+                tile[of.BRAKED + lane] *= h
+            tile[of.FAR + lane] = max(tile[of.FAR + lane], x0 * x0 + x1 * x1)
             if share != 0.0:
                 turned, braked = _integrands(tile, lane, v0, v1)
-                tile[of.TURNED + lane] += share * h * turned
-                tile[of.BRAKED + lane] += share * h * braked
+                tile[of.TURNED + lane] += share * turned
+                tile[of.BRAKED + lane] += share * braked
 
-    return stage
+    # Machine code finds functions by name, also in what other processes left in numba's cache.
+    stage.__qualname__ = f"stage_{i}"
+    return _vectorised(stage)
 
 
 @_vectorised
@@ -88,9 +109,11 @@ def _begin(tile):
     for lane in range(LANES):
         _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
         turned, braked = _integrands(tile, lane, dphi, dtheta)
-        tile[of.TURNED + lane] = _SHARE * tile[of.STEP + lane] * turned
-        tile[of.BRAKED + lane] = _SHARE * tile[of.STEP + lane] * braked
-        put_pair(tile, of.STAGE_ACC, lane, get_pair(tile, of.ACC, lane))
+        tile[of.TURNED + lane] = _SHARE * turned
+        tile[of.BRAKED + lane] = _SHARE * braked
+        h, (a0, a1) = tile[of.STEP + lane], get_pair(tile, of.ACC, lane)
+        put_pair(tile, of.STAGE_ACC, lane, (h * a0, h * a1))
+        tile[of.FAR + lane] = 0.0
 
 
 _SHARE = float(_B[0])
@@ -100,8 +123,18 @@ _s1, _s2, _s3, _s4, _s5, _s6, _s7, _s8, _s9, _s10, _s11, _end = (
 
 
 @_vectorised
+def find_sines(tile):
+    """The sines and cosines of all lanes' angles."""
+    for lane in range(LANES):
+        put_sines(tile, lane)
+
+
+@_vectorised
 def rk8(tile):
-    """Advance all lanes from STATE by STEP: NEXT, TURNED and BRAKED; ACC is that of STATE."""
+    """Advance all lanes from STATE by STEP: NEXT, TURNED, BRAKED and FAR.
+
+    ACC and SINES are those of STATE.
+    """
     _begin(tile)
     _s1(tile)
     _s2(tile)
@@ -130,5 +163,6 @@ def smooth_states(
     for _ in range(steps):
         now = lane[state : state + 4] = lane[end : end + 4].copy()
         lane[acc : acc + 2] = accelerations(SINGLE, *now, u, params.constants)
+        find_sines(tile)
         rk8(tile)
         yield lane[end : end + 4].copy()

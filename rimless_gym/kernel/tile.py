@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 from rimless_gym import energy as row
 from rimless_gym.hybrid import inlined
 from rimless_gym.params import N_CONSTANTS, Constants
+from rimless_gym.trigonometry import cos, sin
 
 LANES = 8
 STAGES = 12  # of the integration step
@@ -64,8 +65,10 @@ POLE = _rows(1)  # the motor's (1/s)
 # Results of an attempt.
 STEP = _rows(1)  # its length (s)
 NEXT = _rows(4)  # state after it
-STAGE_ACC = _rows(2 * STAGES)  # accelerations at the stages
+STAGE_ACC = _rows(2 * STAGES)  # accelerations at the stages, times the step's length
 NEXT_ACC = _rows(2)
+SINES = _rows(4)  # sine and cosine of phi, then of theta, at its start
+FAR = _rows(1)  # how far the angles turn from there to any stage, squared: phi's and theta's turns
 TURNED = _rows(1)  # integral of psi'^2
 BRAKED = _rows(1)  # integral of the air drag's power
 FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
@@ -74,9 +77,9 @@ WORK_ELECTRICAL, WORK_POSITIVE, WORK_COPPER = _rows(1), _rows(1), _rows(1)
 WORK_FRICTION, WORK_DRAG, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
 EVENT = _rows(1)  # on which an accepted step ended
 FLAG = _rows(1)  # one of
-PLAIN, CURRENT, SPLIT, FLAGGED = 0.0, 1.0, 2.0, 3.0
+PLAIN, CURRENT, SPLIT, FLAGGED, IDLE = 0.0, 1.0, 2.0, 3.0, 4.0
 # nothing is to be done about the lane's attempt; its work is split where the current changes sign;
-# where the current or psi' does; it is judged.
+# where the current or psi' does; it is judged; the lane was done before and stays as it was.
 
 TILE_SIZE = next(_count) * LANES
 
@@ -139,6 +142,20 @@ def get_pair(tile, quantity, lane):
 def put_pair(tile, quantity, lane, a):
     """Set two numbers of a lane."""
     tile[quantity + lane], tile[quantity + LANES + lane] = a
+
+
+@inlined
+def put_sines(tile, lane):
+    """Set the sines and cosines of a lane's angles."""
+    phi, theta, _, _ = get_state(tile, STATE, lane)
+    put_state(tile, SINES, lane, (sin(phi), cos(phi), sin(theta), cos(theta)))
+
+
+@inlined
+def turned_angles(tile, lane, turn_phi, turn_theta):
+    """phi and theta so far on from the attempt's start, for `rimless_gym.hybrid.turned`."""
+    sin_phi, cos_phi, sin_theta, cos_theta = get_state(tile, SINES, lane)
+    return (sin_phi, cos_phi, turn_phi), (sin_theta, cos_theta, turn_theta)
 
 
 @intrinsic

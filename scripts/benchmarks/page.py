@@ -42,7 +42,7 @@ def page(run: dict[str, Any]) -> str:
         _introduction(run, found),
         "## Goals",
         goals_table(found),
-        "## One environment, through `gym.make` with its default wrappers, on one core",
+        "## One environment, as `gym.make` gives it, on one core",
         speed_table(_of(results, SINGLE), found, "ours"),
         "## Many environments",
         speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),

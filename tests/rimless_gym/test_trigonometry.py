@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from numba import njit
 
-from rimless_gym.trigonometry import cos, sin
+from rimless_gym.trigonometry import MAX_TURN, cos, cos_turned, sin, sin_turned
 
 
 @njit
@@ -44,3 +45,17 @@ def test_what_is_not_a_number_stays_so():
     s, c = both(np.array([np.nan, np.inf]))
     assert np.all(np.isnan(s))
     assert np.all(np.isnan(c))
+
+
+def test_angles_a_small_turn_away_from_known_ones_are_as_right():
+    rng = np.random.default_rng(2)
+    start, turn = rng.uniform(-50, 50, 20_000), rng.uniform(-MAX_TURN, MAX_TURN, 20_000)
+    turn[:2] = -MAX_TURN, MAX_TURN
+    known = np.sin(start), np.cos(start)
+    angles = list(zip(*known, turn, strict=True))
+    for ours, theirs in ((sin_turned, mpmath.sin), (cos_turned, mpmath.cos)):
+        with mpmath.workprec(120):
+            exact = [float(theirs(mpmath.mpf(x) + d)) for x, d in zip(start, turn, strict=True)]
+        assert np.abs(np.subtract([ours(angle) for angle in angles], exact)).max() < 3.5e-16
+    still = 0.6, 0.8, 0.0
+    assert (sin_turned(still), cos_turned(still)) == still[:2]

@@ -20,6 +20,19 @@ def test_both_checkers_are_silent() -> None:
         warnings.simplefilter("error")
         check_env(gym.make("RimlessWheel-v0", render_mode="rgb_array").unwrapped)
         sb3_check_env(gym.make("RimlessWheel-v0"))
+        checked = gym.make("RimlessWheel-v0", disable_env_checker=False)
+        checked.reset(seed=0)
+        checked.step(np.zeros(1, np.float32))
+
+
+def test_the_environment_enforces_its_order_itself() -> None:
+    env = gym.make("RimlessWheel-v0", render_mode="rgb_array")
+    with pytest.raises(RuntimeError, match=r"no episode is running: call reset\(\) first"):
+        env.step(np.zeros(1, np.float32))
+    with pytest.raises(RuntimeError, match=r"no episode has begun: call reset\(\) first"):
+        env.render()
+    env.reset(seed=0)
+    env.step(np.zeros(1, np.float32))
 
 
 def test_no_observation_element_is_constant_and_all_stay_in_bounds(env: gym.Env) -> None:
