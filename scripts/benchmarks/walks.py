@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from rimless_gym import THESIS_PHYSICAL, WheelParams
 from rimless_gym import energy as row
 from rimless_gym.envs.task import normal_force, observe
-from rimless_gym.kernel.stepping import MODE, SOURCE_FINGERPRINT, STATE_SIZE
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 
 Floats = NDArray[np.float64]
 
