@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 from scipy.optimize import brentq, minimize_scalar
 
-from rimless_gym import hybrid
+from rimless_gym import compiled, hybrid
 from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, FAILURES, MODE_NAMES, SINGLE
 from rimless_gym.params import WheelParams
@@ -146,11 +146,11 @@ def _advance(
         return u
 
     def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
-        return hybrid.rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
+        return compiled.rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
 
     def guards(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         u = voltage(time, y)
-        return hybrid.guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
+        return compiled.guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
 
     while t < t1:
         if guards(t, motion.y)[CONTACT] > 0:
@@ -245,8 +245,8 @@ def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
 
 
 def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
-    p, before = params.constants, motion.y[:4].copy()
-    phi, shift = hybrid.after_lift_off(before[1], before[3], u, p)
+    before = motion.y[:4].copy()
+    phi, shift = compiled.after_lift_off(before[1], before[3], u, params.constants_array)
     motion.y[0], motion.y[2] = phi, 0.0
     motion.mode, motion.foot = SINGLE, motion.foot + shift
     direction = 1 if shift == 0 else -1
@@ -256,22 +256,27 @@ def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
 
 
 def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, u: float) -> bool:
-    p = params.constants
+    p, constants = params.constants, params.constants_array
     motion.y[0] = p.b if direction > 0 else p.a
     before = motion.y[:4].copy()
     _sample(motion, t, motion.y, u)
-    mode, phi, dtheta, dphi, shift, legal = hybrid.after_touchdown(direction, *before[1:], u, p)
+    mode, phi, dtheta, dphi, shift, legal = compiled.after_touchdown(
+        direction, *before[1:], u, constants
+    )
     if not legal:
         return False
     after = np.array([phi, before[1], dphi, dtheta])
     motion.y[:4], motion.mode, motion.foot = after, mode, motion.foot + shift
     descent = params.weight * params.step_length * math.sin(params.slope) * shift
-    loss = hybrid.mechanical_energy(*before, p) - hybrid.mechanical_energy(*after, p) + descent
-    motion.collision += loss
-    impulse = np.subtract(hybrid.linear_momentum(*after, p), hybrid.linear_momentum(*before, p))
+    (_, energy0, momentum0, _, _), (_, energy1, momentum1, _, _) = (
+        compiled.measured(SINGLE, *x, u, constants) for x in (before, after)
+    )
+    motion.collision += energy0 - energy1 + descent
+    impulse = np.subtract(momentum1, momentum0)
     motion.events.append(
         Event(
-            *("touchdown", t, direction, before, after, MODE_NAMES[mode], float(loss)),
+            *("touchdown", t, direction, before, after, MODE_NAMES[mode]),
+            float(energy0 - energy1 + descent),
             impulse=(float(impulse[0]), float(impulse[1])),
         )
     )
@@ -281,17 +286,16 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
 def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Trajectory:
     _sample(motion, motion.arcs[-1].end if motion.arcs else 0.0, motion.y, motion.samples[-1][4])
     t, x, mode, foot, u = (np.array(column) for column in zip(*motion.samples, strict=True))
-    p = params.constants
-    accelerations = [hybrid.accelerations(m, *s, v, p) for s, m, v in zip(x, mode, u, strict=True)]
-    forces = np.array(
-        [hybrid.ground_reaction(*s, *a, p) for s, a in zip(x, accelerations, strict=True)]
-    )
+    found = [
+        compiled.measured(int(m), *s, v, params.constants_array)
+        for s, m, v in zip(x, mode, u, strict=True)
+    ]
+    forces = np.array([force for force, _, _, _, _ in found])
     energies = [
-        hybrid.mechanical_energy(*x[i], p)
-        - foot[i] * params.weight * params.step_length * math.sin(params.slope)
+        found[i][1] - foot[i] * params.weight * params.step_length * math.sin(params.slope)
         for i in (0, -1)
     ]
-    hubs = [hybrid.hub_position(x[i, 0], p)[0] + foot[i] * params.step_length for i in (0, -1)]
+    hubs = [found[i][3] + foot[i] * params.step_length for i in (0, -1)]
     integrals = motion.y[4:]
     ledger = Ledger(
         time=float(t[-1]),
@@ -325,6 +329,6 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         impulse_friction_demand=max(
             (abs(jx) / jy if jy > 0 else math.inf for jx, jy in impulses), default=0.0
         ),
-        clearance=float(min(hybrid.pendulum_clearance(s[0], s[1], p) for s in x)),
+        clearance=float(min(clearance for _, _, _, _, clearance in found)),
         failure=failure,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from trajopt.costates import Certificate
 from trajopt.extremal import Extremal
-from trajopt.problem import Array, Phase, pair
+from trajopt.problem import Array, Phase, Problem, pair
 from trajopt.resimulation import followed
 from trajopt.trajectory import PhaseTrajectory
 
@@ -20,50 +21,70 @@ RTOL, ATOL = 1e-7, 1e-9
 
 SAMPLES = 24  # per element
 
+HAMILTONIAN = "Hamiltonian"
+
 
 def plotted(extremal: Extremal, path: str | Path | None = None) -> Figure:
-    """States, controls and the Hamiltonian against time, phases one after the other.
-
-    Faint lines mark the elements' edges, darker ones the ends of phases; bounds are dashed. States
-    played back are dotted: seen beside the solution they say that it is none.
+    """States, controls and the Hamiltonian of a solution against time; see `drawn`.
 
     Args:
         extremal: what to plot.
         path: of a picture to write besides; its suffix says which kind.
     """
-    phases = extremal.problem.phases
-    states = dict.fromkeys(name for phase in phases for name in phase.states)
-    controls = dict.fromkeys(name for phase in phases for name in phase.controls)
-    rows = -(-(len(states) + len(controls) + 1) // 2)
-    figure = Figure(figsize=(10.0, 2.1 * rows + 0.6), layout="constrained")
-    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).T.ravel()
-    names = [*states, *controls, "Hamiltonian"]
-    named = dict(zip(names, panels, strict=False))
-    for name, panel in named.items():
-        panel.set_ylabel(name)
-        for _, trajectory, begin in _in_time(extremal):
-            _mark(panel, begin, trajectory)
-    for panel in panels[len(named) :]:
-        panel.set_axis_off()
-    for phase, trajectory, begin in _in_time(extremal):
-        _draw_phase(named, phase, trajectory, begin, extremal.parameters)
-    _draw_hamiltonian(named["Hamiltonian"], extremal)
-    for panel in (panels[rows - 1], named["Hamiltonian"]):
-        panel.set_xlabel("time / s")
-        panel.tick_params(labelbottom=True)
     verdict = "converged" if extremal.converged else "FAILED: " + extremal.failures[0]
-    figure.suptitle(f"cost {extremal.cost:.6g}, {verdict}", fontsize="medium")
+    figure = drawn(
+        *(extremal.problem, extremal.phases, extremal.parameters),
+        f"cost {extremal.cost:.6g}, {verdict}",
+        extremal.certificate,
+    )
     if path is not None:
         figure.savefig(path)
     return figure
 
 
-def _in_time(extremal: Extremal) -> Iterator[tuple[Phase, PhaseTrajectory, float]]:
-    """Every phase, its trajectory, and when it begins (s)."""
-    begin = 0.0
-    for phase, trajectory in zip(extremal.problem.phases, extremal.phases, strict=True):
-        yield phase, trajectory, begin
-        begin += trajectory.duration
+def drawn(
+    problem: Problem,
+    trajectories: Sequence[PhaseTrajectory],
+    p: Array,
+    title: str,
+    certificate: Certificate | None = None,
+) -> Figure:
+    """States, controls and, if given, the Hamiltonian against time, phases one after the other.
+
+    Faint lines mark the elements' edges, darker ones the ends of phases; bounds are dashed. States
+    played back are dotted: seen beside the solution they say that it is none.
+
+    Args:
+        problem: whose solution it is.
+        trajectories: one per phase.
+        p: static parameters.
+        title: of the figure.
+        certificate: that has the Hamiltonian.
+    """
+    phases = problem.phases
+    names = list(dict.fromkeys(name for phase in phases for name in phase.states))
+    names += dict.fromkeys(name for phase in phases for name in phase.controls)
+    names += [] if certificate is None else [HAMILTONIAN]
+    rows = -(-len(names) // 2)
+    figure = Figure(figsize=(10.0, 2.1 * rows + 0.6), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).T.ravel()
+    named = dict(zip(names, panels, strict=False))
+    begins = np.cumsum([0.0, *(trajectory.duration for trajectory in trajectories)])
+    for name, panel in named.items():
+        panel.set_ylabel(name)
+        for trajectory, begin in zip(trajectories, begins, strict=False):
+            _mark(panel, begin, trajectory)
+    for panel in panels[len(named) :]:
+        panel.set_axis_off()
+    for phase, trajectory, begin in zip(phases, trajectories, begins, strict=False):
+        _draw_phase(named, phase, trajectory, begin, p)
+    if certificate is not None:
+        _draw_hamiltonian(named[HAMILTONIAN], certificate, trajectories, begins)
+    for panel in (panels[rows - 1], named[names[-1]]):
+        panel.set_xlabel("time / s")
+        panel.tick_params(labelbottom=True)
+    figure.suptitle(title, fontsize="medium")
+    return figure
 
 
 def _mark(panel: Axes, begin: float, trajectory: PhaseTrajectory) -> None:
@@ -91,13 +112,18 @@ def _draw_phase(
             panels[name].plot(ends, (bound, bound), "--", color="C3", linewidth=0.9)
 
 
-def _draw_hamiltonian(panel: Axes, extremal: Extremal) -> None:
+def _draw_hamiltonian(
+    panel: Axes,
+    certificate: Certificate,
+    trajectories: Sequence[PhaseTrajectory],
+    begins: Sequence[float] | Array,
+) -> None:
     """The Hamiltonian on both sides of every edge, on a scale that does not magnify rounding."""
-    values = extremal.certificate.hamiltonian
-    for (_, trajectory, begin), sides in zip(_in_time(extremal), values, strict=True):
+    values = certificate.hamiltonian
+    for trajectory, begin, sides in zip(trajectories, begins, values, strict=False):
         times = np.stack([trajectory.edges[:-1], trajectory.edges[1:]], axis=1)
         panel.plot(begin + times.ravel(), sides.ravel(), color="C2", marker=".")
-    panel.set_title(f"spread {extremal.certificate.hamiltonian_spread:.1e}", fontsize="small")
+    panel.set_title(f"spread {certificate.hamiltonian_spread:.1e}", fontsize="small")
     every = np.concatenate([sides.ravel() for sides in values])
     if np.isfinite(every).all():
         margin = max(0.1 * np.ptp(every), 0.01 * (1.0 + np.abs(every).max()))

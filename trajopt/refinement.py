@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -64,16 +65,16 @@ def refined(
     """
     fractions, degrees = [], []
     room, fixed = MAX_ELEMENTS - mesh.elements, mesh.scheme in FIXED_DEGREE
-    tolerances = state_tolerance, cost_tolerance, limit_tolerance
     pairs = zip(problem.phases, qualities, strict=True)
-    misses = [_misses(phase, quality, *tolerances) for phase, quality in pairs]
+    limits = [_limits(phase, quality, limit_tolerance) for phase, quality in pairs]
+    tolerances = state_tolerance, cost_tolerance
+    misses = [_misses(*each, *tolerances) for each in zip(qualities, limits, strict=True)]
     ranked = np.sort(np.concatenate(misses))[::-1]
     least = ranked[room] if room < len(ranked) else 0.0
     for i, (phase, trajectory, quality) in enumerate(
         zip(problem.phases, phases, qualities, strict=True)
     ):
         edges, orders = [0.0], []
-        limits = _limits(phase, quality, limit_tolerance)
         for e, degree in enumerate(mesh.degrees[i]):
             left, right = mesh.fractions[i][e : e + 2]
             excess = max(
@@ -81,11 +82,11 @@ def refined(
             )
             wasteful = quality.cost_gap[e] > cost_tolerance
             jumps, inside = breaks(trajectory, e) if wasteful else [], []
-            if jumps or max(excess, limits[e]) > 1.0:
+            if jumps or max(excess, limits[i][e]) > 1.0:
                 raised = degree + max(1, math.ceil(math.log10(np.clip(excess, 1.0, 1e99))))
                 switches = switch_points(phase, trajectory, e, p)
                 smooth = not fixed and is_smooth(trajectory, e) and not switches
-                if smooth and raised <= MAX_DEGREE and excess > max(1.0, limits[e]):
+                if smooth and raised <= MAX_DEGREE and excess > max(1.0, limits[i][e]):
                     degree = raised
                 elif right - left > SHORTEST and room > 0 and misses[i][e] >= least:
                     inside = jumps or switches or [0.5]
@@ -98,24 +99,19 @@ def refined(
 
 
 def _misses(
-    phase: Phase,
-    quality: Quality,
-    state_tolerance: float,
-    cost_tolerance: float,
-    limit_tolerance: float,
+    quality: Quality, limits: Array, state_tolerance: float, cost_tolerance: float
 ) -> Array:
     """The worst of all errors of every element, relative to its tolerance, shape (M,)."""
     cost = np.maximum(quality.cost_error, quality.cost_gap) / cost_tolerance
-    limits = _limits(phase, quality, limit_tolerance)
     return np.max([quality.state_error / state_tolerance, cost, limits], axis=0)
 
 
 def _limits(phase: Phase, quality: Quality, tolerance: float) -> Array:
-    """Violations of limits relative to what is tolerated, shape (M,)."""
-    coarse = np.full(quality.path_violation.shape[1], COARSE)
-    if phase.path is not None:  # equations leave no room for margins
-        coarse[phase.path.lower == phase.path.upper] = tolerance
-    path = (quality.path_violation / coarse).max(axis=1)
+    """Violations of limits relative to what asks for a finer mesh, shape (M,)."""
+    asked: Any = COARSE
+    if phase.path is not None:  # an equation has no room for margins
+        asked = np.where(phase.path.lower == phase.path.upper, tolerance, COARSE)
+    path = (quality.path_violation / asked).max(axis=1)
     return np.asarray(np.maximum(quality.limit_violation / tolerance, path))
 
 

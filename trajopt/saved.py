@@ -22,7 +22,8 @@ from trajopt.files import (
     write_arrays,
 )
 from trajopt.mesh import Mesh
-from trajopt.problem import Problem
+from trajopt.packing import evaluated
+from trajopt.problem import Array, Phase, Problem
 from trajopt.resimulation import Resimulation
 from trajopt.rows import Breach
 from trajopt.trajectory import PhaseTrajectory
@@ -31,9 +32,15 @@ FORMAT = "trajopt extremal 1"
 
 REMEDY = "copy it again, or solve its problem again"
 
-#: Attributes of a solution that are JSON values themselves, and those that are dataclasses.
-PLAIN = ("tolerance", "limit_tolerance", "transcribed_cost", "mesh_error", "status", "provenance")
+#: Attributes of a solution that are dataclasses, or tuples of them.
 TABLES = ("mesh", "resimulation", "attempts", "breaches", "audit")
+
+#: Those that are JSON values themselves: all that are neither tables, nor arrays, nor the problem.
+PLAIN = tuple(
+    field.name
+    for field in dataclasses.fields(Extremal)
+    if field.name not in (*TABLES, "problem", "phases", "parameters", "certificate")
+)
 
 
 class ExtremalFileError(ValueError):
@@ -156,13 +163,24 @@ def _difference(extremal: Extremal) -> str:
     for phase, trajectory, costates, before in zip(
         problem.phases, extremal.phases, *saved, strict=True
     ):
-        if phase.integral is not None:
-            continue  # what its integrals are worth is not in the file
-        now = hamiltonian(phase, trajectory, costates, p)
-        if not np.allclose(now, before, rtol=1e-8, atol=1e-8, equal_nan=True):
+        gap = _less_integrals(
+            phase, trajectory, before - hamiltonian(phase, trajectory, costates, p), p
+        )
+        if np.any(np.abs(gap) > 1e-8 * (1.0 + np.abs(before))):
             return f"the flow or the running cost of phase {phase.name!r} is different"
     known = {(b.kind, b.name, b.phase): b.amount for b in extremal.audit}
     for breach in audit(problem, extremal.phases, p):
         if breach.amount > known.get((breach.kind, breach.name, breach.phase), 0.0) + 1e-8:
             return str(breach)
     return ""
+
+
+def _less_integrals(phase: Phase, trajectory: PhaseTrajectory, gap: Array, p: Array) -> Array:
+    """A gap of Hamiltonians (M, 2), less what some prices of the integral constraints explain."""
+    if phase.integral is None or not np.isfinite(gap).all():
+        return gap
+    x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
+    integrands = evaluated(phase.integral.function, x, u, p)
+    flat = integrands.reshape(gap.size, -1)
+    prices = np.linalg.lstsq(flat, gap.ravel(), rcond=None)[0]
+    return np.asarray(gap - integrands @ prices)

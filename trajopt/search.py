@@ -12,7 +12,7 @@ import math
 import signal
 from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import cached_property, partial
 from itertools import islice
 from multiprocessing import get_context
@@ -340,9 +340,9 @@ def multi_start(
         ):
             for outcome in outcomes:
                 finished[outcome.index] = outcome
-                if not outcome.failure and outcome.cost < best:
-                    best = outcome.cost
-                    bar.set_postfix_str(f"best cost {best:.6g}", refresh=False)
+                if not outcome.failure:
+                    best = min(best, outcome.cost)
+                bar.set_postfix_str(f"best cost {best:.6g}", refresh=False)
                 bar.update()
     except KeyboardInterrupt:
         raise Interrupted(so_far()) from None
@@ -417,7 +417,8 @@ def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcome
     try:
         while True:
             ahead = AHEAD * others - len(running)
-            running |= {pool.submit(_work, index) for index in islice(remaining, ahead)}
+            with _sigint_blocked():
+                running |= {pool.submit(_work, index) for index in islice(remaining, ahead)}
             own = next(remaining, None)
             if own is not None:
                 yield solver.outcome(own)
@@ -430,12 +431,25 @@ def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcome
         pool.shutdown(cancel_futures=True)
 
 
+@contextmanager
+def _sigint_blocked() -> Generator[None, None, None]:
+    """Ctrl-C waits, and never reaches processes that begin in here: it is for this one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _worker: _Solver
 
 
 def _start_worker(search: Search) -> None:
     global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be blocked
     _worker = _Solver(search)
 
 

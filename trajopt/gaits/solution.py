@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,9 @@ from trajopt.gaits.verify import Verification
 from trajopt.problem import Array
 from trajopt.provenance import provenance
 from trajopt.trajectory import PhaseTrajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FORMAT = "rimless-gym gait 3"
 
@@ -263,6 +266,23 @@ class Solution:
                 f"  optimum met             CoT {o.cot:.4f}, k = {o.theta_turns}, {o.found} time(s)"
             )
         return "\n".join(lines)
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """States and voltage of a stride against time; written to `path` as well, if given."""
+        from trajopt.gaits.stance import gait_problem
+        from trajopt.plots import drawn  # matplotlib takes a second to import
+
+        problem = gait_problem(
+            self.params,
+            speed=self.speed,
+            steps=self.steps,
+            theta_turns=self.theta_turns,
+            regeneration=self.regeneration,
+        )
+        figure = drawn(problem, self.phases, np.empty(0), str(self))
+        if path is not None:
+            figure.savefig(path)
+        return figure
 
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""

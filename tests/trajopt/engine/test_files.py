@@ -12,7 +12,7 @@ import pytest
 from trajopt.extremal import Extremal
 from trajopt.files import HEADER, digest, read_arrays, write_arrays
 from trajopt.mesh import Mesh
-from trajopt.problem import Linkage, Phase, Problem
+from trajopt.problem import Constraint, Linkage, Phase, Problem
 from trajopt.saved import ExtremalFileError, load_phases
 from trajopt.solve import solve
 
@@ -95,6 +95,19 @@ def test_figures_are_strict_json(extremal: Extremal) -> None:
 def test_a_solution_of_another_problem_is_refused(path: Path, other: Problem, reason: str) -> None:
     with pytest.raises(ExtremalFileError, match=reason):
         Extremal.load(path, other)
+
+
+def test_integral_constraints_do_not_hide_another_problem(tmp_path: Path) -> None:
+    impulse = Constraint(lambda x, u, p: [x[0] * u[0]], np.array([0.2]), np.array([np.inf]), ("j",))
+
+    def work(weight: float) -> Problem:
+        first = dataclasses.replace(relay(weight).phases[0], integral=impulse)
+        return Problem((first,), parameters={"m": 1.0})
+
+    solve(work(1.0)).save(tmp_path / "work.npz")
+    assert Extremal.load(tmp_path / "work.npz", work(1.0)).converged
+    with pytest.raises(ExtremalFileError, match="another problem"):
+        Extremal.load(tmp_path / "work.npz", work(1.1))
 
 
 def rewritten(path: Path, change: dict[str, Any], **closed: Any) -> None:

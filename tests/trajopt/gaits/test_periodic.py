@@ -228,3 +228,13 @@ def test_the_front_is_solved_from_shipped_gaits():
     assert not front.missing
     assert [s.speed for s in front.envelope] == pytest.approx([0.45, 0.5])
     assert front(0.5) == min(s.cot for s in front.solutions if s.speed > 0.49)
+
+
+def test_a_gait_draws_its_states_and_its_voltage(one_step, tmp_path):
+    figure = one_step.plot(tmp_path / "gait.png")
+    assert (tmp_path / "gait.png").stat().st_size > 10_000
+    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
+    assert sorted(labels) == ["V", "phi", "phi'", "theta", "theta'"]
+    volts = next(axes for axes in figure.axes if axes.get_ylabel() == "V").lines
+    limit = one_step.params.voltage_limit
+    assert max(np.max(line.get_ydata()) for line in volts) <= limit * (1 + 1e-9)
