@@ -137,8 +137,7 @@ def evaluated(function: object, states: Array, controls: Array, p: Array) -> Arr
     shape = states.shape[:-1]
     count = math.prod(shape)
     columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
-    # Not np.asarray(DM): Ctrl-C within becomes a SystemError.
-    values = function(*columns, np.repeat(p[:, None], count, axis=1)).full()  # type: ignore[operator]
+    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))  # type: ignore[operator]
     return values.T.reshape(*shape, len(values))
 
 
