@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -21,12 +22,23 @@ def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
     duration, and p; the width is a fraction of that duration. Outputs, in this order: defects
     (nx r), path constraints at `path_nodes`, power slacks less powers (k w), integrals.
     """
-    nx, nu, n = len(phase.states), len(phase.controls), len(scheme.nodes)
+    constraints = (c and c.function for c in (phase.path, phase.integral))
+    functions = (phase.flow, phase.cost, phase.powers, *constraints)
+    sizes = len(phase.states), len(phase.controls), parameters
+    return _element(sizes, functions, scheme)
+
+
+@lru_cache(maxsize=64)  # refinement asks for the same ones again and again
+def _element(
+    sizes: tuple[int, int, int], functions: tuple[Any, ...], scheme: Scheme
+) -> ca.Function:
+    (nx, nu, parameters), (flow, running, power, path, integrand) = sizes, functions
+    n, m = len(scheme.nodes), len(scheme.control_nodes)
     weighted, collocated = scheme.weighted, scheme.collocated
-    k, m = powers(phase), len(scheme.control_nodes)
-    sizes = [nx, nx * (n - 2), nx, nu * m, k * len(weighted), 1, parameters]
-    v, width = ca.SX.sym("v", sum(sizes)), ca.SX.sym("width")
-    cuts = np.cumsum([0, *sizes]).tolist()
+    k = power.size1_out(0) if power else 0
+    counts = [nx, nx * (n - 2), nx, nu * m, k * len(weighted), 1, parameters]
+    v, width = ca.SX.sym("v", sum(counts)), ca.SX.sym("width")
+    cuts = np.cumsum([0, *counts]).tolist()
     left, interior, right, coefficients, slacks, duration, p = ca.vertsplit(v, cuts)
     h = width * duration
     X = ca.horzcat(left, ca.reshape(interior, nx, n - 2), right)
@@ -35,20 +47,20 @@ def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
     def at(function: Any, nodes: Indices) -> ca.SX:
         return ca.horzcat(*(function(X[:, int(j)], U[:, int(j)], p) for j in nodes))
 
-    F = at(phase.flow, collocated)
+    F = at(flow, collocated)
     defects = X @ ca.DM(scheme.D).T - h * (F @ ca.DM(scheme.A[:, collocated]).T)
     b = ca.DM(scheme.quadrature[weighted])
     cost, outputs = ca.SX(0), [ca.vec(defects)]
-    if phase.path is not None:
-        outputs.append(ca.vec(at(phase.path.function, path_nodes(scheme))))
-    if phase.cost is not None:
-        cost += h * (at(phase.cost, weighted) @ b)
-    if phase.powers is not None:
+    if path:
+        outputs.append(ca.vec(at(path, path_nodes(scheme))))
+    if running:
+        cost += h * (at(running, weighted) @ b)
+    if power:
         paid = ca.reshape(slacks, k, len(weighted))
-        outputs.append(ca.vec(paid - at(phase.powers, weighted)))
+        outputs.append(ca.vec(paid - at(power, weighted)))
         cost += h * ca.sum1(paid @ b)
-    if phase.integral is not None:
-        outputs.append(h * (at(phase.integral.function, weighted) @ b))
+    if integrand:
+        outputs.append(h * (at(integrand, weighted) @ b))
     return ca.Function("element", [v, width], [ca.densify(ca.vertcat(*outputs)), cost])
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -198,7 +198,7 @@ class Problem:
     def __post_init__(self) -> None:
         """Check bounds and trace all expressions."""
         n = len(self.parameters)
-        object.__setattr__(self, "phases", tuple(_traced_phase(p, n) for p in self.phases))
+        object.__setattr__(self, "phases", tuple(_traced_phases(self.phases, n)))
         object.__setattr__(self, "linkages", tuple(self._traced_linkage(k) for k in self.linkages))
         sizes = [len(p.states) for p in self.phases]
 
@@ -288,6 +288,15 @@ def _require_room(bounds: Mapping[str, tuple[float, float]]) -> None:
             raise InfeasibleBoundsError(
                 f"{name}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
             )
+
+
+def _traced_phases(phases: Sequence[Phase], parameters: int) -> Iterator[Phase]:
+    """Traced once where the same one stands in several places."""
+    traced: dict[int, Phase] = {}
+    for phase in phases:
+        if id(phase) not in traced:
+            traced[id(phase)] = _traced_phase(phase, parameters)
+        yield traced[id(phase)]
 
 
 def _traced_phase(phase: Phase, parameters: int) -> Phase:

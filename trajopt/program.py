@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -58,7 +59,7 @@ def assembled(
     none = ca.MX.sym("p", 0)
     f, g, gradient, J, H = ca.MX(0), [], [], [], []
     for block in blocks:
-        parts = _Derivatives(block.function)
+        parts = _derivatives(block.function)
         v, d = _picked(w, block.variables), ca.DM(block.data)
         outputs, cost = block.function.map(block.count)(v, d)
         weights = _picked(lam_g, block.rows), ca.repmat(lam_f, 1, block.count)
@@ -104,6 +105,9 @@ class _Derivatives:
         self.hessian = ca.Function("hessian", [v, d, mu, weight], [_nonzeros(hessian)])
         self.jacobian_at = _places(jacobian)
         self.hessian_at = _places(hessian)
+
+
+_derivatives = lru_cache(maxsize=64)(_Derivatives)  # refinement needs the same ones again
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:
