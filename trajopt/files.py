@@ -73,7 +73,7 @@ def read_arrays(
         found = header.pop("format")
     except Exception as cause:  # a damaged archive raises almost anything
         raise error(
-            f"{path}: damaged, or nothing that this package saved ({cause!r}); {remedy}"
+            f"{path}: damaged, or not a file of format {form!r} ({cause!r}); {remedy}"
         ) from cause
     if found != form:
         raise error(f"{path}: format {found!r}, but {form!r} is wanted here; {remedy}")

@@ -16,10 +16,10 @@ from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
 from trajopt.gaits.verify import polished, verify
 from trajopt.mesh import Mesh
 from trajopt.nlp import Transcription
+from trajopt.optima import Outcome, distinct
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
 from trajopt.rows import Breach
-from trajopt.search import Outcome, distinct
 from trajopt.solve import solve
 from trajopt.trajectory import PhaseTrajectory
 

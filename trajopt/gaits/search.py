@@ -11,7 +11,8 @@ from rimless_gym.params import WheelParams
 from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
 from trajopt.guesses import Guess, polyline
 from trajopt.mesh import Mesh
-from trajopt.search import Outcome, Search, Start, multi_start
+from trajopt.optima import Outcome, Start
+from trajopt.search import Search, multi_start
 
 #: Enough to tell good optima from bad ones; winners are refined.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4

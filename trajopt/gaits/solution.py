@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +14,13 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.params import WheelParams
 from trajopt.extremal import Extremal
+from trajopt.files import (
+    jsonable,
+    phases_from_arrays,
+    phases_to_arrays,
+    read_arrays,
+    write_arrays,
+)
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.problem import Array
@@ -27,8 +32,7 @@ if TYPE_CHECKING:
 
 FORMAT = "rimless-gym gait 3"
 
-#: Entries of a file besides the arrays of its phases.
-HEADER, DIGEST = "header", "digest"
+REMEDY = "copy it again, or solve it again with scripts/solve_gait.py"
 
 
 class GaitFileError(ValueError):
@@ -229,7 +233,7 @@ class Solution:
             "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
-        return _jsonable(figures)
+        return dict(jsonable(figures))
 
     def report(self) -> str:
         """Everything worth knowing about the gait, as text; failures in capitals."""
@@ -287,7 +291,6 @@ class Solution:
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""
         header = {
-            "format": FORMAT,
             "params": self.params.to_dict(),
             "theta_turns": self.theta_turns,
             "regeneration": self.regeneration,
@@ -296,15 +299,7 @@ class Solution:
             "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
-        arrays = {
-            f"phase{i}_{field.name}": getattr(phase, field.name)
-            for i, phase in enumerate(self.phases)
-            for field in dataclasses.fields(phase)
-        }
-        arrays[HEADER] = np.array(json.dumps(header))
-        arrays[DIGEST] = np.array(_digest(arrays))
-        with Path(path).open("wb") as file:
-            np.savez_compressed(file, **arrays)
+        write_arrays(path, FORMAT, header, phases_to_arrays(self.phases))
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -314,56 +309,21 @@ class Solution:
             FileNotFoundError: there is no such file.
             GaitFileError: it is not a gait saved by this version, or was edited or damaged.
         """
-        path = Path(path)
-        if path.is_dir():
-            raise GaitFileError(f"{path}: a folder; give the .npz file that Solution.save wrote")
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file; Solution.save writes one")
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in data.files}
-            header = json.loads(str(arrays[HEADER]))
-            form = header["format"]
-        except Exception as error:  # a damaged archive raises almost anything
-            raise GaitFileError(
-                f"{path}: not a gait saved by Solution.save, or damaged ({error!r}); "
-                "copy it again, or solve it again with scripts/solve_gait.py"
-            ) from error
-        if form != FORMAT:
-            raise GaitFileError(
-                f"{path}: format {form!r}, but this version reads {FORMAT!r}; "
-                "solve it again with scripts/solve_gait.py"
-            )
-        if str(arrays.pop(DIGEST, None)) != _digest(arrays):
-            raise GaitFileError(
-                f"{path}: edited or damaged since it was saved (its digest does not fit), so its "
-                "verification says nothing; copy it again, or solve it again with "
-                "scripts/solve_gait.py"
-            )
+        header, arrays = read_arrays(path, FORMAT, GaitFileError, REMEDY)
         try:
             return cls._from_file(header, arrays)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise GaitFileError(
-                f"{path}: no valid gait ({error!r}); solve it again with scripts/solve_gait.py"
-            ) from error
+            raise GaitFileError(f"{path}: no valid gait ({error!r}); {REMEDY}") from error
 
     @classmethod
     def _from_file(cls, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Solution:
-        names = [field.name for field in dataclasses.fields(PhaseTrajectory)]
-        count = sum(key.endswith("_edges") for key in arrays)
-        if count == 0:
-            raise ValueError("it has no phases")
-        phases = tuple(
-            PhaseTrajectory(*(arrays[f"phase{i}_{name}"] for name in names)) for i in range(count)
-        )
-        for name in names:
-            if not all(np.isfinite(getattr(phase, name)).all() for phase in phases):
-                raise ValueError(f"{name} are not all finite")
+        if not all(np.isfinite(values).all() for values in arrays.values()):
+            raise ValueError("its numbers are not all finite")
         verification = dict(header["verification"])
         failures = tuple(verification.pop("failures"))
         return cls(
             params=WheelParams(**header["params"]),
-            phases=phases,
+            phases=phases_from_arrays(arrays),
             theta_turns=header["theta_turns"],
             regeneration=header["regeneration"],
             verification=Verification(**verification, failures=failures),
@@ -371,23 +331,3 @@ class Solution:
             optima=tuple(Optimum(**o) for o in header["optima"]),
             provenance=header["provenance"],
         )
-
-
-def _digest(arrays: Mapping[str, Any]) -> str:
-    """SHA-256 over names, types, shapes and contents of arrays, the header's text included."""
-    total = hashlib.sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        total.update(array.tobytes())
-    return total.hexdigest()
-
-
-def _jsonable(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _jsonable(item) for key, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

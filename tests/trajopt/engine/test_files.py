@@ -157,7 +157,7 @@ def test_a_file_cut_short_a_folder_or_none_is_refused(path: Path) -> None:
 def test_pickles_are_not_read(tmp_path: Path) -> None:
     path = tmp_path / "pickle.npz"
     np.savez(path, header=np.array([{"format": "any"}], dtype=object))
-    with pytest.raises(ExtremalFileError, match="damaged, or nothing"):
+    with pytest.raises(ExtremalFileError, match="damaged, or not a file"):
         load_phases(path)
 
 

@@ -14,8 +14,9 @@ import pytest
 from trajopt.guesses import Guess, Waves, Waypoints, straight_lines
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
+from trajopt.optima import Start
 from trajopt.problem import Phase, Problem, nonnegative, pair
-from trajopt.search import Search, SearchFileError, Start, best_of, multi_start
+from trajopt.search import Search, SearchFileError, best_of, multi_start
 from trajopt.solve import solve
 
 

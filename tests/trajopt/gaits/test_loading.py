@@ -10,9 +10,10 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.files import DIGEST, HEADER, digest
 from trajopt.gaits.periodic import _validate
 from trajopt.gaits.shipped import FOLDER, shipped
-from trajopt.gaits.solution import DIGEST, FORMAT, HEADER, GaitFileError, _digest
+from trajopt.gaits.solution import FORMAT, GaitFileError
 from trajopt.gaits.verify import verify
 
 SHIPPED = sorted(path.name for path in FOLDER.glob("*.npz"))
@@ -36,7 +37,7 @@ def rewrite(path, signed=False, header=None, **arrays):
         content[HEADER] = np.array(changed if isinstance(changed, str) else json.dumps(changed))
     if signed:
         del content[DIGEST]
-        content[DIGEST] = np.array(_digest(content))
+        content[DIGEST] = np.array(digest(content))
     np.savez_compressed(path, **content)
 
 
@@ -116,7 +117,7 @@ def test_a_header_with_parts_missing_or_wrong_is_refused(path, change):
 @pytest.mark.parametrize("text", ["", "[]", "null", "3", "{}", "not JSON", "\ud7ff"])
 def test_a_header_that_is_no_object_is_refused(path, text):
     rewrite(path, signed=True, header=lambda _: text)
-    refused(path, "not a gait")
+    refused(path, "not a file of format 'rimless-gym gait")
 
 
 def test_a_gait_without_phases_is_refused(path):
@@ -141,7 +142,7 @@ def test_damage_anywhere_is_refused_or_harmless(path):
     assert refusals > 100
     for length in rng.integers(0, len(whole), 20):
         path.write_bytes(whole[:length])
-        refused(path, "not a gait")
+        refused(path, "not a file of format 'rimless-gym gait")
 
 
 def test_a_folder_and_an_array_are_refused(tmp_path):
@@ -149,7 +150,7 @@ def test_a_folder_and_an_array_are_refused(tmp_path):
         Solution.load(tmp_path)
     with (tmp_path / "array.npz").open("wb") as file:
         np.save(file, np.zeros(3))
-    refused(tmp_path / "array.npz", "not a gait")
+    refused(tmp_path / "array.npz", "not a file of format 'rimless-gym gait")
 
 
 # -- shipped gaits, from scratch ------------------------------------------------------------------

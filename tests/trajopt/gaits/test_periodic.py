@@ -13,7 +13,7 @@ from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.shipped import nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
-from trajopt.search import Outcome, distinct
+from trajopt.optima import Outcome, distinct
 
 MODEL = HybridModel(THESIS_PHYSICAL)
 
@@ -103,11 +103,11 @@ def test_a_saved_gait_loads_exactly(gait, tmp_path):
 def test_foreign_and_missing_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file"):
         Solution.load(tmp_path / "none.npz")
-    (tmp_path / "text.npz").write_text("not a gait")
-    with pytest.raises(ValueError, match="not a gait"):
+    (tmp_path / "text.npz").write_text("not a file of format 'rimless-gym gait")
+    with pytest.raises(ValueError, match="not a file of format 'rimless-gym gait"):
         Solution.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    with pytest.raises(ValueError, match="not a gait"):
+    with pytest.raises(ValueError, match="not a file of format 'rimless-gym gait"):
         Solution.load(tmp_path / "other.npz")
 
 
