@@ -61,11 +61,12 @@ def assembled(
     for block in blocks:
         parts = _derivatives(block.function)
         v, d = _picked(w, block.variables), ca.DM(block.data)
-        outputs, cost = block.function.map(block.count)(v, d)
+        outputs = parts.outputs.map(block.count)(v, d)
         weights = _picked(lam_g, block.rows), ca.repmat(lam_f, 1, block.count)
-        f += ca.sum2(cost)
+        f += ca.sum2(parts.cost.map(block.count)(v, d))
         g.append((block.rows, outputs))
-        gradient.append((block.variables, parts.gradient.map(block.count)(v, d)))
+        entries = parts.gradient.map(block.count)(v, d)
+        gradient.append((block.variables[parts.gradient_at], entries))
         i, j = parts.jacobian_at
         entries = parts.jacobian.map(block.count)(v, d)
         J.append((block.rows[i], block.variables[j], entries))
@@ -100,9 +101,13 @@ class _Derivatives:
         jacobian = ca.jacobian(outputs, v)
         lagrangian = weight * cost + ca.dot(mu, outputs)
         hessian = ca.triu(ca.hessian(lagrangian, v)[0])
-        self.gradient = ca.Function("gradient", [v, d], [ca.densify(ca.gradient(cost, v))])
+        gradient = ca.gradient(cost, v)
+        self.outputs = ca.Function("outputs", [v, d], [outputs])
+        self.cost = ca.Function("cost", [v, d], [cost])
+        self.gradient = ca.Function("gradient", [v, d], [_nonzeros(gradient)])
         self.jacobian = ca.Function("jacobian", [v, d], [_nonzeros(jacobian)])
         self.hessian = ca.Function("hessian", [v, d, mu, weight], [_nonzeros(hessian)])
+        self.gradient_at = _places(gradient)[0]
         self.jacobian_at = _places(jacobian)
         self.hessian_at = _places(hessian)
 
