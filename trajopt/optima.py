@@ -26,7 +26,8 @@ class Start:
         guess: one trajectory per phase.
         parameters: guess of the static parameters; the middle of their bounds by default.
         problems: what is solved, each from the solution of the one before; they differ from the
-            search's problem in numbers alone. That problem itself by default.
+            search's problem in numbers alone, and are made of the one that the family holds,
+            so that they still share their functions in another process. By default that problem.
         kind: of the optimum sought ("2 turns"); optima of different kinds are different.
     """
 

@@ -92,7 +92,7 @@ def periodic_gait(
         failures.append(obstacle)
     outcomes: list[Outcome] = [_outcome(found, turns) for found, turns in solved]
     if starts > 0:
-        family = GaitFamily(params, speed, steps, regeneration)
+        family = GaitFamily.of(params, speed, steps, regeneration)
         search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
         outcomes += search.outcomes
         best_led = min((found.cost for found, _ in solved), default=math.inf)

@@ -8,10 +8,11 @@ import math
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
+from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem, posed
 from trajopt.guesses import Guess, polyline
 from trajopt.mesh import Mesh
 from trajopt.optima import Outcome, Start
+from trajopt.problem import Problem
 from trajopt.search import Search, multi_start
 
 #: Enough to tell good optima from bad ones; winners are refined.
@@ -27,12 +28,20 @@ class GaitFamily:
         speed: m/s.
         steps: per stride.
         regeneration: whether that is the objective in the end.
+        problem: that the starts' problems share their functions with, in other processes too.
     """
 
     params: WheelParams
     speed: float
     steps: int
     regeneration: bool
+    problem: Problem
+
+    @classmethod
+    def of(cls, params: WheelParams, speed: float, steps: int, regeneration: bool) -> GaitFamily:
+        """The family of a machine at a speed."""
+        problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
+        return cls(params, speed, steps, regeneration, problem)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
         """Start number `index`."""
@@ -40,13 +49,7 @@ class GaitFamily:
         guess, turns = random_guess(self.params, self.steps, stride_time, rng)
         objectives = [True] if self.regeneration else [True, False]
         problems = tuple(
-            gait_problem(
-                self.params,
-                speed=self.speed,
-                steps=self.steps,
-                theta_turns=turns,
-                regeneration=regeneration,
-            )
+            posed(self.problem, self.params, self.speed, turns, regeneration)
             for regeneration in objectives
         )
         return Start(guess, problems=problems, kind=str(turns))
@@ -65,7 +68,7 @@ def search_gaits(
     Raises:
         Interrupted: see `trajopt.search.multi_start`.
     """
-    problem = gait_problem(family.params, speed=family.speed, steps=family.steps)
+    problem = family.problem
     mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
     return multi_start(
         *(problem, family, starts),

@@ -181,14 +181,20 @@ def gait_problem(
         theta_turns: whole turns that theta gains in a stride.
         regeneration: whether the battery takes energy back.
     """
-    ring = _ring(params, steps)
+    return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
+
+
+def posed(
+    ring: Problem, params: WheelParams, speed: float, theta_turns: int, regeneration: bool
+) -> Problem:
+    """A `gait_problem` of the same machine and steps with other numbers, sharing its functions."""
     turns = {"theta": -2 * math.pi * theta_turns}
     floor = -math.inf if regeneration else params.idle_power
     return dataclasses.replace(
         ring,
         phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
         linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
-        duration=steps * params.step_length / speed,
+        duration=len(ring.phases) * params.step_length / speed,
     )
 
 

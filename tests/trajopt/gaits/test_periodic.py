@@ -9,7 +9,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
-from trajopt.gaits.search import random_guess, same_gait
+from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
 from trajopt.gaits.shipped import nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
@@ -238,3 +238,10 @@ def test_a_gait_draws_its_states_and_its_voltage(one_step, tmp_path):
     volts = next(axes for axes in figure.axes if axes.get_ylabel() == "V").lines
     limit = one_step.params.voltage_limit
     assert max(np.max(line.get_ydata()) for line in volts) <= limit * (1 + 1e-9)
+
+
+def test_random_starts_are_the_same_in_other_processes():
+    family = GaitFamily.of(THESIS_PHYSICAL, 0.5, 1, regeneration=True)
+    alone, shared = (search_gaits(family, 3, workers=workers) for workers in (1, 2))
+    assert [o.cost for o in alone.outcomes] == [o.cost for o in shared.outcomes]
+    assert [o.index for o in shared.outcomes] == [0, 1, 2]
