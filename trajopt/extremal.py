@@ -120,6 +120,11 @@ class Extremal:
         """Sum of the phases' durations (s)."""
         return sum(phase.duration for phase in self.phases)
 
+    @property
+    def cost_gaps(self) -> tuple[Array, ...]:
+        """What each element may cost too much; see `trajopt.costates.Certificate.cost_gaps`."""
+        return self.certificate.cost_gaps(self.phases, self.cost)
+
     def __repr__(self) -> str:
         verdict = "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
         return f"Extremal(cost {self.cost:.6g}, {len(self.phases)} phase(s), {verdict})"
@@ -140,6 +145,10 @@ class Extremal:
             f"  Hamiltonian          spread {self.certificate.hamiltonian_spread:.1e}, "
             f"transversality {self.certificate.transversality_error:.1e}",
         ]
+        gap = sum(gaps.sum() for gaps in self.cost_gaps)
+        lines.append(
+            f"  control              costs up to {gap:.1e} (relative) too much, by the above"
+        )
         if self.resimulation is not None:
             lines.append(
                 f"  played back          off by {max(self.resimulation.phase_errors):.1e} a phase, "

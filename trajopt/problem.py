@@ -119,6 +119,12 @@ class Phase:
 
     def __post_init__(self) -> None:
         """Check names and bounds."""
+        for where in ("states", "controls"):
+            if isinstance(getattr(self, where), str):
+                raise ValueError(
+                    f"phase {self.name!r}: {where} = {getattr(self, where)!r}: give a tuple of "
+                    "names; that of a single one ends with a comma"
+                )
         for where, known in (
             ("bounds", self.states + self.controls),
             ("start", self.states),
@@ -345,4 +351,11 @@ def _traced(name: str, function: Expression, *sizes: int) -> ca.Function:
     symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
     out = function(*symbols)
     column = ca.vertcat(*out) if isinstance(out, Sequence) else out
-    return ca.Function(name, symbols, [ca.densify(ca.SX(column))])
+    traced = ca.Function(name, symbols, [ca.densify(ca.SX(column))])
+    tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
+    if np.isnan(tried).all(axis=0).any():
+        raise ValueError(
+            f"{name} is not a number, whatever its arguments: use CasADi's functions in it, such "
+            "as casadi.sin; those of math make NaN of symbols"
+        )
+    return traced

@@ -42,7 +42,7 @@ CERTIFYING_PASSES, SAME_COST = 5, 5e-3
 @heeded()
 def solve(
     problem: Problem,
-    guess: Sequence[PhaseTrajectory] | None = None,
+    guess: Sequence[PhaseTrajectory] | Extremal | None = None,
     mesh: Mesh | None = None,
     *,
     parameters: Array | None = None,
@@ -60,8 +60,8 @@ def solve(
 
     Args:
         problem: what to solve.
-        guess: one trajectory per phase on any mesh, such as another solution's `phases`; straight
-            lines between the bounds by default.
+        guess: one trajectory per phase on any mesh, or another solution; straight lines between
+            the bounds by default.
         mesh: to begin with; 10 elements of degree 4 per phase by default.
         parameters: guess of the static parameters; the middle of their bounds by default.
         tolerance: of the estimated relative error of the states within an element.
@@ -80,6 +80,8 @@ def solve(
     Returns:
         The solution, whether it converged or not: see `Extremal.converged` and `report`.
     """
+    if isinstance(guess, Extremal):
+        guess = guess.phases
     guess = straight_lines(problem) if guess is None else guess
     if transcription is None:
         transcription = Transcription(problem, mesh or Mesh.uniform(problem))

@@ -98,7 +98,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
     total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
     -1: none); the ground reaction at the end of the step and its extremes (N); the pendulum's
-    `clearance` (m); `elapsed` time (s); `mode`; `failure`; and
+    `clearance` (m); `elapsed` time in this step (s); `mode`; `failure`; and
     `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
     (the model's foot holds all the same). It is a dictionary that makes its entries when it is
     read.
