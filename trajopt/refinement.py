@@ -41,6 +41,9 @@ NEGLIGIBLE = 1e-7
 #: control's range, do not break there.
 NO_BREAK = 0.01
 
+#: Errors, in tolerances, beyond which it is all one: an unstable motion's may overflow.
+HOPELESS = 1e15
+
 _SEARCHED = np.linspace(0.0, 1.0, 101)
 
 
@@ -77,7 +80,7 @@ def refined(
             wasteful = quality.cost_gap[e] > cost_tolerance
             jumps, inside = breaks(trajectory, e) if wasteful else [], []
             if jumps or max(excess, limits[e]) > 1.0:
-                raised = degree + max(1, int(np.ceil(np.log10(max(excess, 1.0)))))
+                raised = degree + max(1, int(np.ceil(np.log10(np.clip(excess, 1.0, HOPELESS)))))
                 fixed = mesh.scheme in FIXED_DEGREE
                 switches = switch_points(phase, trajectory, e, p)
                 smooth = not fixed and is_smooth(trajectory, e) and not switches
