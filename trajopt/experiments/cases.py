@@ -1,0 +1,342 @@
+"""The six experiments of chapter 4, one short function each: the problems, and what was printed.
+
+Units are SI and radians; `symmetric(x)` is [-x, x]. A case may continue from another one's
+solution: such is Experiment 6, and it must come after what it continues.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from itertools import product
+from math import pi
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from rimless_gym.params import THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
+from rimless_gym.symbolic import Design, HybridModel
+from trajopt.experiments.honest import FromGait, rod_of_mass
+from trajopt.experiments.steps import (
+    LEAST_TOUCHDOWN_RATE,
+    PENDULUM_MASS,
+    Table,
+    Weights,
+    from_state,
+    least_final_swing,
+    least_pull,
+    steps,
+    symmetric,
+    towards,
+)
+from trajopt.extremal import Extremal
+from trajopt.problem import Array, Problem
+from trajopt.search import StartFamily
+
+
+@dataclasses.dataclass(frozen=True)
+class Printed:
+    """What the thesis prints of a case: which one, its cost, its energy (J)."""
+
+    variant: str
+    cost: float | None = None
+    energy: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """How a case is searched.
+
+    Attributes:
+        starts: how many.
+        elements: per step.
+        durations: of the steps to begin with, log-uniform between these (s).
+    """
+
+    starts: int = 40
+    elements: int = 14
+    durations: tuple[float, float] = (0.2, 4.0)
+
+
+#: Experiment and variant.
+Key: TypeAlias = tuple[int, str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One problem to solve.
+
+    Attributes:
+        experiment: its number.
+        printed: what the thesis prints of it; twice if it prints one problem twice.
+        params: the machine.
+        problem: of the solution that it continues, if any.
+        after: whose solution that is.
+        appended: whether it is a further step of that motion, simulated and paid with it.
+        effort: of the search.
+        quickest: whether of equally good solutions the quickest is kept, not the first.
+        design: what is to be chosen of the machine, if anything.
+        family: of the starts; random waypoints by default.
+    """
+
+    experiment: int
+    printed: tuple[Printed, ...]
+    params: WheelParams
+    problem: Callable[[Extremal | None], Problem]
+    after: Case | None = None
+    appended: bool = False
+    effort: Effort = Effort()
+    quickest: bool = False
+    design: Design | None = None
+    family: Callable[[Problem], StartFamily] | None = None
+
+    @property
+    def variant(self) -> str:
+        """What it is called."""
+        return self.printed[0].variant
+
+    @property
+    def key(self) -> Key:
+        """Of this case alone."""
+        return self.experiment, self.variant
+
+    def machine(self, parameters: Array) -> WheelParams:
+        """The machine with what was chosen of it."""
+        return self.design.machine(self.params, parameters) if self.design else self.params
+
+
+NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
+PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)
+
+WIDE = (-2 * pi, 4 * pi)
+TABLE_4_3 = Table(
+    rate=((0.0, pi), WIDE, WIDE),
+    swing=symmetric(3 * pi, 3 * pi, 3 * pi),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_4 = Table(
+    rate=((0.0, pi), WIDE, (0.0, 0.0)),
+    swing=symmetric(8 * pi, 8 * pi, 3 * pi),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_5 = Table(
+    rate=((0.5, 2.5), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
+    swing=symmetric(8.0, 8.0, 8.0),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_7 = Table(
+    rate=((0.5, 10.0), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
+    swing=symmetric(15.0, 15.0, 15.0),
+    pendulum=5 * pi,
+    voltage=65.0,
+    duration=(0.1, 12.0),
+)
+
+#: phi, phi', theta, theta', V
+COST_4_3 = Weights(0.0, 0.0, 0.0, 0.0, 1.0)
+COST_4_4 = Weights(0.01, 0.01, 0.01, 0.1, 100.0)
+COST_4_5 = Weights(0.01, 0.01, 0.01, 0.01, 100.0)
+COST_4_6 = Weights(0.1, 1.0, 1.0, 1.0, 1.0)
+COST_4_7 = Weights(0.1, 0.1, 1.0, 1.0, 1.0)
+COST_4_8 = Weights(0.1, 1.0, 0.1, 1.0, 1.0)
+COST_4_9 = Weights(0.1, 1.0, 0.1, 0.1, 1.0)
+COST_4_12 = Weights(1.0, 0.1, 0.1, 0.1, 1.0)
+
+#: Of the honest gaits (kg).
+WIDER_MASS = (0.5, 4.0)
+
+#: Of the pendulum where it is chosen (kg): the thesis does not print its bounds.
+MASS = (0.5, 2.0)
+
+
+@cache
+def experiment_1() -> tuple[Case, ...]:
+    """One step that ends in a collision, Table 4.3."""
+    short = Effort(20, elements=10)
+    volts, mixed = Printed("cost 4.3", 738.542814), Printed("cost 4.4", 0.040904, 0.001559)
+    return (
+        _case(1, [volts], (NOMINAL, TABLE_4_3, COST_4_3, 1), short, quickest=True),
+        _case(1, [mixed], (NOMINAL, TABLE_4_3, COST_4_4, 1), short),
+    )
+
+
+@cache
+def experiment_2() -> tuple[Case, ...]:
+    """One step that ends without a collision, Table 4.4, and what that takes at the least.
+
+    The printed bound of 3 pi on the last theta' admits no such step.
+    """
+    table = dataclasses.replace(TABLE_4_4, swing=symmetric(8 * pi, 8 * pi, 8 * pi))
+    quick = Effort(30, elements=10, durations=(0.15, 1.5))
+    printed = Printed("|theta'| <= 8 pi at the end", 1.246894, 139.855118)
+    slow, light = Printed("least |theta'| at the end"), Printed("least pull of the foot")
+    swing = partial(least_final_swing, NOMINAL, table)
+    pull = partial(least_pull, NOMINAL, table)
+    return (
+        _case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),
+        Case(2, (slow,), NOMINAL, lambda _: swing(), effort=quick),
+        Case(2, (light,), NOMINAL, lambda _: pull(), effort=quick),
+    )
+
+
+@cache
+def experiment_3() -> tuple[Case, ...]:
+    """Two steps with "perfectly elastic" touchdowns, Table 4.5, m2 given or chosen."""
+    costs = {
+        "cost 4.6": (COST_4_6, 1344.993117, 61.615496),
+        "cost 4.7": (COST_4_7, 855.575987, 43.886971),
+        "cost 4.8": (COST_4_8, 1223.694360, 11.050817),
+        "cost 4.9": (COST_4_9, 1933.139004, 17.157731),
+    }
+    masses = {"m2 = 1 kg": None, "m2 free": MASS}
+    cases = []
+    for (cost, (weights, *numbers)), (name, mass) in product(costs.items(), masses.items()):
+        printed = [Printed(f"{cost}, {name}", *numbers)]
+        if weights is COST_4_9:  # (4.10) has the same weights
+            printed.append(Printed(f"cost 4.10, {name}", 903.897130, 48.547980))
+        posed = (NOMINAL, TABLE_4_5, weights, 2)
+        cases.append(_case(3, printed, posed, Effort(30), mass=mass))
+    wider = [Printed("cost 4.6, m2 free from 0.1 kg")]
+    posed = (NOMINAL, TABLE_4_5, COST_4_6, 2)
+    cases.append(_case(3, wider, posed, Effort(10), mass=(0.1, MASS[1])))
+    return (*cases, *_honest_gaits())
+
+
+@cache
+def experiment_4() -> tuple[Case, ...]:
+    """Three elastic steps."""
+    printed = [Printed("cost 4.6, m2 = 1 kg", 2366.986710, 19.687079)]
+    return (_case(4, printed, (NOMINAL, TABLE_4_5, COST_4_6, 3), Effort(20)),)
+
+
+@cache
+def experiment_5() -> tuple[Case, ...]:
+    """Two steps with collisions, Table 4.7: both impact laws, both printed bounds on phi'(0)."""
+    cases = []
+    for law, limit in product(("plastic", "thesis"), (10.0, 2.5)):
+        params = PHYSICAL.replace(impact_law=law)
+        table = dataclasses.replace(TABLE_4_7, rate=((0.5, limit), *TABLE_4_7.rate[1:]))
+        name = f"{law}, phi'(0) <= {limit:g}"
+        posed = (params, table, COST_4_12, 2)
+        cases.append(_case(5, [Printed(name, 1999.992695, 74.206063)], posed))
+        if law == "plastic":
+            honest = [Printed(f"{name}, foot not held down")]
+            cases.append(_case(5, honest, posed, contact=True))
+    return tuple(cases)
+
+
+@cache
+def experiment_6() -> tuple[Case, ...]:
+    """Single steps, each from where the one before ended: elastic, and plastic towards 5's end."""
+    elastic = Case(
+        experiment=6,
+        printed=(Printed("elastic, step 2", 0.040907, 0.003125),),
+        params=NOMINAL,
+        problem=_continued(NOMINAL, TABLE_4_3, COST_4_4),
+        after=experiment_1()[1],
+        appended=True,
+        effort=Effort(20, elements=10),
+    )
+    plastic = PHYSICAL.replace(impact_law="plastic")
+    two_steps = next(case for case in experiment_5() if case.variant.startswith("plastic"))
+    first = Case(
+        experiment=6,
+        printed=(Printed("plastic, step 1", 992.569180),),
+        params=plastic,
+        problem=_aimed(plastic, TABLE_4_7, COST_4_12),
+        after=two_steps,
+    )
+    second = Case(
+        experiment=6,
+        printed=(Printed("plastic, step 2", 4.741788, 57.619640),),
+        params=plastic,
+        problem=_continued(plastic, TABLE_4_7, COST_4_12),
+        after=first,
+        appended=True,
+    )
+    return elastic, first, second
+
+
+EXPERIMENTS = {
+    1: experiment_1,
+    2: experiment_2,
+    3: experiment_3,
+    4: experiment_4,
+    5: experiment_5,
+    6: experiment_6,
+}
+
+
+def every_case() -> list[Case]:
+    """Of all experiments, in order."""
+    return [case for experiment in EXPERIMENTS.values() for case in experiment()]
+
+
+def _case(
+    experiment: int,
+    printed: Sequence[Printed],
+    posed: tuple[WheelParams, Table, Weights, int],
+    effort: Effort = Effort(),
+    *,
+    quickest: bool = False,
+    **options: Any,
+) -> Case:
+    """Steps posed by (machine, bounds, cost, count) and further arguments of `steps`."""
+    problem = partial(steps, *posed, **options)
+    return Case(
+        *(experiment, tuple(printed), posed[0], lambda _: problem()),
+        effort=effort,
+        quickest=quickest,
+        design=PENDULUM_MASS if options.get("mass") else None,
+    )
+
+
+#: A problem that begins or ends where a solution of another one does.
+Sequel: TypeAlias = Callable[[Extremal | None], Problem]
+
+
+def _honest_gaits() -> list[Case]:
+    """Periodic, plastic, E+: m2 as in Table 4.6, and chosen."""
+    cases = []
+    for name, mass in (("m2 = 2.22 kg", (2.22, 2.22)), ("m2 free", WIDER_MASS)):
+        family = FromGait(THESIS_PHYSICAL, mass)
+        cases.append(
+            Case(
+                *(3, (Printed(f"periodic, plastic, least E+, {name}"),), THESIS_PHYSICAL),
+                problem=lambda _, family=family: family.problem,
+                effort=Effort(6),
+                design=rod_of_mass(THESIS_PHYSICAL),
+                family=lambda _, family=family: family,
+            )
+        )
+    return cases
+
+
+def _continued(params: WheelParams, table: Table, weights: Weights) -> Sequel:
+    """A single step from where, by the impact law, the one before leads."""
+    touchdown = HybridModel(params).functions["touchdown"]
+
+    def problem(before: Extremal | None) -> Problem:
+        assert before is not None
+        start = np.asarray(touchdown(before.phases[-1].end)).ravel()
+        return from_state(steps(params, table, weights), start)
+
+    return problem
+
+
+def _aimed(params: WheelParams, table: Table, weights: Weights) -> Sequel:
+    """A single step that ends where and when the first one of a solution does."""
+
+    def problem(target: Extremal | None) -> Problem:
+        assert target is not None
+        first = target.phases[0]
+        return towards(steps(params, table, weights), first.end, first.duration)
+
+    return problem
