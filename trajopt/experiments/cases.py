@@ -16,138 +16,39 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from rimless_gym.params import THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
-from rimless_gym.symbolic import Design, HybridModel
+from rimless_gym.symbolic import HybridModel
+from trajopt.experiments.case import USUAL, Case, Effort, Printed
 from trajopt.experiments.honest import FromGait, rod_of_mass
 from trajopt.experiments.steps import (
-    LEAST_TOUCHDOWN_RATE,
     PENDULUM_MASS,
-    Table,
-    Weights,
     from_state,
     least_final_swing,
     least_pull,
     steps,
-    symmetric,
     towards,
 )
+from trajopt.experiments.tables import (
+    COST_4_3,
+    COST_4_4,
+    COST_4_5,
+    COST_4_6,
+    COST_4_7,
+    COST_4_8,
+    COST_4_9,
+    COST_4_12,
+    TABLE_4_3,
+    TABLE_4_4,
+    TABLE_4_5,
+    TABLE_4_7,
+    Table,
+    Weights,
+    symmetric,
+)
 from trajopt.extremal import Extremal
-from trajopt.problem import Array, Problem
-from trajopt.search import StartFamily
-
-
-@dataclasses.dataclass(frozen=True)
-class Printed:
-    """What the thesis prints of a case: which one, its cost, its energy (J)."""
-
-    variant: str
-    cost: float | None = None
-    energy: float | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Effort:
-    """How a case is searched.
-
-    Attributes:
-        starts: how many.
-        elements: per step.
-        durations: of the steps to begin with, log-uniform between these (s).
-    """
-
-    starts: int = 40
-    elements: int = 14
-    durations: tuple[float, float] = (0.2, 4.0)
-
-
-#: Experiment and variant.
-Key: TypeAlias = tuple[int, str]
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """One problem to solve.
-
-    Attributes:
-        experiment: its number.
-        printed: what the thesis prints of it; twice if it prints one problem twice.
-        params: the machine.
-        problem: of the solution that it continues, if any.
-        after: whose solution that is.
-        appended: whether it is a further step of that motion, simulated and paid with it.
-        effort: of the search.
-        quickest: whether of equally good solutions the quickest is kept, not the first.
-        design: what is to be chosen of the machine, if anything.
-        family: of the starts; random waypoints by default.
-    """
-
-    experiment: int
-    printed: tuple[Printed, ...]
-    params: WheelParams
-    problem: Callable[[Extremal | None], Problem]
-    after: Case | None = None
-    appended: bool = False
-    effort: Effort = Effort()
-    quickest: bool = False
-    design: Design | None = None
-    family: Callable[[Problem], StartFamily] | None = None
-
-    @property
-    def variant(self) -> str:
-        """What it is called."""
-        return self.printed[0].variant
-
-    @property
-    def key(self) -> Key:
-        """Of this case alone."""
-        return self.experiment, self.variant
-
-    def machine(self, parameters: Array) -> WheelParams:
-        """The machine with what was chosen of it."""
-        return self.design.machine(self.params, parameters) if self.design else self.params
-
+from trajopt.problem import Problem
 
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)
-
-WIDE = (-2 * pi, 4 * pi)
-TABLE_4_3 = Table(
-    rate=((0.0, pi), WIDE, WIDE),
-    swing=symmetric(3 * pi, 3 * pi, 3 * pi),
-    pendulum=2 * pi,
-    voltage=20.0,
-    duration=(0.1, 100.0),
-)
-TABLE_4_4 = Table(
-    rate=((0.0, pi), WIDE, (0.0, 0.0)),
-    swing=symmetric(8 * pi, 8 * pi, 3 * pi),
-    pendulum=2 * pi,
-    voltage=20.0,
-    duration=(0.1, 100.0),
-)
-TABLE_4_5 = Table(
-    rate=((0.5, 2.5), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
-    swing=symmetric(8.0, 8.0, 8.0),
-    pendulum=2 * pi,
-    voltage=20.0,
-    duration=(0.1, 100.0),
-)
-TABLE_4_7 = Table(
-    rate=((0.5, 10.0), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
-    swing=symmetric(15.0, 15.0, 15.0),
-    pendulum=5 * pi,
-    voltage=65.0,
-    duration=(0.1, 12.0),
-)
-
-#: phi, phi', theta, theta', V
-COST_4_3 = Weights(0.0, 0.0, 0.0, 0.0, 1.0)
-COST_4_4 = Weights(0.01, 0.01, 0.01, 0.1, 100.0)
-COST_4_5 = Weights(0.01, 0.01, 0.01, 0.01, 100.0)
-COST_4_6 = Weights(0.1, 1.0, 1.0, 1.0, 1.0)
-COST_4_7 = Weights(0.1, 0.1, 1.0, 1.0, 1.0)
-COST_4_8 = Weights(0.1, 1.0, 0.1, 1.0, 1.0)
-COST_4_9 = Weights(0.1, 1.0, 0.1, 0.1, 1.0)
-COST_4_12 = Weights(1.0, 0.1, 0.1, 0.1, 1.0)
 
 #: Of the honest gaits (kg).
 WIDER_MASS = (0.5, 4.0)
@@ -175,14 +76,15 @@ def experiment_2() -> tuple[Case, ...]:
     """
     table = dataclasses.replace(TABLE_4_4, swing=symmetric(8 * pi, 8 * pi, 8 * pi))
     quick = Effort(30, elements=10, durations=(0.15, 1.5))
+    much = Effort(60, elements=10, durations=(0.3, 1.2))
     printed = Printed("|theta'| <= 8 pi at the end", 1.246894, 139.855118)
     slow, light = Printed("least |theta'| at the end"), Printed("least pull of the foot")
     swing = partial(least_final_swing, NOMINAL, table)
     pull = partial(least_pull, NOMINAL, table)
     return (
         _case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),
-        Case(2, (slow,), NOMINAL, lambda _: swing(), effort=quick),
-        Case(2, (light,), NOMINAL, lambda _: pull(), effort=quick),
+        Case(2, (slow,), NOMINAL, lambda _: swing(), effort=much, limit=True),
+        Case(2, (light,), NOMINAL, lambda _: pull(), effort=quick, limit=True),
     )
 
 
@@ -225,10 +127,13 @@ def experiment_5() -> tuple[Case, ...]:
         table = dataclasses.replace(TABLE_4_7, rate=((0.5, limit), *TABLE_4_7.rate[1:]))
         name = f"{law}, phi'(0) <= {limit:g}"
         posed = (params, table, COST_4_12, 2)
-        cases.append(_case(5, [Printed(name, 1999.992695, 74.206063)], posed))
+        short = (0.15, 1.2)
+        printed = [Printed(name, 1999.992695, 74.206063)]
+        cases.append(_case(5, printed, posed, Effort(80, durations=short)))
         if law == "plastic":
             honest = [Printed(f"{name}, foot not held down")]
-            cases.append(_case(5, honest, posed, contact=True))
+            effort = Effort(40, durations=short)
+            cases.append(_case(5, honest, posed, effort, contact=True))
     return tuple(cases)
 
 
@@ -283,7 +188,7 @@ def _case(
     experiment: int,
     printed: Sequence[Printed],
     posed: tuple[WheelParams, Table, Weights, int],
-    effort: Effort = Effort(),
+    effort: Effort = USUAL,
     *,
     quickest: bool = False,
     **options: Any,
@@ -307,15 +212,14 @@ def _honest_gaits() -> list[Case]:
     cases = []
     for name, mass in (("m2 = 2.22 kg", (2.22, 2.22)), ("m2 free", WIDER_MASS)):
         family = FromGait(THESIS_PHYSICAL, mass)
-        cases.append(
-            Case(
-                *(3, (Printed(f"periodic, plastic, least E+, {name}"),), THESIS_PHYSICAL),
-                problem=lambda _, family=family: family.problem,
-                effort=Effort(6),
-                design=rod_of_mass(THESIS_PHYSICAL),
-                family=lambda _, family=family: family,
-            )
+        printed = Printed(f"periodic, plastic, least E+, {name}")
+        case = Case(
+            *(3, (printed,), THESIS_PHYSICAL, family.problem),
+            effort=Effort(6, tolerance=1e-8),
+            design=rod_of_mass(THESIS_PHYSICAL),
+            family=family.itself,
         )
+        cases.append(case)
     return cases
 
 

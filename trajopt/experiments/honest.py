@@ -14,6 +14,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
+from trajopt.extremal import Extremal
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import WheelPhases
@@ -74,7 +75,10 @@ class FromGait:
         mass = self.params.pendulum_mass if index == 0 else rng.uniform(*self.mass)
         return Start(tuple(self.gait.phases), np.array([mass]))
 
-    @property
-    def problem(self) -> Problem:
+    def problem(self, before: Extremal | None = None) -> Problem:
         """With as many turns of the pendulum as the gait has."""
         return cheapest_gait(self.params, self.mass, self.gait.theta_turns)
+
+    def itself(self, problem: Problem) -> FromGait:
+        """The family of a problem: this one."""
+        return self

@@ -1,4 +1,4 @@
-"""The thesis's steps as phases: bounds as in its tables, costs as weights, impacts as linkages."""
+"""The thesis's steps as phases, joined by its impact laws, and what a step takes at the least."""
 
 from __future__ import annotations
 
@@ -10,60 +10,9 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.gaits.stance import CONTROLS, STATES, WheelPhases
+from trajopt.experiments.tables import Table, Weights
+from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
 from trajopt.problem import Array, Bounds, Constraint, Phase, Problem
-
-#: Least phi' with which the last step ends where the thesis asks for more than 0 (rad/s).
-LEAST_TOUCHDOWN_RATE = 0.01
-
-#: Bounds at the start, all along, and at the end.
-Rows = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-
-
-def symmetric(start: float, along: float, end: float) -> Rows:
-    """[-x, x] of every x, as the thesis's tables mostly are."""
-    return (-start, start), (-along, along), (-end, end)
-
-
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """Bounds of one of the tables 4.3, 4.4, 4.5 and 4.7.
-
-    Attributes:
-        rate: of phi' (rad/s).
-        swing: of theta' (rad/s).
-        pendulum: largest |theta| (rad).
-        voltage: largest |V| (V).
-        duration: of the whole motion (s).
-    """
-
-    rate: Rows
-    swing: Rows
-    pendulum: float
-    voltage: float
-    duration: tuple[float, float]
-
-    def row(self, where: int) -> dict[str, float | tuple[float, float]]:
-        """Bounds on the rates and theta at the start (0), all along (1) or at the end (2)."""
-        theta = (-self.pendulum, self.pendulum)
-        return {"theta": theta, "phi'": self.rate[where], "theta'": self.swing[where]}
-
-
-@dataclasses.dataclass(frozen=True)
-class Weights:
-    """A running cost: weights on the squares of phi, phi', theta, theta' and V."""
-
-    phi: float
-    rate: float
-    theta: float
-    swing: float
-    voltage: float
-
-    def __call__(self, x: Any, u: Any, p: Any) -> Any:
-        """The running cost."""
-        states = self.phi, self.theta, self.rate, self.swing  # in the order of `STATES`
-        return sum(w * x[i] ** 2 for i, w in enumerate(states)) + self.voltage * u[0] ** 2
-
 
 #: m2 alone, the thesis's I2 being independent of it.
 PENDULUM_MASS = Design.of("pendulum_mass")
@@ -111,6 +60,7 @@ def step(
     """Step number `index` of `count`; see `steps`."""
     c, (shortest, longest) = wheel.params.constants, table.duration
     first, last = index == 0, index == count - 1
+    guarded = {"phi": (c.a + GUARD_MARGIN, c.b), "V": (-table.voltage, table.voltage)}
     return Phase(
         name=f"step {index + 1}",
         states=STATES,
@@ -119,7 +69,7 @@ def step(
         cost=weights,
         path=_contact(wheel) if contact else None,
         at_end=_impulse(wheel) if contact and not last else None,
-        bounds={"phi": (c.a, c.b), "V": (-table.voltage, table.voltage), **table.row(1)},
+        bounds={**guarded, **table.row(1)},
         start={"phi": c.a, **table.row(0 if first else 1)},
         end={"phi": c.b, **table.row(2 if last else 1)},
         duration=(shortest / count, longest),

@@ -30,6 +30,9 @@ THESIS_RATE, THESIS_WAITS = 1000.0, (0.02, 0.5, 5.0)
 #: Over which phi'' is measured where a foot lands before phi' vanishes (s).
 SECANT = 1e-6
 
+#: Of the planned end, the top of a step that ends without a collision is looked for (s).
+WITHIN = 0.005
+
 THESIS_RTOL, THESIS_ATOL = 1e-10, 1e-12
 
 
@@ -140,11 +143,14 @@ def _top(motion: Trajectory, after: float, near: float) -> float:
     def rate(t: float) -> float:
         return float(motion.state(t, side="left")[2])
 
-    begin = max(after, near - 0.005)
-    if rate(begin) > 0 >= rate(end):
-        return float(brentq(rate, begin, end, xtol=1e-14))
-    slope = (rate(end) - rate(end - SECANT)) / SECANT
-    return end - rate(end) / slope
+    times = np.linspace(max(after, near - WITHIN), min(end, near + WITHIN), 401)
+    rates = [rate(t) for t in times]
+    tops = [i for i in range(400) if rates[i] > 0 >= rates[i + 1]]
+    if not tops:
+        slope = (rate(end) - rate(end - SECANT)) / SECANT
+        return end - rate(end) / slope
+    i = min(tops, key=lambda i: abs(times[i] - near))
+    return float(brentq(rate, times[i], times[i + 1], xtol=1e-14))
 
 
 def sampled_times(phase: PhaseTrajectory) -> Array:

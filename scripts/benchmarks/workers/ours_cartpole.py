@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from trajopt.textbook import cart_pole
-
 from scripts.benchmarks import cartpole
 from scripts.benchmarks.protocol import Measure, serve
 from trajopt.guesses import straight_lines
 from trajopt.mesh import Mesh
 from trajopt.nlp import Transcription
+from trajopt.textbook import cart_pole
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
