@@ -16,7 +16,7 @@ FINDINGS: dict[int, tuple[str, ...]] = {
         "none: the experiment walks on its pin joint.",
     ),
     3: (
-        "The printed costs are 290 to 1050 times too high: none of them is an optimum. Almost "
+        "The printed costs are 280 to 1050 times too high: none of them is an optimum. Almost "
         "nothing has to be done to walk without losses.",
         "(4.10) is printed with the weights of (4.9): it is the same problem, with two different "
         "printed results.",
