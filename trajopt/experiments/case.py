@@ -15,11 +15,19 @@ from trajopt.search import StartFamily
 
 @dataclasses.dataclass(frozen=True)
 class Printed:
-    """What the thesis prints of a case: which one, its cost, its energy (J)."""
+    """What the thesis prints of a case.
+
+    Attributes:
+        variant: which one.
+        cost: its cost.
+        energy: its energy (J).
+        late: by how much its last touchdown was off in the thesis's verification (s).
+    """
 
     variant: str
     cost: float | None = None
     energy: float | None = None
+    late: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)

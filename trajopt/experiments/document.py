@@ -21,7 +21,7 @@ SHOWN = {
     "experiment_6": (6, "elastic, step 2"),
 }
 
-TABLE = re.compile(r"(<!-- table -->\n).*?(<!-- end of table -->)", re.DOTALL)
+TABLE = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 
 
 def refresh(page: Path, solutions: Sequence[Solved]) -> None:
@@ -40,8 +40,35 @@ def refresh(page: Path, solutions: Sequence[Solved]) -> None:
 
 
 def filled(text: str, rows: Sequence[dict[str, Any]]) -> str:
-    """A page with the table of results between its marks."""
-    return TABLE.sub(lambda marks: marks[1] + table(rows) + marks[2], text)
+    """A page with the tables of results between their marks."""
+    tables = {"table": table(rows), "at 1 kHz": verification_table(rows)}
+    return TABLE.sub(lambda marks: marks[1] + tables[marks[2]] + marks[3], text)
+
+
+def verification_table(rows: Sequence[dict[str, Any]]) -> str:
+    """What the thesis's verification says of its solutions, and of ours."""
+    lines = [
+        "|  | variant | off in the thesis (s) | touchdowns off (s) | states off |",
+        "| --- |" + " --- |" * 4,
+    ]
+    for row in rows:
+        if row["thesis_cost"] is None:
+            continue
+        late = row["thesis_touchdown_time_error"]
+        own = ", ".join(
+            "-" if error is None else f"{error:.0e}"
+            for error in row["thesis_style_touchdown_time_errors"]
+        )
+        lines.append(
+            f"| {row['experiment']} | {_escaped(row['variant'])} | "
+            f"{'-' if late is None else f'{late:g}'} | {own} | "
+            f"{row['thesis_style_state_error']:.0e} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|")
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
@@ -59,7 +86,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     def number(key: str, form: str) -> str:
         return "-" if row[key] is None else format(row[key], form)
 
-    variant = row["variant"].replace("|", "\\|")
+    variant = _escaped(row["variant"])
     return [
         str(row["experiment"]),
         variant if row["converged"] else f"{variant} (not converged)",

@@ -128,6 +128,7 @@ class Solved:
                 "cost": self.extremal.cost,
                 "thesis_energy_J": printed.energy,
                 "energy_J": self.energy,
+                "thesis_touchdown_time_error": printed.late,
                 **self._figures(),
             }
             for printed in self.case.printed
