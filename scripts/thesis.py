@@ -1,0 +1,73 @@
+#!/usr/bin/env python
+"""Solve the thesis's six experiments; write results.json and a report with its figures redrawn."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tqdm import tqdm
+
+from trajopt.experiments import document, report
+from trajopt.experiments.cases import EXPERIMENTS, every_case
+from trajopt.experiments.run import Solved, run
+
+
+def main() -> int:
+    """Run the command line; 0 if every case converged, 1 if not."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    parser.add_argument(
+        "--experiment", type=int, choices=EXPERIMENTS, help="one of them; all by default"
+    )
+    parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder to write to")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument(
+        "--docs", type=Path, help="a page, docs/thesis.md, to put the table and figures into"
+    )
+    options = parser.parse_args()
+    numbers = [options.experiment] if options.experiment else list(EXPERIMENTS)
+    begin = time.perf_counter()
+    solutions = _solutions(numbers, options.workers)
+    report.write(solutions, options.out)
+    if options.docs:
+        document.refresh(options.docs, solutions)
+    for solution in solutions:
+        print(_line(solution))
+    seconds = time.perf_counter() - begin
+    print(f"{len(solutions)} problems in {seconds:.0f} s: see {options.out / 'report.html'}")
+    return 0 if all(solution.converged for solution in solutions) else 1
+
+
+def _solutions(numbers: list[int], workers: int) -> list[Solved]:
+    """In the order of the thesis."""
+    order = [case.key for case in every_case() if case.experiment in numbers]
+    solutions = []
+    with tqdm(total=len(order), desc="problems") as bar:
+        for solution in run(numbers, workers):
+            solutions.append(solution)
+            bar.set_postfix_str(f"experiment {solution.key[0]}, {solution.key[1]}", refresh=False)
+            bar.update()
+    return sorted(solutions, key=lambda solution: order.index(solution.key))
+
+
+def _line(solution: Solved) -> str:
+    printed = solution.case.printed[0]
+    thesis = "-" if printed.cost is None else f"{printed.cost:.6f}"
+    verdict = "converged" if solution.converged else "NOT CONVERGED"
+    starts = f"{solution.reaching}/{solution.case.effort.starts} starts"
+    return (
+        f"{solution.key[0]}  {printed.variant:<44} cost {solution.extremal.cost:12.6f} "
+        f"(thesis {thesis:>12})  {starts:<12}  {verdict}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

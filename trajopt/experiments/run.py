@@ -1,0 +1,294 @@
+"""Cases solved from many starts, refined, simulated, and set beside what the thesis printed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from trajopt.experiments.case import Case, Key
+from trajopt.experiments.cases import every_case
+from trajopt.experiments.verification import (
+    Verification,
+    energy,
+    least_normal_force,
+    resampled,
+    sampled_times,
+    verified,
+)
+from trajopt.extremal import Extremal
+from trajopt.guesses import Guess, Waypoints
+from trajopt.mesh import Mesh
+from trajopt.problem import Problem, pair
+from trajopt.search import Outcome, Search, multi_start
+from trajopt.solve import WARM_BARRIER, solve
+from trajopt.trajectory import PhaseTrajectory
+
+#: What a converged case may be off by: the mesh, the states simulated, the touchdowns (s).
+MESH_ERROR, STATE_ERROR, TIME_ERROR = 1e-7, 1e-6, 1e-8
+
+#: Starts are as good as the best within this (relative, absolute).
+AS_GOOD = (1e-4, 1e-7)
+
+
+@dataclasses.dataclass(frozen=True)
+class Starts(Waypoints):
+    """Random waypoints, in durations of which short ones are as likely as long ones.
+
+    Attributes:
+        durations: least and most (s).
+    """
+
+    durations: tuple[float, float] = (0.2, 4.0)
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
+        """Guess number `index`."""
+        low, high = np.log(self.durations)
+        pairs = zip(self.problem.phases, super().__call__(rng, index), strict=True)
+        return tuple(
+            _stretched(trajectory, np.clip(np.exp(rng.uniform(low, high)), *pair(phase.duration)))
+            for phase, trajectory in pairs
+        )
+
+
+def _stretched(trajectory: PhaseTrajectory, duration: float) -> PhaseTrajectory:
+    return dataclasses.replace(
+        trajectory, edges=trajectory.edges * (duration / trajectory.duration)
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """A case and what became of it.
+
+    Attributes:
+        key: of the case.
+        extremal: the best solution, refined.
+        motion: its steps, those that it continues before them.
+        optima: cost, number of starts, and duration (s) of the local optima, best first.
+        failed: starts that led nowhere.
+        reaching: starts that came to the best optimum.
+        simulated: the motion under its own control.
+        resampled: the motion as the thesis simulated it.
+        seconds: that all this took.
+    """
+
+    key: Key
+    extremal: Extremal
+    motion: tuple[PhaseTrajectory, ...]
+    optima: tuple[tuple[float, int, float], ...]
+    failed: int
+    reaching: int
+    simulated: Verification
+    resampled: Verification
+    seconds: float
+
+    @property
+    def case(self) -> Case:
+        """What was solved."""
+        return next(case for case in every_case() if case.key == self.key)
+
+    @property
+    def machine(self) -> WheelParams:
+        """With what was chosen of it."""
+        return self.case.machine(self.extremal.parameters)
+
+    @property
+    def energy(self) -> float:
+        """The thesis's, over all steps (J)."""
+        return energy(self.machine, self.motion)
+
+    @property
+    def converged(self) -> bool:
+        """Whether it satisfies all that is asked for."""
+        if not (self.extremal.converged and self.extremal.mesh_error <= MESH_ERROR):
+            return False
+        return bool(
+            self.case.limit
+            or (
+                self.simulated.state_error <= STATE_ERROR
+                and max(self.simulated.touchdown_time_errors) <= TIME_ERROR
+            )
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """As `results.json` has them: one for every time that the thesis prints it."""
+        return [
+            {
+                "experiment": self.case.experiment,
+                "variant": printed.variant,
+                "thesis_cost": printed.cost,
+                "cost": self.extremal.cost,
+                "thesis_energy_J": printed.energy,
+                "energy_J": self.energy,
+                "thesis_touchdown_time_error": printed.late,
+                **self._figures(),
+            }
+            for printed in self.case.printed
+        ]
+
+    @property
+    def _played_back(self) -> float | None:
+        played = self.extremal.resimulation
+        return max(played.phase_errors) if played else None
+
+    def _figures(self) -> dict[str, Any]:
+        extremal, exact, coarse = self.extremal, self.simulated, self.resampled
+        names = extremal.problem.parameters
+        peak = max(np.abs(p.control(sampled_times(p))).max() for p in self.motion)
+        return {
+            "final_time": extremal.duration,
+            "max_state_error": exact.state_error,
+            "touchdown_time_error": _number(max(exact.touchdown_time_errors)),
+            "min_normal_force_over_weight": least_normal_force(self.machine, self.motion),
+            "peak_voltage": float(peak),
+            "converged": self.converged,
+            "starts": self.case.effort.starts,
+            "starts_reaching_best": self.reaching,
+            "starts_failed": self.failed,
+            "local_optima": [list(optimum) for optimum in self.optima],
+            "parameters": dict(zip(names, extremal.parameters.tolist(), strict=True)),
+            "mesh_error": extremal.mesh_error,
+            "played_back_error": self._played_back,
+            "thesis_style_state_error": coarse.state_error,
+            "thesis_style_touchdown_time_errors": [
+                _number(e) for e in coarse.touchdown_time_errors
+            ],
+            "seconds": self.seconds,
+        }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def solved(case: Case, before: Solved | None = None) -> Solved:
+    """Solve a case, and simulate what came out.
+
+    Args:
+        case: what to solve.
+        before: the solution of `case.after`.
+
+    Raises:
+        RuntimeError: no start led anywhere.
+    """
+    begin = time.perf_counter()
+    problem = case.problem(before.extremal if before else None)
+    search = multi_start(
+        problem,
+        case.family(problem) if case.family else Starts(problem, durations=case.effort.durations),
+        case.effort.starts,
+        mesh=Mesh.uniform(problem, case.effort.elements),
+        same=same,
+    )
+    if not search.optima:
+        raise RuntimeError(f"experiment {case.experiment}, {case.variant}: {search.report()}")
+    best = _best(search, case.quickest)
+    extremal = solve(
+        _of_durations(problem, best) if case.quickest else problem,
+        best.phases,
+        search.mesh,
+        parameters=best.parameters,
+        tolerance=case.effort.tolerance,
+        mu_init=WARM_BARRIER,
+    )
+    motion = extremal.phases
+    if before and case.appended:
+        motion = before.motion + motion
+    machine = case.machine(extremal.parameters)
+    return Solved(
+        key=case.key,
+        extremal=extremal,
+        motion=motion,
+        optima=tuple((o.cost, len(o.found), _duration(o.best)) for o in search.optima),
+        failed=len(search.failures),
+        reaching=len(search.optima[0].found),
+        simulated=verified(machine, motion),
+        resampled=resampled(machine, motion),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def same(one: Outcome, other: Outcome) -> bool:
+    """Whether two are equally good: then they count as one optimum."""
+    relative, absolute = AS_GOOD
+    return math.isclose(one.cost, other.cost, rel_tol=relative, abs_tol=absolute)
+
+
+def _best(search: Search, quickest: bool) -> Outcome:
+    """The best outcome, or the quickest of those as good."""
+    best = search.optima[0]
+    if not quickest:
+        return best.best
+    return min((o for o in search.outcomes if o.index in best.found), key=_duration)
+
+
+def _of_durations(problem: Problem, outcome: Outcome) -> Problem:
+    """With the durations of an outcome: where many are as good, a solver would drift away."""
+    pairs = zip(problem.phases, outcome.phases, strict=True)
+    fixed = [dataclasses.replace(phase, duration=found.duration) for phase, found in pairs]
+    return dataclasses.replace(problem, phases=tuple(fixed))
+
+
+def _duration(outcome: Outcome) -> float:
+    return sum(phase.duration for phase in outcome.phases)
+
+
+def run(numbers: Sequence[int], workers: int = 1) -> Iterator[Solved]:
+    """Solve experiments; cases come as they are finished.
+
+    Args:
+        numbers: of the experiments.
+        workers: processes.
+    """
+    chains = [chain for chain in _chains() if any(case.experiment in numbers for case in chain)]
+    jobs = [(chain[0].key, tuple(numbers)) for chain in chains]
+    if workers == 1:
+        for job in jobs:
+            yield from _solved_chain(*job)
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        try:
+            futures = [pool.submit(_listed_chain, *job) for job in jobs]
+            for future in as_completed(futures):
+                yield from future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _chains() -> list[list[Case]]:
+    """Every case that begins anew, and those that continue it."""
+    chains: list[list[Case]] = []
+    for case in every_case():
+        if case.after is None:
+            chains.append([case])
+        else:
+            next(chain for chain in chains if case.after in chain).append(case)
+    return chains
+
+
+def _solved_chain(key: Key, numbers: tuple[int, ...]) -> Iterator[Solved]:
+    """The wanted cases of the chain that begins with a case, and silently those they need."""
+    chain = next(chain for chain in _chains() if chain[0].key == key)
+    wanted = [case for case in chain if case.experiment in numbers]
+    needed = set(map(id, wanted))
+    for case in reversed(chain):
+        if id(case) in needed and case.after is not None:
+            needed.add(id(case.after))
+    done: dict[Key, Solved] = {}
+    for case in chain:
+        if id(case) in needed:
+            done[case.key] = solved(case, done[case.after.key] if case.after else None)
+            if case in wanted:
+                yield done[case.key]
+
+
+def _listed_chain(key: Key, numbers: tuple[int, ...]) -> list[Solved]:
+    return list(_solved_chain(key, numbers))
