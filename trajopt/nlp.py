@@ -277,6 +277,8 @@ class Transcription:
         problem = self.posed(problem or self.problem).problem
         lower, upper = self.layout.bounds(problem)
         start = np.clip(pack(self.layout, problem, guess, parameters), lower, upper)
+        if not np.isfinite(start).all():
+            raise ValueError("guess: its states, controls and parameters must all be finite")
         bounds = self.bounds(problem)
         solver = self.solver(**options)
         found = solver(x0=start, lbx=lower, ubx=upper, lbg=bounds[0], ubg=bounds[1])

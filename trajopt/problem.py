@@ -125,6 +125,12 @@ class Phase:
                     f"phase {self.name!r}: {where} = {getattr(self, where)!r}: give a tuple of "
                     "names; that of a single one ends with a comma"
                 )
+        names = self.states + self.controls
+        if not self.states or len(set(names)) < len(names):
+            raise ValueError(
+                f"phase {self.name!r}: states {self.states} and controls {self.controls}: name at "
+                "least one state, and everything differently"
+            )
         for where, known in (
             ("bounds", self.states + self.controls),
             ("start", self.states),
@@ -148,7 +154,7 @@ class Phase:
                         f"{where}, but bounded by {self.bounds[name]} all along: widen one of them"
                     )
         low, high = pair(self.duration)
-        if not 0.0 < low <= high:
+        if not 0.0 < low <= high or math.isinf(low):
             raise InfeasibleBoundsError(
                 f"phase {self.name!r}: duration = {self.duration} s: must be positive, "
                 "lower bound first"
@@ -203,6 +209,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check bounds and trace all expressions."""
+        if not self.phases:
+            raise ValueError("phases: a problem has at least one")
         n = len(self.parameters)
         object.__setattr__(self, "phases", tuple(_traced_phases(self.phases, n)))
         object.__setattr__(self, "linkages", tuple(self._traced_linkage(k) for k in self.linkages))
@@ -290,6 +298,10 @@ def _require_room(bounds: Mapping[str, tuple[float, float]]) -> None:
     for name, (low, high) in bounds.items():
         if math.isnan(low) or math.isnan(high):
             raise InfeasibleBoundsError(f"{name}: bounds ({low}, {high}): must be numbers, not NaN")
+        if low == math.inf or high == -math.inf:
+            raise InfeasibleBoundsError(
+                f"{name}: bounds ({low}, {high}): nothing lies between them; make them finite"
+            )
         if low > high:
             raise InfeasibleBoundsError(
                 f"{name}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"

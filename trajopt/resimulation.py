@@ -8,6 +8,7 @@ the way. (A wheel's touchdowns are located by `rimless_gym.simulate` besides: `t
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,6 +18,9 @@ from trajopt.problem import Array, Phase, Problem
 from trajopt.trajectory import PhaseTrajectory
 
 RTOL, ATOL = 1e-11, 1e-12
+
+#: Evaluations of the motion that playing one phase back may take, some seconds' worth.
+EFFORT = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +66,10 @@ def resimulated(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -
     return Resimulation(tuple(errors), max(chain), cost)
 
 
+class _TooStiffError(Exception):
+    """An explicit integrator cannot follow the motion in reasonable time."""
+
+
 def played(
     phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
 ) -> tuple[float, Array, float]:
@@ -84,9 +92,10 @@ def followed(
 ) -> Iterator[tuple[Array, Array]]:
     """One phase from `start`: times (9,), and states and what was paid (9, nx + 1), by element.
 
-    Infinite, and the last, where the integrator fails.
+    Infinite, and the last, where the integrator fails or takes more than `EFFORT`.
     """
     nx, y = len(phase.states), np.append(start, 0.0)
+    effort = itertools.count()
     coefficients = np.linalg.solve(
         np.vander(trajectory.control_nodes), trajectory.controls
     )  # (M, m, nu)
@@ -96,6 +105,8 @@ def followed(
         def rates(
             t: float, y: Array, powers: Array = powers, begin: float = begin, h: float = h
         ) -> Array:
+            if next(effort) > EFFORT:
+                raise _TooStiffError
             u = powers[0]
             for c in powers[1:]:
                 u = u * ((t - begin) / h) + c
@@ -104,8 +115,11 @@ def followed(
 
         times = begin + h * np.linspace(0.0, 1.0, 9)
         times[-1] = end
-        run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=rtol, atol=atol)
-        if not run.success:
+        try:
+            run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=rtol, atol=atol)
+        except _TooStiffError:
+            run = None
+        if run is None or not run.success:
             yield times, np.full((9, nx + 1), np.inf)
             return
         yield times, run.y.T

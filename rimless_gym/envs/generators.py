@@ -45,9 +45,9 @@ class Generators:
             made = [seeding.np_random(each) for each in seeds]
             self.each, self.seeds = [one for one, _ in made], [used for _, used in made]
             return
-        for i in rows:
-            if seeds[i] is not None:
-                self.each[i], self.seeds[i] = seeding.np_random(seeds[i])
+        drawn = [(i, seeding.np_random(seeds[i])) for i in rows if seeds[i] is not None]
+        for i, (one, used) in drawn:  # all or, if one is refused, none
+            self.each[i], self.seeds[i] = one, used
 
     def keys(self, rows: NDArray[np.int64]) -> NDArray[np.uint64]:
         """The keys of the next episodes of `rows`, see `rimless_gym.envs.randomness`."""

@@ -18,6 +18,7 @@ from rimless_gym.hybrid import (
     TOO_MANY_EVENTS,
     after_lift_off,
     after_touchdown,
+    inlined,
 )
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.booking import (
@@ -40,6 +41,12 @@ MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 _vectorised = njit(error_model="numpy", fastmath={"contract"})
 
 
+@inlined
+def drag_pole(dphi, p):
+    """How fast the air drag damps phi' (1/s), at most."""
+    return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
+
+
 @_vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
@@ -55,7 +62,7 @@ def plan(tile):
         _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
         left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
         turning = abs(dphi) + abs(dtheta) + 0.5 * left * (abs(a0) + abs(a1))
-        braking = 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
+        braking = drag_pole(dphi, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)

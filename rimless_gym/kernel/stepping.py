@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
-from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 from rimless_gym.kernel import tile as of
-from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
+from rimless_gym.kernel.attempt import attempt_again, attempt_step, drag_pole, runs
 from rimless_gym.kernel.booking import open_interval
 from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
 from rimless_gym.params import N_CONSTANTS, WheelParams
@@ -171,13 +171,19 @@ def require_steppable(params: WheelParams) -> None:
     """Refuse machines for which a control interval would take forever.
 
     Raises:
-        ValueError: the motor's pole is faster than `MAX_POLE`.
+        ValueError: the motor or the air drag damps faster than `MAX_POLE`.
     """
     if not params.motor_pole <= MAX_POLE:
         raise ValueError(
             f"the motor damps psi' at {params.motor_pole:.3g}/s, faster than the {MAX_POLE:.3g}/s "
             "that stepping allows: raise the inertias or armature_resistance, or lower "
             "motor_constant, gear_ratio or hub_damping"
+        )
+    pole = drag_pole.py_func(MAX_RATE, params.constants)
+    if not pole <= MAX_POLE:
+        raise ValueError(
+            f"drag = {params.drag:.3g} damps phi' at {pole:.3g}/s at {MAX_RATE} rad/s, faster than "
+            f"the {MAX_POLE:.3g}/s that stepping allows: lower it, or raise the inertias"
         )
 
 

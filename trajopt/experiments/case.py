@@ -9,8 +9,8 @@ from typing import TypeAlias
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from trajopt.extremal import Extremal
+from trajopt.optima import StartFamily
 from trajopt.problem import Array, Problem
-from trajopt.search import StartFamily
 
 
 @dataclasses.dataclass(frozen=True)

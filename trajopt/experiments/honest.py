@@ -18,8 +18,8 @@ from trajopt.extremal import Extremal
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import WheelPhases
+from trajopt.optima import Start
 from trajopt.problem import Problem
-from trajopt.search import Start
 
 SPEED, STEPS = 0.5, 2  # m/s, per stride
 

@@ -26,8 +26,9 @@ from trajopt.experiments.verification import (
 from trajopt.extremal import Extremal
 from trajopt.guesses import Guess, Waypoints
 from trajopt.mesh import Mesh
+from trajopt.optima import Outcome
 from trajopt.problem import Problem, pair
-from trajopt.search import Outcome, Search, multi_start
+from trajopt.search import Search, multi_start
 from trajopt.solve import WARM_BARRIER, solve
 from trajopt.trajectory import PhaseTrajectory
 

@@ -121,3 +121,11 @@ def test_a_refused_reset_of_rows_changes_nothing(options: dict, message: str) ->
     assert envs.params == twin.params
     assert np.array_equal(envs.states, twin.states)
     assert np.array_equal(envs.reset()[0], twin.reset()[0])  # nor the generators
+
+
+def test_seeds_are_taken_all_or_none() -> None:
+    envs = gym.make_vec("RimlessWheel-v0", num_envs=3)
+    envs.reset(seed=0)
+    with pytest.raises(Exception, match="Seed must be"):
+        envs.reset(seed=[5, -1, 7])
+    assert envs.np_random_seed == (0, 1, 2)

@@ -13,7 +13,7 @@ from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams,
 from rimless_gym import energy as row
 from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, MODE_NAMES, OK, RATE_EXCEEDED, SINGLE
-from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
+from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, machine_arrays
 
 EVERYTHING = THESIS_PHYSICAL.replace(
     slope=0.1, rotor_inertia=1e-7, hub_damping=0.02, drag=0.3, idle_power=1.0, n_legs=7
@@ -231,3 +231,10 @@ def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
     assert touchdowns.sum() > 1000
     assert np.array_equal(rows[:, row.TOUCHDOWNS], touchdowns)
     assert np.array_equal(whole[:, [MODE, FOOT]], parts[:, [MODE, FOOT]])
+
+
+def test_air_drag_that_would_take_forever_is_refused() -> None:
+    params = THESIS_PHYSICAL.replace(drag=1e20, pendulum_inertia=1e20)
+    with pytest.raises(ValueError, match=r"drag = 1e\+20 damps phi'"):
+        machine_arrays([params])
+    machine_arrays([THESIS_PHYSICAL.replace(drag=100.0)])
