@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+
+from trajopt.tracing import trace, traced_phases
 
 Array = NDArray[np.float64]
 
@@ -212,7 +214,7 @@ class Problem:
         if not self.phases:
             raise ValueError("phases: a problem has at least one")
         n = len(self.parameters)
-        object.__setattr__(self, "phases", tuple(_traced_phases(self.phases, n)))
+        object.__setattr__(self, "phases", tuple(traced_phases(self.phases, n)))
         object.__setattr__(self, "linkages", tuple(self._traced_linkage(k) for k in self.linkages))
         sizes = [len(p.states) for p in self.phases]
 
@@ -226,10 +228,10 @@ class Problem:
 
         dimensions = (sum(sizes), sum(sizes), len(sizes), n)
         if self.boundary is not None and not isinstance(self.boundary.function, ca.Function):
-            traced = _traced("boundary", at_ends(self.boundary.function), *dimensions)
+            traced = trace("boundary", at_ends(self.boundary.function), *dimensions)
             self._set("boundary", dataclasses.replace(self.boundary, function=traced))
         if self.endpoint_cost is not None and not isinstance(self.endpoint_cost, ca.Function):
-            traced = _traced("endpoint_cost", at_ends(self.endpoint_cost), *dimensions)
+            traced = trace("endpoint_cost", at_ends(self.endpoint_cost), *dimensions)
             self._set("endpoint_cost", traced)
         _require_room({f"parameter {n}": pair(b) for n, b in self.parameters.items()})
         least = sum(pair(p.duration)[0] for p in self.phases)
@@ -254,7 +256,7 @@ class Problem:
         unknown = [name for name in link.offset if name not in target.states]
         if unknown:
             raise ValueError(f"linkage: offset names {unknown}, not among {target.states}")
-        reset = _traced("map", link.map, len(source.states), len(self.parameters))
+        reset = trace("map", link.map, len(source.states), len(self.parameters))
         if reset.size1_out(0) != len(target.states):
             raise ValueError(
                 f"linkage from {source.name!r} to {target.name!r}: its map gives "
@@ -306,68 +308,3 @@ def _require_room(bounds: Mapping[str, tuple[float, float]]) -> None:
             raise InfeasibleBoundsError(
                 f"{name}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
             )
-
-
-def _traced_phases(phases: Sequence[Phase], parameters: int) -> Iterator[Phase]:
-    """Traced once where the same one stands in several places."""
-    traced: dict[int, Phase] = {}
-    for phase in phases:
-        if id(phase) not in traced:
-            traced[id(phase)] = _traced_phase(phase, parameters)
-        yield traced[id(phase)]
-
-
-def _traced_phase(phase: Phase, parameters: int) -> Phase:
-    nx, nu = len(phase.states), len(phase.controls)
-    changes: dict[str, Any] = {}
-    for name in ("flow", "cost", "powers"):
-        if getattr(phase, name) is not None:
-            changes[name] = _traced(name, getattr(phase, name), nx, nu, parameters)
-    if changes["flow"].size1_out(0) != nx:
-        raise ValueError(
-            f"phase {phase.name!r}: flow gives {changes['flow'].size1_out(0)} rates for the "
-            f"{nx} states {phase.states}"
-        )
-    if "cost" in changes and changes["cost"].size1_out(0) != 1:
-        raise ValueError(
-            f"phase {phase.name!r}: cost gives {changes['cost'].size1_out(0)} numbers, not one"
-        )
-    for name, sizes in (
-        ("path", (nx, nu, parameters)),
-        ("integral", (nx, nu, parameters)),
-        ("at_start", (nx, parameters)),
-        ("at_end", (nx, parameters)),
-    ):
-        constraint = getattr(phase, name)
-        if constraint is None:
-            continue
-        function = _traced(name, constraint.function, *sizes)
-        if function.size1_out(0) != len(constraint.names):
-            raise ValueError(
-                f"phase {phase.name!r}: {name} gives {function.size1_out(0)} numbers for its "
-                f"{len(constraint.names)} names {constraint.names}"
-            )
-        changes[name] = dataclasses.replace(constraint, function=function)
-    return dataclasses.replace(phase, **changes)
-
-
-def _traced(name: str, function: Expression, *sizes: int) -> ca.Function:
-    if isinstance(function, ca.Function):
-        given = tuple(function.size1_in(i) for i in range(function.n_in()))
-        if given != sizes:
-            raise ValueError(
-                f"{name} was traced for inputs of sizes {given}, here they are {sizes}: parts of "
-                "another problem can be used in those with as many parameters"
-            )
-        return function
-    symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
-    out = function(*symbols)
-    column = ca.vertcat(*out) if isinstance(out, Sequence) else out
-    traced = ca.Function(name, symbols, [ca.densify(ca.SX(column))])
-    tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
-    if np.isnan(tried).all(axis=0).any():
-        raise ValueError(
-            f"{name} is not a number, whatever its arguments: use CasADi's functions in it, such "
-            "as casadi.sin; those of math make NaN of symbols"
-        )
-    return traced
