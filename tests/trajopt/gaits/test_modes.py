@@ -49,7 +49,7 @@ def from_rest_to_rest() -> Problem:
             standing("come to rest", end=REST),
         ),
         linkages=(WHEEL.lift_off(0, 1), WHEEL.stop(1, 2)),
-        duration=(0.5, 2.5),
+        duration=(0.5, 4.0),
     )
 
 
@@ -100,9 +100,8 @@ def test_the_reference_simulator_lifts_off_and_touches_down_where_the_solution_d
     assert run.ledger.energy_with_regeneration == pytest.approx(one_step.cost, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_a_step_from_rest_to_rest_arrives_so_slowly_that_nothing_collides() -> None:
-    found = solved(from_rest_to_rest(), (1.38, 0.57, 2.09), 0.0, 1.0, 0.0)
+    found = solved(from_rest_to_rest(), (-0.35, 0.43, 1.19), 0.0, 1.0, 0.0)
     assert found.converged, found.report()
     lost = P.constants.Je1 * found.phases[1].end[2] ** 2
     assert 0.0 < lost < 1e-6
