@@ -7,6 +7,7 @@ from typing import Any
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
+from rimless_gym.envs.interval import NO_LIMIT
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import WheelParams
@@ -63,6 +64,7 @@ def fleet_of(
     ranges: Ranges | Mapping[str, tuple[float, float]] | None,
     disturbances: Disturbances | None,
     num_threads: int = 1,
+    limit: int = NO_LIMIT,
 ) -> Fleet:
     """The rows of an environment.
 
@@ -72,4 +74,4 @@ def fleet_of(
     """
     drawn, machines = as_ranges(ranges), machines_of(list(params), len(params))
     require_valid(drawn, machines)
-    return Fleet(machines, task, drawn, as_disturbances(disturbances), num_threads)
+    return Fleet(machines, task, drawn, as_disturbances(disturbances), num_threads, limit)

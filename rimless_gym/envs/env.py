@@ -17,7 +17,7 @@ from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.info import entries
-from rimless_gym.envs.interval import BLOCK_SIZE, FAILURE_MARK, REWARD, TERMINATED
+from rimless_gym.envs.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
 from rimless_gym.envs.lazy_info import LazyInfo
 from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
@@ -26,7 +26,7 @@ from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
-_BOUND = ("_advance", "_values")
+_BOUND = ("_advance", "_command", "_values")
 _NO_FAILURE = {"failure": None}
 
 
@@ -198,7 +198,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if command != command:
             raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
         info = LazyInfo(_NO_FAILURE)
-        if self._advance(command):
+        self._command[0] = command
+        if self._advance():
             info["failure"] = self._end()
         info.source = entries, self._values.tobytes()
         if self.render_mode == "human":
@@ -215,7 +216,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _bind(self) -> None:
         """Get hold of what `step` needs of the fleet, as it is now."""
-        self._advance = self._fleet.row_stepper(self._block, self._observation)
+        self._advance = self._fleet.stepper(self._block, self._observation)
+        self._command: Any = memoryview(self._fleet.memory[COMMAND].data)
         self._values: Any = memoryview(self._block[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:

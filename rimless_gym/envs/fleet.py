@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -17,7 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.interval import COMMAND, MEMORY_SIZE, TIME, bound_row, columns, step_rows
+from rimless_gym.envs.interval import (
+    BEGIN,
+    BLOCK_AT,
+    END,
+    MEMORY_SIZE,
+    NO_LIMIT,
+    OBSERVATIONS_AT,
+    TIME,
+    columns,
+    orders_for,
+    step_rows,
+)
 from rimless_gym.envs.perturbation import account_rows, disturb_rows
 from rimless_gym.envs.starts import FIELDS, draw_machines, set_terms, start_rows
 from rimless_gym.envs.task import NO_START, Task
@@ -41,6 +51,7 @@ class Fleet:
         ranges: what is drawn anew of each machine when an episode begins.
         disturbances: what disturbs every episode.
         num_threads: that share a step.
+        limit: of intervals in an episode.
 
     Attributes:
         params: the machine of each row before anything of it is drawn, a list of N.
@@ -56,9 +67,10 @@ class Fleet:
         ranges: Ranges,
         disturbances: Disturbances,
         num_threads: int = 1,
+        limit: int = NO_LIMIT,
     ) -> None:
         n = len(params)
-        self.num_threads = num_threads
+        self.num_threads, self.limit = num_threads, limit
         self.task = task
         self.memory = np.zeros((MEMORY_SIZE, columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
@@ -66,6 +78,7 @@ class Fleet:
         self._prices = tuple(float(price) for price in dataclasses.astuple(task))
         self._works = [scratch() for _ in range(num_threads)]
         self._pool: ThreadPoolExecutor | None = None
+        self._orders: list[tuple[NDArray[np.int64], int]] | None = None
         self.fields, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_machines(params, ranges, np.arange(n))
         self.set_disturbances(disturbances)
@@ -98,6 +111,7 @@ class Fleet:
         self._ranged = np.array([FIELDS.index(name) for name in ranges.bounds], dtype=np.int64)
         self._bounds = np.array(list(ranges.bounds.values()), dtype=np.float64).reshape(-1, 2)
         set_terms(self.fields, self._prices, self.memory)
+        self._orders = None
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
         """Disturb all episodes from now on; they should begin anew."""
@@ -151,75 +165,68 @@ class Fleet:
                 "singular, or its motor too stiff): narrow the ranges"
             )
 
-    def row_stepper(
-        self, block: NDArray[np.float64], observations: NDArray[np.float32]
-    ) -> Callable[[float], int]:
-        """`stepper` of a fleet of one: it takes the command, and writes to `observations`."""
-        if self._rough:
-            return functools.partial(self._command, self.stepper(block), observations)
-        arrays = block, self.memory, self.constants, self.poles, self._works[0], observations
-        return bound_row(*arrays)
-
-    def _command(
-        self,
-        step: Callable[[NDArray[np.float32]], int],
-        observations: NDArray[np.float32],
-        command: float,
-    ) -> int:
-        self.memory[COMMAND, 0] = command
-        return step(observations)
-
     def stepper(
-        self, block: NDArray[np.float64], limit: float = math.inf
-    ) -> Callable[[NDArray[np.float32]], int]:
-        """What holds the commands in `memory` for one interval, overwriting `block`.
+        self, block: NDArray[np.float64], observations: NDArray[np.float32]
+    ) -> Callable[[], int]:
+        """What holds the commands in `memory` for one interval, and returns what `step_rows` does.
 
-        It takes an array for the observations and returns how many rows failed in any way or
-        reached `limit` intervals; see `step_rows`. What sets something of the fleet puts it
-        out of date.
+        It overwrites `block` (BLOCK_SIZE, columns) and `observations` (flat). What sets something
+        of the fleet puts it out of date.
         """
+        if self._orders is None:
+            self._orders = self._divided()
+        where = block.ctypes.data, observations.ctypes.data
+        steps = [self._part(*part, block, observations, *where) for part in self._orders]
+        return steps[0] if len(steps) == 1 else functools.partial(self._together, steps)
+
+    def _divided(self) -> list[tuple[NDArray[np.int64], int]]:
+        """Orders for each thread that is worth waking, and their addresses."""
         n = len(self)
-        parts = min(self.num_threads, n // LEAST_ROWS)
-        if parts < 2:
-            return self._part(block, limit, self._works[0], 0, n)
+        parts = max(1, min(self.num_threads, n // LEAST_ROWS))
         cuts = [n * k // parts for k in range(parts + 1)]
-        each = zip(self._works[:parts], cuts[:-1], cuts[1:], strict=True)
-        return functools.partial(self._together, [self._part(block, limit, *one) for one in each])
+        arrays = self.memory, self.constants, self.poles
+        each = [
+            orders_for(*arrays, self._works[k], self.limit, cuts[k], cuts[k + 1])
+            for k in range(parts)
+        ]
+        return [(orders, orders.ctypes.data) for orders in each]
 
     def _part(
         self,
+        orders: NDArray[np.int64],
+        orders_at: int,
         block: NDArray[np.float64],
-        limit: float,
-        work: NDArray[np.float64],
-        first: int,
-        last: int,
-    ) -> Callable[[NDArray[np.float32]], int]:
-        arguments = block, self.memory, self.constants, self.poles, work, limit, first, last
-        step = functools.partial(step_rows, *arguments)
-        return functools.partial(self._disturbed, step, block, first, last) if self._rough else step
+        observations: NDArray[np.float32],
+        block_at: int,
+        observations_at: int,
+    ) -> Callable[[], int]:
+        orders[BLOCK_AT], orders[OBSERVATIONS_AT] = block_at, observations_at
+        step = functools.partial(step_rows, orders_at)
+        arrays = block, observations, self.memory, self.constants, self.poles
+        step.alive = orders, arrays, self._works  # type: ignore[attr-defined]
+        if not self._rough:
+            return step
+        first, last = int(orders[BEGIN]), int(orders[END])
+        return functools.partial(self._disturbed, step, block, observations, first, last)
 
     def _disturbed(
         self,
-        step: Callable[[NDArray[np.float32]], int],
+        step: Callable[[], int],
         block: NDArray[np.float64],
+        observations: NDArray[np.float32],
         first: int,
         last: int,
-        observations: NDArray[np.float32],
     ) -> int:
         memory, streams, settings = self.memory, self.streams, self._settings
         disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
-        unusual = step(observations)
+        unusual = step()
         account_rows(observations, block, memory, streams, settings, first, last)
         return unusual
 
-    def _together(
-        self,
-        parts: Sequence[Callable[[NDArray[np.float32]], int]],
-        observations: NDArray[np.float32],
-    ) -> int:
+    def _together(self, steps: Sequence[Callable[[], int]]) -> int:
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.num_threads)
-        return sum(self._pool.map(lambda part: part(observations), parts))
+        return sum(self._pool.map(lambda step: step(), steps))
 
     def range_left(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""
@@ -254,6 +261,7 @@ class Fleet:
             self.set_disturbances(state["disturbances"])
         for name in _SNAPSHOT:
             setattr(self, name, state[name].copy())
+        self._orders = None
 
     def close(self) -> None:
         """Let the threads go."""
@@ -262,4 +270,4 @@ class Fleet:
             self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_pool": None}
+        return self.__dict__ | {"_pool": None, "_orders": None}

@@ -7,9 +7,7 @@ rows there are and however they are divided among calls: the single environment 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numba import carray, njit, types
@@ -150,37 +148,25 @@ def observe_row(memory, observations, i):
         observations[i * _WIDTH + np.uint64(k)] = values[k]
 
 
-@njit(error_model="numpy", inline="always")
-def _interval(block, memory, constants, poles, work, limit, begin, end, observations):
-    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-    _hold(memory, first, last)
-    advance_batch(
-        *(constants, poles, memory, memory[VOLTAGE], begin, end),
-        *(CONTROL_PERIOD, 0.0, block, work),
-    )
-    _pay(block, memory, first, last)
-    unusual = _mark(block, memory, limit, first, last)
-    for i in range(first, last):
-        block[PUSH, i] = 0.0
-    for i in range(first, last):
-        observe_row(memory, observations, i)
-    return unusual
+# What a call of `step_rows` works on, `orders` (ORDERS_SIZE,): the addresses of its arrays, then
+# the rows of memory and block, the machines (one for all, or one a row), and the part to step.
+(
+    BLOCK_AT,
+    MEMORY_AT,
+    CONSTANTS_AT,
+    POLES_AT,
+    WORK_AT,
+    OBSERVATIONS_AT,
+    COLUMNS,
+    MACHINES,
+    LIMIT,
+    BEGIN,
+    END,
+    ORDERS_SIZE,
+) = range(12)
 
-
-def _step_kernel(fingerprint: int) -> Callable[..., int]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def step_rows(block, memory, constants, poles, work, limit, begin, end, observations):
-        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
-        return _interval(block, memory, constants, poles, work, limit, begin, end, observations)
-
-    return step_rows
-
-
-#: Compiled: (block, memory, constants, poles, work, limit, begin, end, observations) -> how many of
-#: the rows from `begin` to `end` failed in any way or reached `limit`, the greatest COUNT. Holds
-#: `memory[COMMAND]` for one interval: advances `memory`, overwrites `block` and `observations`
-#: (float32, flat).
-step_rows = _step_kernel(SOURCE_FINGERPRINT)
+#: A limit of intervals that no episode reaches.
+NO_LIMIT = 2**62
 
 
 @intrinsic
@@ -193,43 +179,71 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-def _row_kernel(fingerprint: int) -> Callable[[int, float], int]:
+def _step_kernel(fingerprint: int) -> Callable[[int], int]:
     @njit(error_model="numpy", cache=True, nogil=True)
-    def step_row(address, command):
-        fingerprint  # noqa: B018  as above
-        where = carray(_pointer(address), 6, np.int64)
-        observations = carray(_pointer(where[5]), OBSERVATION_SIZE, np.float32)
-        memory = carray(_pointer(where[1]), (MEMORY_SIZE, 1), np.float64)
-        memory[COMMAND, 0] = command
-        return _interval(
-            carray(_pointer(where[0]), (BLOCK_SIZE, 1), np.float64),
-            memory,
-            carray(_pointer(where[2]), (N_CONSTANTS, 1), np.float64),
-            carray(_pointer(where[3]), 1, np.float64),
-            carray(_pointer(where[4]), SCRATCH_SIZE, np.float64),
-            np.inf,
-            0,
-            1,
-            observations,
+    def step_rows(address):
+        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
+        orders = carray(_pointer(address), ORDERS_SIZE, np.int64)
+        wide, machines = orders[COLUMNS], orders[MACHINES]
+        limit, begin, end = float(orders[LIMIT]), orders[BEGIN], orders[END]
+        block = carray(_pointer(orders[BLOCK_AT]), (BLOCK_SIZE, wide), np.float64)
+        memory = carray(_pointer(orders[MEMORY_AT]), (MEMORY_SIZE, wide), np.float64)
+        constants = carray(_pointer(orders[CONSTANTS_AT]), (N_CONSTANTS, machines), np.float64)
+        poles = carray(_pointer(orders[POLES_AT]), machines, np.float64)
+        work = carray(_pointer(orders[WORK_AT]), SCRATCH_SIZE, np.float64)
+        size = OBSERVATION_SIZE * end
+        observations = carray(_pointer(orders[OBSERVATIONS_AT]), size, np.float32)
+        first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+        _hold(memory, first, last)
+        advance_batch(
+            *(constants, poles, memory, memory[VOLTAGE], begin, end),
+            *(CONTROL_PERIOD, 0.0, block, work),
         )
+        _pay(block, memory, first, last)
+        unusual = _mark(block, memory, limit, first, last)
+        for i in range(first, last):
+            block[PUSH, i] = 0.0
+        for i in range(first, last):
+            observe_row(memory, observations, i)
+        return unusual
 
-    return step_row
+    return step_rows
 
 
-_step_row = _row_kernel(SOURCE_FINGERPRINT)
+#: Compiled: (address of the orders) -> how many of their rows failed in any way or reached LIMIT,
+#: the greatest COUNT. Holds `memory[COMMAND]` for one interval: advances `memory`, overwrites
+#: `block` (BLOCK_SIZE, COLUMNS) and the observations (float32, OBSERVATION_SIZE numbers a row).
+#: One row or many, it is one compiled function: two would be compiled apart and differ in the last
+#: bit; and unpacking arrays would take as long as a row's motion.
+step_rows = _step_kernel(SOURCE_FINGERPRINT)
 
 
-def bound_row(*arrays: NDArray[Any]) -> Callable[[float], int]:
-    """`step_rows` for one row, of a command: unpacking its arrays takes as long as the motion.
+def orders_for(
+    memory: NDArray[np.float64],
+    constants: NDArray[np.float64],
+    poles: NDArray[np.float64],
+    work: NDArray[np.float64],
+    limit: int,
+    begin: int,
+    end: int,
+) -> NDArray[np.int64]:
+    """Orders for `step_rows`, but for BLOCK_AT and OBSERVATIONS_AT.
+
+    They hold while these arrays live.
 
     Args:
-        arrays: block, memory, constants, poles, work and observations, contiguous, of the types
-            that `step_rows` takes; they live as long as what is returned.
+        memory: (MEMORY_SIZE, columns).
+        constants: (N_CONSTANTS, 1) or (N_CONSTANTS, N), see `advance_batch`.
+        poles: (1,) or (N,).
+        work: `rimless_gym.kernel.stepping.scratch()`, one per thread.
+        limit: `NO_LIMIT` for none.
+        begin: first row.
+        end: one after the last.
     """
-    addresses = np.array([array.ctypes.data for array in arrays], dtype=np.int64)
-    step = functools.partial(_step_row, addresses.ctypes.data)
-    step.arrays = addresses, arrays  # type: ignore[attr-defined]  # kept alive
-    return step
+    orders = np.zeros(ORDERS_SIZE, dtype=np.int64)
+    orders[MEMORY_AT : WORK_AT + 1] = [a.ctypes.data for a in (memory, constants, poles, work)]
+    orders[COLUMNS:] = memory.shape[1], constants.shape[1], limit, begin, end
+    return orders
 
 
 def _command_kernel(fingerprint: int) -> Callable[..., int]:

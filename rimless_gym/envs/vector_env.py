@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,6 +22,7 @@ from rimless_gym.envs.interval import (
     BLOCK_SIZE,
     FAILURE_MARK,
     MARKS,
+    NO_LIMIT,
     REWARD,
     TERMINATED,
     TRUNCATED,
@@ -133,14 +133,14 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.max_episode_steps = max_episode_steps
-        self._limit = math.inf if max_episode_steps is None else float(max_episode_steps)
         single = RimlessWheelEnv(task=self.task)
         self.single_action_space = single.action_space
         self.single_observation_space = single.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = machines_of(params, num_envs)
-        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads)
+        limit = NO_LIMIT if max_episode_steps is None else max_episode_steps
+        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)
 
@@ -208,7 +208,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._command(actions, again)
         block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
-        unusual = fleet.stepper(block, self._limit)(observations.reshape(-1))
+        unusual = fleet.stepper(block, observations.reshape(-1))()
         block, marks = block[:, : self.num_envs], interval.marks(block)[:, : self.num_envs]
         if len(again):
             block[:MARKS, again] = 0.0
