@@ -13,10 +13,10 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym.equations import THESIS, equations
+from rimless_gym.jit import inlined, inner
 from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
 
@@ -46,7 +46,6 @@ MAX_EVENTS = 200
 #: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
 MAX_RATE = 60.0
 
-inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 eq = equations(sin, cos, inlined)
 #: The same equations of angles phi and theta given as `rimless_gym.trigonometry.sin_turned` does.
 turned = equations(sin_turned, cos_turned, inlined)
@@ -86,14 +85,14 @@ def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:
 accelerations, accelerations_turned = _in_either_mode(eq), _in_either_mode(turned)
 
 
-@njit(error_model="numpy")
+@inner
 def both_feet_press(theta, dtheta, u, p):
     """Whether a wheel at rest on two feet stays there."""
     leading, trailing = lift_off_guards(theta, dtheta, u, p)
     return leading <= 0.0 <= trailing
 
 
-@njit(error_model="numpy")
+@inner
 def after_touchdown(direction, theta, dphi, dtheta, u, p):
     """What a touchdown leads to: (mode, phi, theta', phi', foot shift, ok).
 
@@ -116,7 +115,7 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
     return DOUBLE, p.a, dtheta_rest, 0.0, max(direction, 0), True
 
 
-@njit(error_model="numpy")
+@inner
 def after_lift_off(theta, dtheta, u, p):
     """Where a wheel at rest goes when a foot lifts off: (phi, foot shift).
 
@@ -128,7 +127,7 @@ def after_lift_off(theta, dtheta, u, p):
     return p.b, -1
 
 
-@njit(error_model="numpy")
+@inner
 def rates(mode, phi, theta, dphi, dtheta, u, constants):
     """Derivatives of the state and of the reference simulator's six energy integrals."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
@@ -140,7 +139,7 @@ def rates(mode, phi, theta, dphi, dtheta, u, constants):
     return dphi, dtheta, ddphi, ddtheta, power, max(power, 0.0), copper, friction, drag, shaft
 
 
-@njit(error_model="numpy")
+@inner
 def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
     """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from rimless_gym.jit import inlined
 
 _ROUND = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, which its low bits hold
 _REST = 6.123233995736766e-17  # pi/2 - math.pi / 2
@@ -26,10 +27,8 @@ _C = (
     2.064773923850789e-09,
 )
 
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
-
-@_inlined
+@inlined
 def _reduced(x):
     """(k as bits, sin r, cos r)."""
     rounded = x * (2 / math.pi) + _ROUND
@@ -41,21 +40,21 @@ def _reduced(x):
     return np.float64(rounded).view(np.int64), s, c
 
 
-@_inlined
+@inlined
 def _signed(value, bits):
     """The value, negative where the second bit is set."""
     sign = (bits & 2) << 62
     return np.int64(np.float64(value).view(np.int64) ^ sign).view(np.float64)
 
 
-@_inlined
+@inlined
 def sin(x):
     """Sine of x (rad)."""
     k, s, c = _reduced(x)
     return _signed(c if k & 1 else s, k)
 
 
-@_inlined
+@inlined
 def cos(x):
     """Cosine of x (rad)."""
     k, s, c = _reduced(x)
@@ -75,7 +74,7 @@ _TURN_C = (
 )
 
 
-@_inlined
+@inlined
 def _turn(d):
     """(sin d, cos d) of a small angle."""
     z = d * d
@@ -84,7 +83,7 @@ def _turn(d):
     return s, 1.0 - 0.5 * z + c
 
 
-@_inlined
+@inlined
 def sin_turned(angle):
     """Sine of an angle given as the sine and cosine of one that it is a small turn away from."""
     sine, cosine, turn = angle
@@ -92,7 +91,7 @@ def sin_turned(angle):
     return sine * c + cosine * s
 
 
-@_inlined
+@inlined
 def cos_turned(angle):
     """Cosine likewise."""
     sine, cosine, turn = angle

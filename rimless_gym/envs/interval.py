@@ -19,6 +19,7 @@ from rimless_gym import energy as row
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -82,17 +83,17 @@ def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
     return block[MARKS].view(np.int8).reshape(N_MARKS, -1)
 
 
-_marks = njit(error_model="numpy")(marks)
+_marks = inner(marks)
 _WIDTH = np.uint64(OBSERVATION_SIZE)
 
 
-@njit(error_model="numpy")
+@inner
 def _hold(memory, first, last):
     for i in range(first, last):
         memory[VOLTAGE, i] = memory[VOLTAGE_LIMIT, i] * min(max(memory[COMMAND, i], -1.0), 1.0)
 
 
-@njit(error_model="numpy")
+@inner
 def _pay(block, memory, first, last):
     for i in range(first, last):
         block[IDLE, i] = memory[IDLE_POWER, i] * block[row.TIME, i]
@@ -110,7 +111,7 @@ def _pay(block, memory, first, last):
         block[REWARD, i] = terms + block[REWARD_END, i]
 
 
-@njit(error_model="numpy")
+@inner
 def _mark(block, memory, limit, first, last):
     """Write the marks; how many rows failed in any way or reached the limit."""
     bits, unusual = _marks(block), 0
@@ -133,7 +134,7 @@ def _mark(block, memory, limit, first, last):
     return unusual
 
 
-@njit(error_model="numpy")
+@inner
 def observe_row(memory, observations, i):
     """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers a row."""
     values = observation(

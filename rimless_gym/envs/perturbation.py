@@ -21,6 +21,7 @@ from rimless_gym.envs.randomness import between, next_uniform, normal
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, SINGLE, kinetic_energy, push
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import N_CONSTANTS, Constants
 
@@ -36,14 +37,14 @@ from rimless_gym.params import N_CONSTANTS, Constants
 SETTINGS_SIZE = LEG_ANGLE_NOISE + 4
 
 
-@njit(error_model="numpy")
+@inner
 def machine(constants, i):
     """The constants of row i."""
     column = constants[:, i if constants.shape[1] > 1 else 0]
     return Constants(*to_fixed_tuple(column, N_CONSTANTS))
 
 
-@njit(error_model="numpy")
+@inner
 def observe_noisily(memory, streams, settings, observations, i):
     """Write the observation of row i with the sensors' errors, within its bounds as ever."""
     error = LEG_ANGLE_NOISE
@@ -59,13 +60,13 @@ def observe_noisily(memory, streams, settings, observations, i):
         observations[i * OBSERVATION_SIZE + k] = values[k]
 
 
-@njit(error_model="numpy")
+@inner
 def is_noisy(settings):
     """Whether any sensor errs."""
     return settings[LEG_ANGLE_NOISE:].any()
 
 
-@njit(error_model="numpy")
+@inner
 def _delay(memory, held, i):
     """Put the command given DELAY intervals ago in the place of the one given now."""
     length, now = held.shape[0], int(memory[COUNT, i])
@@ -73,7 +74,7 @@ def _delay(memory, held, i):
     memory[COMMAND, i] = held[(now + length - int(memory[DELAY, i])) % length, i]
 
 
-@njit(error_model="numpy")
+@inner
 def _push(memory, impulse, p, i):
     """Push row i's hub along the ground; in double stance it tips over one of the feet."""
     mode, phi, shift = memory[MODE, i], memory[PHI, i], 0

@@ -10,14 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from rimless_gym.jit import inner
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _S27, _S30, _S31, _S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
 
 
-@njit(error_model="numpy")
+@inner
 def next_uniform(streams, i):
     """The next number in [0, 1) of stream i; `streams` is uint64 (N,)."""
     streams[i] += _GAMMA
@@ -27,13 +28,13 @@ def next_uniform(streams, i):
     return np.float64((z ^ (z >> _S31)) >> _S11) * 2.0**-53
 
 
-@njit(error_model="numpy")
+@inner
 def between(low, high, streams, i):
     """The next number of stream i, evenly distributed over [low, high)."""
     return low + (high - low) * next_uniform(streams, i)
 
 
-@njit(error_model="numpy")
+@inner
 def normal(streams, i):
     """The next standard normal number of stream i (Box and Muller)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(streams, i)))

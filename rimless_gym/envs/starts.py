@@ -42,6 +42,7 @@ from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.task import draw_state, foot_force
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -66,10 +67,10 @@ Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
 
 _D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
 _solve = hybrid.eq.solve
-_constants_of = njit(error_model="numpy")(constants_of)
+_constants_of = inner(constants_of)
 
 
-@njit(error_model="numpy")
+@inner
 def _set_terms(fields, prices, memory, i):
     """What the task needs of row i's machine; `prices` are the fields of a `Task`."""
     f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
@@ -82,7 +83,7 @@ def _set_terms(fields, prices, memory, i):
     memory[END_CHARGE, i] = value_of_distance * fall_distance + f.idle_power * horizon / weight
 
 
-@njit(error_model="numpy")
+@inner
 def _motor_pole(p):
     """As `WheelParams.motor_pole`; infinite where the mass matrix is singular.
 
@@ -99,7 +100,7 @@ def _motor_pole(p):
     return (p.K * p.K / p.Rm + p.damping) * fastest
 
 
-@njit(error_model="numpy")
+@inner
 def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
     """Draw row i's machine; False if it cannot be stepped."""
     for k in range(len(ranged)):
@@ -113,7 +114,7 @@ def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, stre
     return poles[i] <= MAX_POLE
 
 
-@njit(error_model="numpy")
+@inner
 def _set_state(kind, given, k, p, memory, streams, i):
     """Write the state in which row i starts; False if the ground would have to pull there."""
     if kind == DRAWN:
@@ -126,7 +127,7 @@ def _set_state(kind, given, k, p, memory, streams, i):
         else:
             phi, theta, dphi, dtheta = given[k, 0], given[k, 1], given[k, 2], given[k, 3]
             mode = int(given[k, 4])
-        pressed = foot_force(mode, phi, theta, dphi, dtheta, 0.0, p) > 0.0
+        pressed = foot_force(float(mode), phi, theta, dphi, dtheta, 0.0, p) > 0.0
     memory[PHI, i], memory[THETA, i], memory[DPHI, i] = phi, theta, dphi
     memory[DTHETA, i], memory[MODE, i], memory[FOOT, i] = dtheta, mode, 0.0
     return pressed

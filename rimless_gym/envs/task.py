@@ -16,6 +16,7 @@ from rimless_gym import hybrid
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -78,7 +79,7 @@ class Task:
         return self.value_of_distance * distance, -energy / params.weight, -end * failed
 
 
-@njit(error_model="numpy")
+@inner
 def observation(phi, theta, dphi, dtheta, mode, leg_scale):
     """The observation's six numbers; `leg_scale` is 2 / alpha."""
     return (
@@ -91,7 +92,7 @@ def observation(phi, theta, dphi, dtheta, mode, leg_scale):
     )
 
 
-@njit(error_model="numpy")
+@inner
 def _within(value, bound):
     return min(max(value, -bound), bound)
 
@@ -136,14 +137,14 @@ NO_START = (
 )
 
 
-@njit(error_model="numpy")
+@inner
 def foot_force(mode, phi, theta, dphi, dtheta, voltage, p):
     """Fy (N) on the foot, or on both feet together."""
     ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, voltage, p)
     return hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
 
 
-@njit(error_model="numpy")
+@inner
 def draw_state(slope, weight, p, streams, i):
     """A random start from stream i: (found, mode, phi, theta, phi', theta')."""
     for _ in range(DRAWS):
@@ -157,7 +158,7 @@ def draw_state(slope, weight, p, streams, i):
             theta = between(-math.pi, math.pi, streams, i)
             dphi = between(MOVING_LEG_RATE[0], MOVING_LEG_RATE[1], streams, i)
             dtheta = between(-MOVING_PENDULUM_RATE, MOVING_PENDULUM_RATE, streams, i)
-            if foot_force(SINGLE, phi, theta, dphi, dtheta, 0.0, p) > LEAST_FORCE * weight:
+            if foot_force(float(SINGLE), phi, theta, dphi, dtheta, 0.0, p) > LEAST_FORCE * weight:
                 return True, SINGLE, phi, theta, dphi, dtheta
     return False, SINGLE, p.a, 0.0, 0.0, 0.0
 
@@ -204,7 +205,7 @@ def _force_kernel(fingerprint: int) -> Callable[..., float]:
     def force(constants, x, voltage):
         fingerprint  # noqa: B018  as above
         p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-        return foot_force(int(x[MODE]), x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
+        return foot_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
 
     return force
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from rimless_gym.hybrid import (
     CONTACT_LOST,
@@ -18,8 +17,8 @@ from rimless_gym.hybrid import (
     TOO_MANY_EVENTS,
     after_lift_off,
     after_touchdown,
-    inlined,
 )
+from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.booking import (
     accept,
@@ -38,8 +37,6 @@ from rimless_gym.kernel.work import split_at_current, split_work
 #: well below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
-_vectorised = njit(error_model="numpy", fastmath={"contract"})
-
 
 @inlined
 def drag_pole(dphi, p):
@@ -47,7 +44,7 @@ def drag_pole(dphi, p):
     return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
 
 
-@_vectorised
+@vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
@@ -73,7 +70,7 @@ def plan(tile):
     return unusual
 
 
-@njit(error_model="numpy")
+@inner
 def prepare(tile, lane, pull):
     """Before a new step of a lane: let go of the ground if a foot would lift off."""
     if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
@@ -86,7 +83,7 @@ def prepare(tile, lane, pull):
         lift_off(tile, lane)
 
 
-@njit(error_model="numpy")
+@inner
 def lift_off(tile, lane):
     """From two feet to one."""
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
@@ -94,7 +91,7 @@ def lift_off(tile, lane):
     restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, (phi, y[1], 0.0, y[3]))
 
 
-@njit(error_model="numpy")
+@inner
 def arrive(tile, lane, event, duration, pull):
     """Do what the event at the end of an accepted step does."""
     if event == RELEASE:
@@ -117,13 +114,13 @@ def arrive(tile, lane, event, duration, pull):
         tile[of.FAILURE + lane] = TOO_MANY_EVENTS
 
 
-@njit(error_model="numpy")
+@inner
 def runs(tile, lane):
     """Whether there is still something to do in a lane."""
     return tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
 
 
-@njit(error_model="numpy")
+@inner
 def attempt_step(tile, count, duration, pull):
     """One attempt at a step in the first `count` lanes; how many of them need another one."""
     one_copy()
@@ -156,7 +153,7 @@ def attempt_step(tile, count, duration, pull):
     return unfinished
 
 
-@njit(error_model="numpy")
+@inner
 def attempt_again(tile, count, duration, pull):
     """`attempt_step` of lanes that have moved since their interval was opened."""
     one_copy()

@@ -7,7 +7,6 @@ integral of V i = V (V t - K delta psi) / Rm, and the others need only Q, the in
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import (
@@ -16,12 +15,12 @@ from rimless_gym.hybrid import (
     MAX_RATE,
     OK,
     accelerations_turned,
-    inlined,
     linear_momentum,
     mechanical_energy,
     relative_rate,
     turned,
 )
+from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.tile import (
     LANES,
@@ -34,8 +33,6 @@ from rimless_gym.kernel.tile import (
     turned_angles,
 )
 from rimless_gym.trigonometry import MAX_TURN
-
-_vectorised = njit(error_model="numpy", fastmath={"contract"})
 
 #: Steps are so short that between their ends the ground reaction dips by no more than a quarter of
 #: this share of what the motion adds to it.
@@ -65,7 +62,7 @@ def book(tile, quantity, lane, amount):
     tile[of.BOOKED + quantity * LANES + lane] += amount
 
 
-@_vectorised
+@vectorised
 def open_interval(tile, duration, pull):
     """Begin a control interval of all lanes: nothing booked, no event under way."""
     for lane in range(LANES):
@@ -125,7 +122,7 @@ def clear_attempt(tile, lane):
     tile[of.CUT + lane] = 0.0
 
 
-@_vectorised
+@vectorised
 def measure(tile, pull):
     """Forces, energies and work of the attempted step; which lanes need more than the common case.
 
@@ -180,7 +177,7 @@ def measure(tile, pull):
     return current, split, flagged
 
 
-@_vectorised
+@vectorised
 def accept(tile, duration):
     """Take the attempted step in all lanes that made one and are not flagged any more.
 
@@ -223,7 +220,7 @@ def _extreme(tile, lane, fy, demand):
     tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane] = most
 
 
-@njit(error_model="numpy")
+@inner
 def restart(tile, lane, mode, foot, y):
     """Put a lane into another mode or onto another leg, and book the contact forces there."""
     tile[of.MODE + lane] = mode
@@ -244,7 +241,7 @@ def restart(tile, lane, mode, foot, y):
     return fy
 
 
-@njit(error_model="numpy")
+@inner
 def book_touchdown(tile, lane, y0, y1, shift, time):
     """Add a touchdown's loss, and the friction that its impulse demands."""
     p = machine(tile, lane)

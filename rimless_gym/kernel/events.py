@@ -8,7 +8,6 @@ another attempt at the same step.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from rimless_gym.hybrid import (
     DIVERGED,
@@ -18,6 +17,7 @@ from rimless_gym.hybrid import (
     ground_reaction,
     lift_off_guards,
 )
+from rimless_gym.jit import inner
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.interpolation import (
     derivative,
@@ -40,7 +40,7 @@ _AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
 _HERE = 1e-6  # fraction of a step within which what should cut it is where it starts, being cut
 
 
-@njit(error_model="numpy")
+@inner
 def past_guard(direction, y0, acc0, y1, acc1, h, p):
     """Quintic of how far the leg is past a guard (rad) over a step."""
     bound = p.b if direction > 0 else p.a
@@ -55,7 +55,7 @@ def past_guard(direction, y0, acc0, y1, acc1, h, p):
     )
 
 
-@njit(error_model="numpy")
+@inner
 def turning_cut(y0, acc0, y1, acc1, h, p):
     """Fraction of a step to end it at, so that near a guard the leg turns only at steps' ends.
 
@@ -78,7 +78,7 @@ def turning_cut(y0, acc0, y1, acc1, h, p):
     return 1.0
 
 
-@njit(error_model="numpy")
+@inner
 def touchdown_crossing(y0, acc0, y1, acc1, h, p):
     """First touchdown within a single-stance step: (direction or NOTHING, s near it, s past it)."""
     found, s_found, s_past = NOTHING, 2.0, 1.0
@@ -94,14 +94,14 @@ def touchdown_crossing(y0, acc0, y1, acc1, h, p):
     return found, s_found, s_past
 
 
-@njit(error_model="numpy")
+@inner
 def reversal(y0, acc0, y1, acc1, h):
     """Fraction of a step at which phi' changes sign, given that it does."""
     rate = derivative(quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h))
     return upward_root(rate if y1[2] > 0.0 else negative(rate), 1.0)
 
 
-@njit(error_model="numpy")
+@inner
 def between(y0, acc0, y1, acc1, h, s):
     """State at fraction s of a step, from the quintics through its ends."""
     c = quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h)
@@ -109,7 +109,7 @@ def between(y0, acc0, y1, acc1, h, s):
     return value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h
 
 
-@njit(error_model="numpy")
+@inner
 def force_guard(kind, mode, y, u, pull, p):
     """Positive once a foot would have to be pulled down.
 
@@ -123,7 +123,7 @@ def force_guard(kind, mode, y, u, pull, p):
     return -pull - ground_reaction(y[0], y[1], y[2], y[3], a0, a1, p)[1]
 
 
-@njit(error_model="numpy")
+@inner
 def judge(tile, lane, pull):
     """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
     y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
@@ -171,7 +171,7 @@ def judge(tile, lane, pull):
     return True
 
 
-@njit(error_model="numpy")
+@inner
 def _lands(tile, lane, direction, tau):
     """Whether an attempt of length tau ends on the guard; else Newton's method along phi'.
 
@@ -197,7 +197,7 @@ def _lands(tile, lane, direction, tau):
     return False
 
 
-@njit(error_model="numpy")
+@inner
 def _aim_at_force(tile, lane, kind, end, h, pull):
     """Aim at where a force guard turns positive, given a state `end` after h where it is so.
 
@@ -221,7 +221,7 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
     tile[of.TRIES + lane] = 0.0
 
 
-@njit(error_model="numpy")
+@inner
 def _lets_go(tile, lane, kind, pull):
     """Whether an attempt ends where a force guard turns positive; else one of two secant steps."""
     end, tau = get_state(tile, of.NEXT, lane), tile[of.STEP + lane]

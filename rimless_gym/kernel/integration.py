@@ -20,10 +20,10 @@ from rimless_gym.hybrid import (
     SINGLE,
     accelerations,
     accelerations_turned,
-    inlined,
     losses,
     relative_rate,
 )
+from rimless_gym.jit import inlined, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.tile import (
     LANES,
@@ -40,7 +40,6 @@ from rimless_gym.kernel.tile import (
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
 _A, _B = DOP853.A, DOP853.B
-_vectorised = njit(error_model="numpy", fastmath={"contract"})
 
 
 @inlined
@@ -101,10 +100,10 @@ def _stage(i: int) -> Callable[..., None]:
 
     # Machine code finds functions by name, also in what other processes left in numba's cache.
     stage.__qualname__ = f"stage_{i}"
-    return _vectorised(stage)
+    return vectorised(stage)
 
 
-@_vectorised
+@vectorised
 def _begin(tile):
     for lane in range(LANES):
         _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
@@ -122,14 +121,14 @@ _s1, _s2, _s3, _s4, _s5, _s6, _s7, _s8, _s9, _s10, _s11, _end = (
 )
 
 
-@_vectorised
+@vectorised
 def find_sines(tile):
     """The sines and cosines of all lanes' angles."""
     for lane in range(LANES):
         put_sines(tile, lane)
 
 
-@_vectorised
+@vectorised
 def rk8(tile):
     """Advance all lanes from STATE by STEP: NEXT, TURNED, BRAKED and FAR.
 
@@ -150,19 +149,28 @@ def rk8(tile):
     _end(tile)
 
 
+@njit(error_model="numpy")
+def _smooth_step(tile):
+    """Go on from NEXT in single stance, unguarded."""
+    for lane in range(LANES):
+        phi, theta, dphi, dtheta = y = get_state(tile, of.NEXT, lane)
+        u, p = tile[of.VOLTAGE + lane], machine(tile, lane)
+        put_state(tile, of.STATE, lane, y)
+        put_pair(tile, of.ACC, lane, accelerations(float(SINGLE), phi, theta, dphi, dtheta, u, p))
+    find_sines(tile)
+    rk8(tile)
+
+
 def smooth_states(
     params: WheelParams, y: Sequence[float], u: float, duration: float, steps: int
 ) -> Iterator[NDArray[np.float64]]:
     """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, unguarded."""
     tile = np.zeros(TILE_SIZE)
     lane = tile.reshape(-1, LANES)[:, 0]  # of the others nobody asks
-    state, acc, end = (q // LANES for q in (of.STATE, of.ACC, of.NEXT))
+    end = of.NEXT // LANES
     lane[of.CONSTANTS // LANES :][:N_CONSTANTS] = params.constants
     lane[of.VOLTAGE // LANES], lane[of.STEP // LANES] = u, duration / steps
     lane[end : end + 4] = y
     for _ in range(steps):
-        now = lane[state : state + 4] = lane[end : end + 4].copy()
-        lane[acc : acc + 2] = accelerations(SINGLE, *now, u, params.constants)
-        find_sines(tile)
-        rk8(tile)
+        _smooth_step(tile)
         yield lane[end : end + 4].copy()

@@ -7,10 +7,10 @@ Polynomials are in s = t/h in [0, 1] and written out as six scalars, which numba
 
 from __future__ import annotations
 
-from numba import njit
+from rimless_gym.jit import inner
 
 
-@njit(error_model="numpy")
+@inner
 def quintic(y0, v0, a0, y1, v1, a1, h):
     """Coefficients c0..c5 of the quintic with the given values, rates and accelerations."""
     c1, c2 = v0 * h, 0.5 * a0 * h * h
@@ -20,31 +20,31 @@ def quintic(y0, v0, a0, y1, v1, a1, h):
     return y0, c1, c2, 10 * d - 4 * e + f, -15 * d + 7 * e - 2 * f, 6 * d - 3 * e + f
 
 
-@njit(error_model="numpy")
+@inner
 def value(c, s):
     """The polynomial at s."""
     return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5]))))
 
 
-@njit(error_model="numpy")
+@inner
 def slope(c, s):
     """Its derivative by s."""
     return c[1] + s * (2 * c[2] + s * (3 * c[3] + s * (4 * c[4] + s * 5 * c[5])))
 
 
-@njit(error_model="numpy")
+@inner
 def derivative(c):
     """Coefficients of the derivative by s."""
     return c[1], 2 * c[2], 3 * c[3], 4 * c[4], 5 * c[5], 0.0
 
 
-@njit(error_model="numpy")
+@inner
 def negative(c):
     """Coefficients with the sign changed."""
     return -c[0], -c[1], -c[2], -c[3], -c[4], -c[5]
 
 
-@njit(error_model="numpy")
+@inner
 def bracketed_root(c, low, high):
     """The root between `low`, where the polynomial is not positive, and `high`, where it is."""
     s = 0.5 * (low + high)
@@ -62,7 +62,7 @@ def bracketed_root(c, low, high):
     return s
 
 
-@njit(error_model="numpy")
+@inner
 def upward_root(c, s_end):
     """Where the polynomial crosses zero upward in [0, s_end], given that it is positive at s_end.
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rimless_gym import energy as row
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
+from rimless_gym.jit import inner
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, drag_pole, runs
 from rimless_gym.kernel.booking import open_interval
@@ -35,7 +36,7 @@ SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
 MAX_POLE = 1e4
 
 
-@njit(error_model="numpy")
+@inner
 def share_machine(work, constants, poles):
     """Put one machine into all lanes of both tiles, unless it is there from the call before."""
     same = work[-1] == 1.0 and work[of.POLE] == poles[0]
@@ -48,7 +49,7 @@ def share_machine(work, constants, poles):
     work[-1] = 1.0
 
 
-@njit(error_model="numpy")
+@inner
 def load_machine(tile, lane, constants, poles, i):
     """Put machine i of the caller's into a lane."""
     for c in range(N_CONSTANTS):
@@ -56,7 +57,7 @@ def load_machine(tile, lane, constants, poles, i):
     tile[of.POLE + lane] = poles[i]
 
 
-@njit(error_model="numpy")
+@inner
 def load(tile, states, voltages, base, count, stride):
     """Put wheels base, base + 1, ... into the tile's lanes; `states` is flat, by `stride`."""
     for lane in range(LANES):
@@ -72,7 +73,7 @@ def load(tile, states, voltages, base, count, stride):
         tile[of.VOLTAGE + lane] = voltages[base + lane]
 
 
-@njit(error_model="numpy")
+@inner
 def store(tile, states, out, base, count, stride):
     """Write wheels base, base + 1, ... back from the tile's lanes."""
     if count < LANES:
@@ -85,7 +86,7 @@ def store(tile, states, out, base, count, stride):
         copy_lanes(out, c * stride + base, tile, of.BOOKED + c * LANES)
 
 
-@njit(error_model="numpy")
+@inner
 def store_lane(tile, lane, states, out, stride):
     """Write one wheel back."""
     i = int(tile[of.INDEX + lane])
@@ -95,7 +96,7 @@ def store_lane(tile, lane, states, out, stride):
         out[c * stride + i] = tile[of.BOOKED + c * LANES + lane]
 
 
-@njit(error_model="numpy")
+@inner
 def enqueue(tile, count, work, waiting):
     """Add the lanes that need another step to those waiting; how many there are then."""
     for lane in range(count):
@@ -107,7 +108,7 @@ def enqueue(tile, count, work, waiting):
     return waiting
 
 
-@njit(error_model="numpy")
+@inner
 def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, duration, pull):
     """A step for a tile of waiting wheels; how many wait afterwards."""
     count = min(waiting, LANES)
@@ -179,7 +180,7 @@ def require_steppable(params: WheelParams) -> None:
             "that stepping allows: raise the inertias or armature_resistance, or lower "
             "motor_constant, gear_ratio or hub_damping"
         )
-    pole = drag_pole.py_func(MAX_RATE, params.constants)
+    pole = drag_pole(MAX_RATE, params.constants)
     if not pole <= MAX_POLE:
         raise ValueError(
             f"drag = {params.drag:.3g} damps phi' at {pole:.3g}/s at {MAX_RATE} rad/s, faster than "

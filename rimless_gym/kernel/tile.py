@@ -17,7 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from rimless_gym import energy as row
-from rimless_gym.hybrid import inlined
+from rimless_gym.jit import inlined
 from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, sin
 

@@ -7,14 +7,12 @@ V / K, and the shaft's power there and where psi' does.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from rimless_gym.hybrid import inlined, relative_rate
+from rimless_gym.hybrid import relative_rate
+from rimless_gym.jit import inlined, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.interpolation import derivative, quintic, slope, value
 from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine
-
-_vectorised = njit(error_model="numpy", fastmath={"contract"})
 
 
 @inlined
@@ -41,7 +39,7 @@ def _work_until(s, angle, square, u, h, p):
     return u * (u * h * s - p.K * turn) * p.G, p.K * (u * turn - p.K * value(square, s)) * p.G
 
 
-@_vectorised
+@vectorised
 def split_at_current(tile):
     """Split the work of a step where the current, and so V i and T psi', changes sign.
 
@@ -59,7 +57,7 @@ def split_at_current(tile):
             tile[of.WORK_SHAFT + lane] = abs(work) + abs(all_work - work)
 
 
-@_vectorised
+@vectorised
 def split_work(tile):
     """Split the work of a step wherever V i or T psi' changes sign."""
     for lane in range(LANES):

@@ -6,10 +6,13 @@ import hashlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
+from rimless_gym.envs.interval import INFO_NAMES, step_rows
 from tests.rimless_gym.envs.rows import ROUGH, make, swinging
 
 
@@ -51,10 +54,61 @@ def digest() -> str:
     return value.hexdigest()
 
 
-def test_another_process_sees_the_same_episodes_in_rows() -> None:
-    code = f"from {__name__} import digest; print(digest())"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+def printed(function: str, **environment: str) -> str:
+    """What a function of this file returns in another process."""
+    code = f"import {__name__} as here; print(here.{function}())"
+    settings = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=settings
     )
-    assert done.stdout.strip() == digest()
+    return done.stdout.strip()
+
+
+def test_another_process_sees_the_same_episodes_in_rows() -> None:
+    assert printed("digest") == digest()
+
+
+STEPS = swinging(3, 300)
+NUMBERS = [name for name in INFO_NAMES if name != "failure"]
+
+
+def in_rows() -> str:
+    envs = make(3)
+    envs.reset(seed=5)
+    out = []
+    for actions in STEPS:
+        _, rewards, terminated, _, info = envs.step(actions)
+        running = (info["elapsed"] > 0.0) | terminated  # else it was reset
+        out += [np.stack([rewards, *(info[name] for name in NUMBERS)])[:, running].T.tobytes()]
+    return hashlib.sha256(b"".join(out)).hexdigest()
+
+
+def alone() -> str:
+    envs = [gym.make("RimlessWheel-v0") for _ in range(3)]
+    for i, env in enumerate(envs):
+        env.reset(seed=5 + i)
+    out, ended = [], [False] * 3
+    for actions in STEPS:
+        for i, env in enumerate(envs):
+            if ended[i]:
+                env.reset()
+                ended[i] = False
+                continue
+            _, reward, terminated, truncated, info = env.step(actions[i])
+            ended[i] = terminated or truncated
+            out += [np.array([reward, *(info[name] for name in NUMBERS)]).tobytes()]
+    return hashlib.sha256(b"".join(out)).hexdigest()
+
+
+def test_one_compiled_function_steps_one_row_and_many() -> None:
+    """Two, compiled by different processes, have differed in the last bits of what they booked."""
+    for envs in (make(1), make(3), make(3, **ROUGH), gym.make("RimlessWheel-v0")):
+        envs.reset(seed=0)
+        envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+    assert len(step_rows.signatures) == 1
+
+
+@pytest.mark.slow
+def test_rows_are_singles_whatever_process_compiled_what(tmp_path: Path) -> None:
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    assert printed("alone", **cache) == printed("in_rows", **cache)

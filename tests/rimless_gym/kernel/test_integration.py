@@ -7,6 +7,7 @@ import math
 import re
 
 import numpy as np
+from numba import njit
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.kernel import integration
@@ -16,7 +17,20 @@ from rimless_gym.kernel.booking import open_interval
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.interpolation import quintic, upward_root, value
 from rimless_gym.kernel.stepping import scratch, share_machine
+from rimless_gym.kernel.tile import TILE_SIZE
 from rimless_gym.trigonometry import MAX_TURN
+
+
+@njit(error_model="numpy")
+def opened(work, constants, poles, duration):
+    share_machine(work, constants, poles)
+    open_interval(work[:TILE_SIZE], duration, 0.0)
+
+
+@njit(error_model="numpy")
+def attempted(tile, duration):
+    return attempt_step(tile, 1, duration, 0.0)
+
 
 START, VOLTS = (1.3, 0.8, 2.0, -4.0), 7.0
 
@@ -37,7 +51,7 @@ def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
 def test_the_stages_go_by_names_of_their_own_in_machine_code() -> None:
     """Else what different processes compiled and cached might call each other's."""
     stages = [f for name, f in vars(integration).items() if re.fullmatch(r"_s\d+|_end", name)]
-    assert len({f.py_func.__qualname__ for f in stages}) == of.STAGES
+    assert len({f.__qualname__ for f in stages}) == of.STAGES
 
 
 def test_the_quintic_through_a_steps_ends_is_exact_for_quintics_and_of_sixth_order() -> None:
@@ -64,18 +78,17 @@ def test_the_root_at_the_start_is_that_of_leaving_not_of_coming_back() -> None:
 
 def test_an_attempt_in_which_an_angle_turns_too_far_for_its_sines_is_halved() -> None:
     work, p = scratch(), THESIS_PHYSICAL
-    share_machine(work, p.constants_array[:, None].copy(), np.array([p.motor_pole]))
     tile = work[: of.TILE_SIZE]
     lane = tile.reshape(-1, of.LANES)[:, 0]
     state, attempt, left = (q // of.LANES for q in (of.STATE, of.ATTEMPT, of.LEFT))
     lane[state : state + 4] = start = (1.5, 0.0, 0.3, 8.0)
-    open_interval(tile, 0.1, 0.0)
+    opened(work, p.constants_array[:, None].copy(), np.array([p.motor_pole]), 0.1)
     lane[attempt] = 0.1  # far more than is planned
     tried = []
     while lane[left] == 0.1:
         tried.append(lane[attempt])
         assert np.array_equal(lane[state : state + 4], start)
-        assert attempt_step(tile, 1, 0.1, 0.0) == 1
+        assert attempted(tile, 0.1) == 1
     assert tried == [0.1, 0.05, 0.025]
     assert lane[left] == 0.1 - 0.025
     assert 0.5 * MAX_TURN < lane[state + 1] < MAX_TURN

@@ -1,0 +1,37 @@
+"""How functions that compiled code alone calls are compiled.
+
+They stay plain Python functions, which Python may call; numba compiles them where compiled code
+calls them, once for each types of arguments, without the wrappers for calls from Python, which take
+a third of the time of compiling. What Python calls, and the cache keeps, is `numba.njit`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import njit, types
+from numba.core.typing.templates import infer_global
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _called_from_compiled_code(**options: Any) -> Callable[[F], F]:
+    compiled = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+
+    def decorate(function: F) -> F:
+        function.dispatcher = compiled(function)  # type: ignore[attr-defined]  # kept alive
+        infer_global(function, types.Dispatcher(function.dispatcher))  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
+#: Compiled as it stands.
+inner = _called_from_compiled_code()
+
+#: May fuse products and sums, as loops over the lanes of a tile do.
+vectorised = _called_from_compiled_code(fastmath={"contract"})
+
+#: The same, always part of its caller: a loop with a call in it would not vectorise.
+inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
