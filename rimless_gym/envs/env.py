@@ -78,10 +78,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episode End
     Terminates where the model ends: when the ground would have to pull a foot (contact lost;
-    located as an event, the step ends there) or a rate exceeds 60 rad/s; `info["failure"]` says
-    which. Resting and whole turns of the pendulum are legal. Truncates after 2000 steps (20 s).
-    Any other end of the motion (parameters that make it diverge) is a `RuntimeError`, after which
-    the environment wants a `reset`.
+    located as an event, the step ends there) or a rate has exceeded 60 rad/s (looked at a few
+    times within a step and at its end); `info["failure"]` says which. Where the new voltage or a
+    push ends the episode at once, `info["elapsed"]` is 0. Resting and whole turns of the pendulum
+    are legal. Truncates after 2000 steps (20 s). Any other end of the motion (parameters that make
+    it diverge) is a `RuntimeError`, after which the environment wants a `reset`.
 
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`.

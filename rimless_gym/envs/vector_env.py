@@ -71,8 +71,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     `autoreset_mode`:
 
     - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0;
-      its `info` is zero there (`info["elapsed"]` is 0 in no other case but one: the new voltage
-      would pull the foot at once, and the row is `terminated`).
+      its `info` is zero there (`info["elapsed"]` is 0 in no other case but one: the new voltage or
+      a push ends the episode at once, and the row is `terminated`).
     - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold what
       the episode ended with, for the rows marked in `info["_final_obs"]` and
       `info["_final_info"]`.

@@ -76,11 +76,21 @@ def prepare(tile, lane, pull):
     if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
         return
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
-    fastest, mode = max(abs(y[2]), abs(y[3])), tile[of.MODE + lane]
-    if not fastest <= MAX_RATE:
-        tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
-    elif mode == DOUBLE and force_guard(LIFT_OFF, mode, y, u, pull, p) > 0.0:
+    if too_fast(tile, lane) or tile[of.MODE + lane] == SINGLE:
+        return
+    if force_guard(LIFT_OFF, float(DOUBLE), y, u, pull, p) > 0.0:
         lift_off(tile, lane)
+
+
+@inner
+def too_fast(tile, lane):
+    """Whether a lane's motion ends here because it is too fast for the model."""
+    _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+    fastest = max(abs(dphi), abs(dtheta))
+    if tile[of.FAILURE + lane] != OK or fastest <= MAX_RATE:
+        return False
+    tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
+    return True
 
 
 @inner
@@ -148,6 +158,7 @@ def attempt_step(tile, count, duration, pull):
         event = int(tile[of.EVENT + lane])
         if event != NOTHING:
             arrive(tile, lane, event, duration, pull)
+        if too_fast(tile, lane) or event != NOTHING:
             close(tile, lane, duration)
         unfinished += 1 if runs(tile, lane) else 0
     return unfinished

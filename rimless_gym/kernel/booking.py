@@ -161,7 +161,7 @@ def measure(tile, pull):
         pressed = min(fy, tile[of.BOOKED + row.FORCE_Y * LANES + lane]) + pull
         light = pressed < DIP * (p.S2 * swing + p.S1 * roll)
         kink = p.Cd > 0.0 and y[2] * end[2] < 0.0
-        sane = max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE
+        sane = max(abs(end[2]), abs(end[3])) <= MAX_RATE
         sane = sane and tile[of.FAR + lane] <= MAX_TURN * MAX_TURN
         common = sane and not (near or light or kink or mode == DOUBLE)
         common = common and tile[of.GOAL + lane] == 0.0 and tile[of.CUT + lane] == 0.0

@@ -182,6 +182,17 @@ def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
     assert located > 20
 
 
+def test_a_motion_too_fast_for_the_model_ends_with_the_step_that_made_it_so() -> None:
+    strong = THESIS_PHYSICAL.replace(pendulum_length=0.0, pendulum_inertia=0.3)
+    states = random_states(strong, np.random.default_rng(5), 2000)
+    states[:, 3] = 59.0
+    rows = advance(strong, states, np.linspace(100, 400, 2000), pull=math.inf)
+    fast = np.abs(states[:, 2:4]).max(axis=1) > hybrid.MAX_RATE
+    assert 100 < np.count_nonzero(fast) < 1900
+    assert np.array_equal(rows[:, row.FAILURE] == RATE_EXCEEDED, fast)
+    assert np.all(rows[:, row.TIME] > 0)
+
+
 def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> None:
     params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
     state = np.array([[p.a, 0.0, 0.0, 0.0, DOUBLE, 0.0]])
