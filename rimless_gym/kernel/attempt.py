@@ -24,6 +24,7 @@ from rimless_gym.kernel.booking import (
     accept,
     book_touchdown,
     close,
+    forget_extremes,
     measure,
     restart,
 )
@@ -79,7 +80,9 @@ def prepare(tile, lane, pull):
     if too_fast(tile, lane) or tile[of.MODE + lane] == SINGLE:
         return
     if force_guard(LIFT_OFF, float(DOUBLE), y, u, pull, p) > 0.0:
-        lift_off(tile, lane)
+        if tile[of.EVENTS + lane] == 0.0:  # at this voltage it never stood on two feet
+            forget_extremes(tile, lane)
+        lift_off(tile, lane, pull)
 
 
 @inner
@@ -94,11 +97,12 @@ def too_fast(tile, lane):
 
 
 @inner
-def lift_off(tile, lane):
+def lift_off(tile, lane, pull):
     """From two feet to one."""
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
     phi, shift = after_lift_off(y[1], y[3], u, p)
-    restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, (phi, y[1], 0.0, y[3]))
+    after = (phi, y[1], 0.0, y[3])
+    restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, after, pull)
 
 
 @inner
@@ -108,7 +112,7 @@ def arrive(tile, lane, event, duration, pull):
         tile[of.FAILURE + lane] = CONTACT_LOST
         return
     if event == LIFT_OFF:
-        lift_off(tile, lane)
+        lift_off(tile, lane, pull)
     else:
         y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
         mode, phi, dtheta, dphi, shift, legal = after_touchdown(event, y[1], y[2], y[3], u, p)
@@ -117,7 +121,7 @@ def arrive(tile, lane, event, duration, pull):
             return
         after = (phi, y[1], dphi, dtheta)
         book_touchdown(tile, lane, y, after, shift, duration - tile[of.LEFT + lane])
-        fy = restart(tile, lane, float(mode), tile[of.FOOT + lane] + shift, after)
+        fy = restart(tile, lane, float(mode), tile[of.FOOT + lane] + shift, after, pull)
         if -pull - fy > 0.0:
             tile[of.FAILURE + lane] = CONTACT_LOST
     if tile[of.EVENTS + lane] > MAX_EVENTS:

@@ -15,6 +15,7 @@ from rimless_gym.hybrid import (
     MAX_RATE,
     OK,
     accelerations_turned,
+    both_feet_press,
     linear_momentum,
     mechanical_energy,
     relative_rate,
@@ -221,20 +222,32 @@ def _extreme(tile, lane, fy, demand):
 
 
 @inner
-def restart(tile, lane, mode, foot, y):
-    """Put a lane into another mode or onto another leg, and book the contact forces there."""
+def forget_extremes(tile, lane):
+    """No contact forces met so far."""
+    tile[of.BOOKED + row.MIN_NORMAL_FORCE * LANES + lane] = np.inf
+    tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane] = 0.0
+
+
+@inner
+def restart(tile, lane, mode, foot, y, pull):
+    """Put a lane into another mode or onto another leg, and book the contact forces there.
+
+    Two feet of which one lets go at once make no stance, and no extremes.
+    """
     tile[of.MODE + lane] = mode
     tile[of.FOOT + lane] = foot
     put_state(tile, of.STATE, lane, y)
     put_sines(tile, lane)
-    here = turned_angles(tile, lane, 0.0, 0.0)
+    here, p = turned_angles(tile, lane, 0.0, 0.0), machine(tile, lane)
     acc, (fx, fy, demand, clearance), energy, hub = _evaluate(tile, lane, here, y[2], y[3])
     put_pair(tile, of.ACC, lane, acc)
     tile[of.ENERGY + lane] = energy
     tile[of.HUB + lane] = hub
     tile[of.BOOKED + row.FORCE_X * LANES + lane] = fx
     tile[of.BOOKED + row.FORCE_Y * LANES + lane] = fy
-    _extreme(tile, lane, fy, demand)
+    lets_go = mode == DOUBLE and not both_feet_press(y[1], y[3], tile[of.VOLTAGE + lane], p)
+    if not lets_go or -pull - fy > 0.0:
+        _extreme(tile, lane, fy, demand)
     lowest = min(tile[of.BOOKED + row.CLEARANCE * LANES + lane], clearance)
     tile[of.BOOKED + row.CLEARANCE * LANES + lane] = lowest
     tile[of.EVENTS + lane] = tile[of.EVENTS + lane] + 1

@@ -83,6 +83,35 @@ def test_the_booked_clearance_is_that_of_the_reference(name: str) -> None:
         assert booked == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
 
 
+@pytest.mark.parametrize("pull", [0.0, math.inf])
+@pytest.mark.parametrize("n_legs", [3, 4, 5])  # with few, touchdowns end on two feet
+def test_two_feet_of_which_one_lets_go_at_once_leave_no_trace_in_the_extremes(
+    n_legs: int, pull: float
+) -> None:
+    params, rng = THESIS_PHYSICAL.replace(n_legs=n_legs), np.random.default_rng(14)
+    at_once = after_touchdown = 0
+    for mode, start in enumerate(random_states(params, rng, 200)):
+        mode %= 2
+        start[3], start[4] = rng.uniform(-3, 3), mode
+        if mode == hybrid.DOUBLE:
+            start[[0, 2]] = params.constants.a, 0.0
+        volts, state = rng.uniform(-20, 20, 1), start[None].copy()
+        reference = simulate(
+            params, start[:4], volts, 0.01, mode=hybrid.MODE_NAMES[mode], pull=pull
+        )
+        out = advance(params, state, volts, pull=pull)[0]
+        # Between the ends of steps, which are not the same, forces hardly change.
+        least = pytest.approx(reference.min_normal_force, abs=0.02 * params.weight)
+        assert out[row.MIN_NORMAL_FORCE] == least
+        if reference.min_normal_force > 0.1 * params.weight:
+            assert out[row.FRICTION_DEMAND] == pytest.approx(reference.friction_demand, rel=0.1)
+        kinds = [event.kind for event in reference.events]
+        at_once += kinds[:1] == ["lift_off"] and reference.events[0].time == 0.0
+        after_touchdown += kinds[:2] == ["touchdown", "lift_off"]
+    assert at_once > 5
+    assert after_touchdown > 0 or n_legs > 3
+
+
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
 @pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
 @pytest.mark.parametrize("motor_constant", [0.0, 0.0048])
