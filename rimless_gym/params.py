@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.checks import SMALLEST, real
 from rimless_gym.equations import equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
+MOST_LEGS = 1_000_000  # so near together the model still tells them apart
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
 
 _eq = equations(np.sin, np.cos)
@@ -65,13 +67,15 @@ N_CONSTANTS = len(Constants._fields)
 class WheelParams:
     """Physical parameters of the actuated rimless wheel, in SI units and radians.
 
-    The defaults are those of the machine of Mihevc (2015), Table 4.6 and Table 4.2.
+    The defaults are those of the machine of Mihevc (2015), Table 4.6 and Table 4.2. No number is
+    larger in size than 1e30; where 0 is not allowed, nor for the sum of the masses, none is less
+    than 1e-30.
 
     Args:
         wheel_mass: ``m1`` (kg), >= 0.
         wheel_inertia: ``I1`` about the hub (kg m^2), >= 0.
         leg_length: ``L1`` (m), > 0.
-        n_legs: ``n``, an integer >= 3.
+        n_legs: ``n``, an integer >= 3, at most a million.
         pendulum_mass: ``m2`` (kg), >= 0.
         pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0.
         pendulum_length: ``L2``, pivot to centre of mass (m), >= 0; the rod reaches ``2 L2``.
@@ -119,10 +123,12 @@ class WheelParams:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if field.name not in ("motor_mount", "impact_law"):
-                self._require_number(field.name)
+                object.__setattr__(self, field.name, real(field.name, getattr(self, field.name)))
         for name in ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be greater than 0")
+            if getattr(self, name) < SMALLEST:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}: must be greater than 0, at least {SMALLEST:g}"
+                )
         for name in (
             *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia"),
             *("pendulum_length", "motor_constant", "rotor_inertia", "hub_damping"),
@@ -130,8 +136,12 @@ class WheelParams:
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be at least 0")
-        if self.n_legs < 3:
-            raise ValueError(f"n_legs = {self.n_legs}: must be an integer of at least 3")
+        if not (3 <= self.n_legs <= MOST_LEGS and self.n_legs == int(self.n_legs)):
+            raise ValueError(
+                f"n_legs = {self.n_legs:.15g}: must be an integer of at least 3, and at most "
+                f"{MOST_LEGS}"
+            )
+        object.__setattr__(self, "n_legs", int(self.n_legs))
         if abs(self.slope) >= math.pi / 2:
             raise ValueError(f"slope = {self.slope}: must lie strictly between -pi/2 and pi/2 rad")
         if self.motor_mount not in MOTOR_MOUNTS:
@@ -140,29 +150,29 @@ class WheelParams:
             raise ValueError(f"impact_law = {self.impact_law!r}: choose from {IMPACT_LAWS}")
         self._require_regular_mass_matrix()
 
-    def _require_number(self, name: str) -> None:
-        value = getattr(self, name)
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise TypeError(f"{name} = {value!r}: must be a real number")
-        if not math.isfinite(value):
-            raise ValueError(f"{name} = {value}: must be finite")
-        if name == "n_legs" and value != int(value):
-            raise ValueError(f"n_legs = {value}: must be an integer of at least 3")
-        object.__setattr__(self, name, int(value) if name == "n_legs" else float(value))
-
     def _require_regular_mass_matrix(self) -> None:
-        if self.total_mass <= 0:
-            raise ValueError("wheel_mass + pendulum_mass = 0: one of them must be greater than 0")
+        if self.total_mass < SMALLEST:
+            raise ValueError(
+                f"wheel_mass + pendulum_mass = {self.total_mass:g}: one of them must be greater "
+                f"than 0, at least {SMALLEST:g}"
+            )
+        if self._is_singular():
+            raise ValueError(
+                "the mass matrix is singular for these masses and inertias: give the pendulum "
+                "an inertia (pendulum_inertia > 0, or pendulum_mass and pendulum_length > 0) "
+                "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0)"
+            )
+
+    def _is_singular(self) -> bool:
+        """Whether a mass matrix in single stance is, with or without the rotor, or all but."""
         pendulum = self.pendulum_mass * self.pendulum_length**2 + self.pendulum_inertia
-        turns = pendulum + self.rotor_inertia > 0
-        for angle in (-math.pi / 2, math.pi / 2):  # the determinant is concave in its sine
-            m11, m12, m22 = _eq.mass_matrix(0.0, angle, self.constants) if turns else (1, 0, 0)
-            if m11 * m22 - m12**2 <= 1e-12 * m11 * m22:
-                raise ValueError(
-                    "the mass matrix is singular for these masses and inertias: give the pendulum "
-                    "an inertia (pendulum_inertia > 0, or pendulum_mass and pendulum_length > 0) "
-                    "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0)"
-                )
+        if pendulum + self.rotor_inertia * self.gear_ratio**2 < SMALLEST**4:
+            return True
+        c, angles = self.constants, (-math.pi / 2, math.pi / 2)  # it is concave in their sine
+        if c.Je1 - c.Je3**2 * c.mobility <= 1e-12 * c.Je1:
+            return True
+        matrices = (_eq.mass_matrix(0.0, angle, c) for angle in angles)
+        return any(m11 * m22 - m12**2 <= 1e-12 * m11 * m22 for m11, m12, m22 in matrices)
 
     @property
     def total_mass(self) -> float:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.checks import real
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import WheelParams
 
@@ -178,10 +179,8 @@ def as_disturbances(disturbances: Disturbances | None) -> Disturbances:
 
 
 def _require_least(name: str, value: Any, least: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise TypeError(f"{name} = {value!r}: must be a real number")
-    if not (math.isfinite(value) and value >= least):
-        raise ValueError(f"{name} = {value}: must be finite and at least {least:g}")
+    if real(name, value) < least:
+        raise ValueError(f"{name} = {value}: must be at least {least:g}")
 
 
 def _interval(name: str, bounds: Any) -> tuple[float, float]:
@@ -189,9 +188,7 @@ def _interval(name: str, bounds: Any) -> tuple[float, float]:
         low, high = bounds
     except (TypeError, ValueError):
         raise TypeError(f"{name} = {bounds!r}: give the least and the greatest value") from None
-    for value in (low, high):
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise TypeError(f"{name} = {bounds!r}: must be two real numbers")
-    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise ValueError(f"{name} = {bounds}: must be finite, the least first")
-    return float(low), float(high)
+    low, high = real(f"the least {name}", low), real(f"the greatest {name}", high)
+    if low > high:
+        raise ValueError(f"{name} = {bounds}: must be in order, the least first")
+    return low, high

@@ -13,6 +13,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
+from rimless_gym.checks import real
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
@@ -51,7 +52,8 @@ class Task:
         horizon: whose idle energy an early end is charged (s); the time limit of the episodes.
 
     Raises:
-        ValueError: a value is not finite or negative.
+        TypeError: a value is not a number.
+        ValueError: a value is negative, not finite or larger than 1e30.
     """
 
     value_of_distance: float = 0.5
@@ -60,10 +62,9 @@ class Task:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise TypeError(f"{name} = {value!r}: must be a real number")
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} = {value}: must be finite and at least 0")
+            object.__setattr__(self, name, real(name, value))
+            if value < 0:
+                raise ValueError(f"{name} = {value}: must be at least 0")
 
     def reward_terms(
         self, params: WheelParams, distance: Any, energy: Any, failed: Any

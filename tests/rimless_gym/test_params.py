@@ -1,5 +1,6 @@
 """What a machine may be, and what it says when it may not."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rimless_gym import params as parameters
+from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import (
     PRESETS,
     PROTOTYPE,
@@ -71,20 +73,62 @@ def test_numbers_must_be_finite(name, value):
 
 
 @pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", ["1", None, True, 1j, np.ones(2)])
+@pytest.mark.parametrize("value", ["1", None, True, 1j, np.ones(2), np.complex128(1)])
 def test_other_things_than_numbers_are_refused(name, value):
     with pytest.raises(TypeError, match=rf"{name} = .*: must be a real number"):
         THESIS_PHYSICAL.replace(**{name: value})
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [1e300, -1e31, 10**400], ids=["1e300", "-1e31", "10**400"])
+def test_numbers_that_overflow_in_products_are_refused(name, value):
+    with pytest.raises(ValueError, match=rf"{name} = .*: must be finite, and at most 1e\+30"):
+        THESIS_PHYSICAL.replace(**{name: value})
+
+
+@pytest.mark.parametrize("name", POSITIVE)
+def test_what_is_divided_by_may_not_be_next_to_nothing(name):
+    with pytest.raises(ValueError, match=rf"{name} = 1e-300: must be greater than 0, at least"):
+        THESIS_PHYSICAL.replace(**{name: 1e-300})
+
+
+SIZES = st.sampled_from([0.0, 5e-324, 1e-200, 1e-30, 1e-12, 1.0, 1e12, 1e30])
+
+
+@given(st.dictionaries(st.sampled_from([*POSITIVE, *NOT_NEGATIVE]), SIZES))
+def test_whatever_machine_there_is_all_that_derives_from_it_is_finite(fields):
+    try:
+        machine = WheelParams(**fields)
+    except ValueError:
+        return
+    assert all(math.isfinite(value) for value in machine.constants)
+    assert math.isfinite(machine.motor_pole)
+    assert machine.weight > 0
+    with contextlib.suppress(ValueError):
+        require_steppable(machine)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+def test_machines_of_all_masses_are_admitted(scale):
+    names = ("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia")
+    scaled = {name: scale * getattr(THESIS_PHYSICAL, name) for name in names}
+    assert THESIS_PHYSICAL.replace(**scaled).weight == pytest.approx(scale * 3.62 * 9.81)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"n_legs": 2}, r"n_legs = 2: must be an integer of at least 3"),
+        ({"n_legs": 10**7}, r"n_legs = 10000000: must be .* at most 1000000"),
         ({"n_legs": 5.5}, r"n_legs = 5.5: must be an integer of at least 3"),
         ({"slope": math.pi / 2}, r"slope = 1\.57.*: must lie strictly between -pi/2 and pi/2"),
         ({"motor_mount": "leg"}, r"motor_mount = 'leg': choose from .*wheel.*frame"),
         ({"impact_law": "rubber"}, r"impact_law = 'rubber': choose from .*plastic.*relabel"),
+        ({"wheel_mass": 1e-99, "pendulum_mass": 0}, r"pendulum_mass = 1e-99: .* at least 1e-30"),
+        (
+            {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_length": 1e12, "rotor_inertia": 1},
+            r"singular",  # but for the rotor
+        ),
         ({"wheel_mass": 0, "pendulum_mass": 0}, r"wheel_mass \+ pendulum_mass = 0: one of them"),
         ({"pendulum_inertia": 0, "pendulum_length": 0}, r"singular.*pendulum_inertia > 0"),
         ({"pendulum_mass": 0, "pendulum_inertia": 0}, r"singular.*pendulum_inertia > 0"),

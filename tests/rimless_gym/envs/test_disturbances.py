@@ -293,6 +293,8 @@ def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
         (lambda: Pushes(rate=-1.0, impulse=(0, 1)), ValueError, "rate = -1.0"),
         (lambda: Pushes(rate=1.0, impulse=(-1, 1)), ValueError, "impulse = -1"),
         (lambda: Pushes(rate=1.0, impulse=(2, 1)), ValueError, "the least first"),
+        (lambda: Pushes(rate=1.0, impulse=(0, 1e300)), ValueError, r"impulse = 1e\+300"),
+        (lambda: Pushes(rate=1.0, impulse=(0, "1")), TypeError, "greatest impulse = '1'"),
         (lambda: Pushes(rate=1.0, impulse=1.0), TypeError, "least and the greatest"),
         (lambda: SensorNoise(leg_rate=math.nan), ValueError, "leg_rate = nan"),
         (lambda: SensorNoise(leg_rate="loud"), TypeError, "leg_rate = 'loud'"),

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.task import OBSERVATION_BOUND, observe
+from rimless_gym.envs.task import OBSERVATION_BOUND, Task, observe
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.kernel.stepping import STATE_SIZE
 
@@ -51,6 +53,24 @@ def test_an_episode_that_ends_beyond_the_fastest_rate_ends_within_the_observatio
         assert env.observation_space.contains(seen)
     assert info["failure"] == "rate_exceeded"
     assert np.abs(env.state[2:4]).max() > MAX_RATE
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Task)])
+@pytest.mark.parametrize(
+    ("value", "error"),
+    [(1e308, ValueError), (math.nan, ValueError), (-1, ValueError), ("1", TypeError)],
+)
+def test_prices_that_make_rewards_infinite_or_mean_nothing_are_refused(
+    name: str, value: Any, error: type
+) -> None:
+    with pytest.raises(error, match=rf"{name} = .*must be"):
+        Task(**{name: value})
+
+
+def test_prices_may_be_numpys_numbers_and_become_plain_ones() -> None:
+    task = Task(value_of_distance=np.float64(0.5), horizon=np.int64(20))
+    assert task == Task()
+    assert [type(value) for value in dataclasses.astuple(task)] == [float] * 3
 
 
 def test_an_observation_is_a_copy_that_later_steps_leave_alone() -> None:

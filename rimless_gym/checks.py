@@ -1,0 +1,67 @@
+"""Numbers that callers give, in whatever type: refused in words where they are none."""
+
+from __future__ import annotations
+
+import math
+import operator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: The largest size of a number, and the smallest of one that something is divided by: whatever is
+#: computed of several of them is finite, and no machine comes near.
+LARGEST, SMALLEST = 1e30, 1e-30
+
+
+def real(name: str, value: Any) -> float:
+    """The number `value`.
+
+    Raises:
+        TypeError: it is no real number.
+        ValueError: it is not finite, or larger than `LARGEST`.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError(f"{name} = {value!r}: must be a real number")
+    try:
+        number = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        number = math.inf
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"{name} = {number}: must be finite, and at most {LARGEST:g} in size")
+    return number
+
+
+def integer(name: str, value: Any, least: int) -> int:
+    """The integer `value`: Python's, NumPy's or an array of shape () of one.
+
+    Raises:
+        TypeError: it is no integer.
+        ValueError: it is less than `least`.
+    """
+    wanted = f"must be an integer of at least {least}"
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r}: {wanted}") from None
+    if isinstance(value, bool):
+        raise TypeError(f"{name} = {value!r}: {wanted}")
+    if number < least:
+        raise ValueError(f"{name} = {number}: {wanted}")
+    return number
+
+
+def real_array(name: str, values: Any) -> NDArray[Any]:
+    """Real numbers as an array of theirs, no copy if they are one.
+
+    Raises:
+        TypeError: they are something else.
+        ValueError: they are not in rows of one length.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{name} = {values!r}: must be in rows of one length") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} = {values!r}: must be real numbers, not {array.dtype}")
+    return array
