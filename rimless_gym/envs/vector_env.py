@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from rimless_gym.checks import integer
 from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of, machines_of
@@ -121,14 +122,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         render_mode: str | None = None,
     ) -> None:
         check_arguments(params, task, render_mode, self.metadata["render_modes"])
-        for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
-            if value != int(value) or value < 1:
-                raise ValueError(f"{name} = {value}: must be an integer of at least 1")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(
-                f"max_episode_steps = {max_episode_steps}: must be at least 1, or None"
-            )
-        self.num_envs = num_envs
+        num_envs = self.num_envs = integer("num_envs", num_envs, 1)
+        num_threads = integer("num_threads", num_threads, 1)
+        if max_episode_steps is not None:
+            max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
         self.task = Task() if task is None else task
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -140,7 +137,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = machines_of(params, num_envs)
-        limit = NO_LIMIT if max_episode_steps is None else max_episode_steps
+        limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
         self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -108,6 +111,21 @@ def test_arguments_that_make_no_sense_are_refused() -> None:
     for settings in ({"params": "PROTOTYPE"}, {"task": 1}, {"ranges": 3}, {"disturbances": {}}):
         with pytest.raises(TypeError, match="give a"):
             RimlessWheelVectorEnv(**settings)
+
+
+@pytest.mark.parametrize("name", ["num_envs", "num_threads", "max_episode_steps"])
+@pytest.mark.parametrize("value", ["a", "3", math.nan, 2.5, 2.0, True, np.bool_(True), [2]])
+def test_counts_are_integers_and_nothing_like_them(name: str, value: Any) -> None:
+    with pytest.raises(TypeError, match=rf"{name} = .*: must be an integer of at least 1"):
+        RimlessWheelVectorEnv(**{name: value})
+    with pytest.raises(TypeError, match=rf"{name} = "):
+        gym.make_vec("RimlessWheel-v0", **{name: value})
+
+
+def test_counts_may_be_numpys_integers_and_limits_as_large_as_one_likes() -> None:
+    envs = RimlessWheelVectorEnv(np.int64(2), num_threads=np.uint8(1), max_episode_steps=np.int8(3))
+    assert [type(n) for n in (envs.num_envs, envs.max_episode_steps)] == [int, int]
+    assert RimlessWheelVectorEnv(max_episode_steps=10**30).max_episode_steps == 10**30
 
 
 def test_a_few_rows_are_drawn_as_a_grid_and_all_as_a_list() -> None:
