@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy import ndarray
 from numpy.typing import NDArray
 
+from rimless_gym.checks import integer
 from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of
@@ -164,9 +165,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Start an episode; see "Starting State" for the options.
 
         Raises:
-            ValueError: an option is unknown or its value out of range.
+            TypeError: the seed or an option is of another type; nothing has changed then.
+            ValueError: an option is unknown or a value out of range; likewise.
         """
         fleet = self._fleet
+        seed = None if seed is None else integer("seed", seed, 0)
         chosen = reset_options.read(options, fleet, _ROW)
         super().reset(seed=seed)
         chosen.apply(fleet)

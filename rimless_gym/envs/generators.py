@@ -9,7 +9,9 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-Seeds = int | Sequence[int | None] | None
+from rimless_gym.checks import integer
+
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
 
 class Generators:
@@ -31,23 +33,27 @@ class Generators:
         A generator that has no seed yet gets one of the system's entropy.
 
         Raises:
-            ValueError: there is not one seed per row.
+            TypeError: a seed is no integer; nothing has changed then.
+            ValueError: there is not one seed per row, or one is negative; likewise.
         """
-        if seed is None:
-            seeds: Sequence[int | None] = [None] * self.n
-        elif isinstance(seed, (int, np.integer)):
-            seeds = [int(seed) + i for i in range(self.n)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.n:
-            raise ValueError(f"seed: {len(seeds)} seeds for {self.n} rows, must be one per row")
+        seeds = self._one_per_row(seed)
         if not self.each:
             made = [seeding.np_random(each) for each in seeds]
             self.each, self.seeds = [one for one, _ in made], [used for _, used in made]
             return
         drawn = [(i, seeding.np_random(seeds[i])) for i in rows if seeds[i] is not None]
-        for i, (one, used) in drawn:  # all or, if one is refused, none
+        for i, (one, used) in drawn:
             self.each[i], self.seeds[i] = one, used
+
+    def _one_per_row(self, seed: Any) -> list[int | None]:
+        if seed is None:
+            return [None] * self.n
+        if np.ndim(seed) == 0:
+            first = integer("seed", seed, 0)
+            return [first + i for i in range(self.n)]
+        if len(seed) != self.n:
+            raise ValueError(f"seed: {len(seed)} seeds for {self.n} rows, must be one per row")
+        return [None if each is None else integer("seed", each, 0) for each in seed]
 
     def keys(self, rows: NDArray[np.int64]) -> NDArray[np.uint64]:
         """The keys of the next episodes of `rows`, see `rimless_gym.envs.randomness`."""

@@ -62,7 +62,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     Those of the single environment, float64 (num_envs,).
 
     ## Starting State
-    `reset(seed=...)` takes a number (row i gets seed + i), a list of one or None per row, or None.
+    `reset(seed=...)` takes a number (row i gets seed + i), one or None per row in a list or array,
+    or None.
     `reset(options=...)` takes the single environment's options, each for all rows or as a list of
     one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and only
     their seeds and options count.
@@ -176,7 +177,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             Observations and `{"mode": codes}` of all rows, those not reset as they are.
 
         Raises:
-            ValueError: a seed or option is unknown or out of range; nothing has changed then.
+            TypeError: a seed or option is of another type; nothing has changed then.
+            ValueError: a seed or option is unknown or out of range; likewise.
         """
         fleet = self._fleet
         options = dict(options or {})

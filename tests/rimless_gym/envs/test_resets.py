@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -57,3 +59,25 @@ def test_double_stance_alone_is_a_wheel_at_rest() -> None:
     observation, info = env.reset(options={"mode": "double_stance"})
     assert info["mode"] == "double_stance"
     assert np.array_equal(observation[1:], np.array([0, 1, 0, 0, 1], np.float32))
+
+
+@pytest.mark.parametrize("seed", [np.array(7), np.uint8(7), np.array(7, np.int16)])
+def test_seeds_may_be_numpys_integers(seed: Any) -> None:
+    env, plain = RimlessWheelEnv(), RimlessWheelEnv()
+    assert np.array_equal(env.reset(seed=seed)[0], plain.reset(seed=7)[0])
+    assert env.np_random_seed == 7
+
+
+@pytest.mark.parametrize(
+    ("seed", "error"),
+    [(2.0, TypeError), (True, TypeError), ("7", TypeError), (-1, ValueError), ([7], TypeError)],
+)
+def test_other_seeds_are_refused_in_words_and_change_nothing(seed: Any, error: type) -> None:
+    env = RimlessWheelEnv()
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(error, match=r"seed = .*: must be an integer of at least 0"):
+        env.reset(seed=seed, options={"params": PROTOTYPE})
+    assert env.params == THESIS_PHYSICAL
+    assert env.np_random_seed == 0
+    assert env.get_state()["generators"] == before["generators"]

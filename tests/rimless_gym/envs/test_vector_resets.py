@@ -123,9 +123,42 @@ def test_a_refused_reset_of_rows_changes_nothing(options: dict, message: str) ->
     assert np.array_equal(envs.reset()[0], twin.reset()[0])  # nor the generators
 
 
-def test_seeds_are_taken_all_or_none() -> None:
+@pytest.mark.parametrize("kind", [np.int64, np.uint8, int])
+def test_seeds_may_be_arrays_of_integers(kind: type) -> None:
+    envs, plain = make(3), make(3)
+    for seed, same in ((np.array(4, kind), 4), (np.array([5, 0, 7], kind), [5, 0, 7])):
+        assert np.array_equal(envs.reset(seed=seed)[0], plain.reset(seed=same)[0])
+        assert envs.np_random_seed == plain.np_random_seed
+        assert all(type(used) is int for used in envs.np_random_seed)
+
+
+@pytest.mark.parametrize(
+    ("seed", "error", "message"),
+    [
+        ([5, -1, 7], ValueError, "seed = -1: must be an integer of at least 0"),
+        (-1, ValueError, "seed = -1"),
+        (np.array([5, 6, -7]), ValueError, "seed = -7"),
+        (np.array([5, 6]), ValueError, "2 seeds for 3 rows"),
+        (2.5, TypeError, "seed = 2.5: must be an integer"),
+        (np.array([1.0, 2.0, 3.0]), TypeError, "seed = np.float64"),
+        (np.array(1.0), TypeError, r"seed = array\(1.\)"),
+        (True, TypeError, "seed = True"),
+        (np.array([True, False, True]), TypeError, "seed = np.True_"),
+        ([1, True, 3], TypeError, "seed = True"),
+        ("abc", TypeError, "seed = 'abc'"),
+        (["a", "b", "c"], TypeError, "seed = 'a'"),
+        (np.array([[1], [2], [3]]), TypeError, r"seed = array\(\[1\]\)"),
+    ],
+)
+def test_seeds_are_taken_all_or_none(seed: Any, error: type, message: str) -> None:
     envs = gym.make_vec("RimlessWheel-v0", num_envs=3)
-    envs.reset(seed=0)
-    with pytest.raises(Exception, match="Seed must be"):
-        envs.reset(seed=[5, -1, 7])
+    with pytest.raises(error, match=message):
+        envs.reset(seed=seed)
+    first, _ = envs.reset(seed=0)
+    with pytest.raises(error, match=message):
+        envs.reset(seed=seed, options={"params": PROTOTYPE})
     assert envs.np_random_seed == (0, 1, 2)
+    assert envs.unwrapped.params == (THESIS_PHYSICAL,) * 3
+    twin = make(3)
+    assert np.array_equal(first, twin.reset(seed=0)[0])
+    assert np.array_equal(envs.reset()[0], twin.reset()[0])
