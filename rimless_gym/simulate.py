@@ -76,6 +76,7 @@ def simulate(
         atol: absolute tolerance of the integrator.
 
     Raises:
+        TypeError: x0 is not of real numbers.
         ValueError: an argument is out of its range or not finite.
         RuntimeError: more than `hybrid.MAX_EVENTS` events within 10 ms, or a diverging motion.
     """

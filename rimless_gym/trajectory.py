@@ -10,9 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rimless_gym.checks import real_array
 from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, MODE_NAMES
 from rimless_gym.params import WheelParams
+
+#: Largest |theta| (rad) at a start: it is rounded to 1e-11 rad there, as events are located.
+MAX_TURNED = 1e5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,13 +148,19 @@ def validated_start(
     Errors call it `name`.
 
     Raises:
+        TypeError: it is not of real numbers.
         ValueError: it is not four finite numbers, or not a state of that mode.
     """
-    x = np.asarray(x0, dtype=np.float64)
+    x = real_array(name, x0).astype(np.float64)
     if x.shape != (4,) or not np.all(np.isfinite(x)):
         raise ValueError(f"{name} = {x0!r}: must be four finite numbers (phi, theta, phi', theta')")
     if mode not in MODE_NAMES:
         raise ValueError(f"mode = {mode!r}: choose from {MODE_NAMES}")
+    if abs(x[1]) > MAX_TURNED:
+        raise ValueError(
+            f"theta = {x[1]}: must be within {MAX_TURNED:g} rad of 0, beyond which rounding blurs "
+            "it; give it modulo 2 pi"
+        )
     a, b = params.constants.a, params.constants.b
     if not a - 1e-9 <= x[0] <= b + 1e-9:
         raise ValueError(f"phi = {x[0]}: a foot is on the ground only for phi in [{a}, {b}] rad")

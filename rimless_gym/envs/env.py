@@ -71,9 +71,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
     `reset(options=...)` takes
 
-    - `state`: phi, theta, phi', theta', and with it `mode`: "single_stance" (the default) or
-      "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at rest, its
-      pendulum hanging.
+    - `state`: phi, theta (within 1e5 rad), phi', theta', and with it `mode`: "single_stance" (the
+      default) or "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at
+      rest, its pendulum hanging.
     - `params`, `ranges` and `disturbances`, as below. They hold from then on, until given anew;
       `{}` and None end them.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rimless_gym.checks import real_array
 from rimless_gym.envs.arguments import machines_of, require_valid
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
@@ -77,7 +78,7 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
         modes = options.get("mode", "single_stance")
         kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
     elif "mode" in options:
-        if options["mode"] != "double_stance":
+        if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
             raise ValueError("reset option 'mode' goes with 'state', unless it is 'double_stance'")
         kind = HANGING
     return Options(rows, None if same else params, ranges, disturbances, kind, given)
@@ -102,7 +103,9 @@ def masked(mask: Any, n: int) -> NDArray[np.int64]:
 def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[np.float64]:
     """Given states, one for all rows or one per row, with their modes: (N, 5)."""
     n = len(params)
-    many = np.ndim(states) == 2
+    many = real_array("state", states).ndim == 2
+    if not isinstance(modes, str) and np.ndim(modes) != 1:
+        raise TypeError(f"mode = {modes!r}: give a name, or one per row")
     if many and len(states) != n:
         raise ValueError(f"state: {len(states)} states for {n} rows, must be one per row")
     if not isinstance(modes, str) and len(modes) != n:

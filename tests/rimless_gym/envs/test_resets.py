@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -34,7 +35,16 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
         ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
         ({"state": [1.5, 3.0, 0, MAX_RATE]}, "pull"),
+        ({"state": [1.5, 1e300, 0, 0]}, r"theta = 1e\+300: must be within 100000 rad"),
+        ({"state": [1.5, -1e17, 0, 0]}, r"theta = -1e\+17: .* modulo 2 pi"),
+        ({"state": [1.5, math.inf, 0, 0]}, "four finite numbers"),
+        ({"state": [1.5, 0, math.nan, 0]}, "four finite numbers"),
+        ({"state": [1.5, 0, 0]}, "four finite numbers"),
+        ({"state": 1.5}, "four finite numbers"),
+        ({"state": [[1.5, 0, 0, 0], [1.5]]}, "rows of one length"),
+        ({"state": [1.5, 0, 0, 0], "mode": "flying"}, "mode = 'flying'"),
         ({"mode": "single_stance"}, "goes with 'state'"),
+        ({"mode": np.array(["double_stance"] * 2)}, "goes with 'state'"),
         ({"params": THESIS_PHYSICAL.replace(armature_resistance=1e-6)}, "motor damps"),
         ({"params": "PROTOTYPE"}, "WheelParams"),
     ],
@@ -42,6 +52,23 @@ def test_reset_options_set_state_mode_and_params() -> None:
 def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         RimlessWheelEnv().reset(options=options)
+
+
+@pytest.mark.parametrize("state", [["1.5", "0", "0", "0"], "hanging", None, [1.5, 0, 0, 1j], {}])
+def test_states_that_are_no_numbers_are_refused(state: Any) -> None:
+    with pytest.raises(TypeError, match=r"state = .*must be real numbers"):
+        RimlessWheelEnv().reset(options={"state": state})
+
+
+def test_a_mode_is_a_name_or_one_per_row() -> None:
+    with pytest.raises(TypeError, match="mode = 3: give a name"):
+        RimlessWheelEnv().reset(options={"state": [1.5, 0, 0, 0], "mode": 3})
+
+
+def test_a_pendulum_may_have_turned_often() -> None:
+    env, turns = RimlessWheelEnv(), 2 * math.pi * 15_000
+    seen = [env.reset(options={"state": [1.5, theta, 0, 0]})[0] for theta in (0.3, 0.3 - turns)]
+    assert seen[0] == pytest.approx(seen[1], abs=1e-6)
 
 
 def test_a_refused_reset_changes_nothing() -> None:
