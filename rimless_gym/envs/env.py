@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, ClassVar
@@ -12,7 +13,7 @@ from gymnasium import spaces
 from numpy import ndarray
 from numpy.typing import NDArray
 
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of
@@ -43,7 +44,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Action Space
     `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
-    Actions outside are clipped; NaN and other shapes raise `ValueError`.
+    Actions outside are clipped; NaN and other shapes raise `ValueError`, and what is no real
+    number `TypeError`.
 
     ## Observation Space
     `Box` of 6 float32 numbers:
@@ -191,16 +193,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Hold a voltage for 10 ms; see the class for what comes back.
 
         Raises:
-            ValueError: the action is NaN or not of shape (1,).
+            TypeError: the action is no real number.
+            ValueError: it is NaN or not of shape (1,).
             RuntimeError: no episode is running, or the motion left the model's range.
         """
         if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
-        if action.__class__ is not ndarray or action.shape != (1,):
-            action = _as_action(action)
-        command = action.item()
-        if command != command:
-            raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
+        usual = action.__class__ is ndarray and action.shape == (1,)
+        command = action.item() if usual else None
+        if command.__class__ is not float or command != command:
+            command = _as_command(action)
         info = LazyInfo(_NO_FAILURE)
         self._command[0] = command
         if self._advance():
@@ -279,13 +281,17 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._window = None
 
 
-def _as_action(action: Any) -> NDArray[Any]:
-    """An action given as something else than an array of its shape.
+def _as_command(action: Any) -> float:
+    """The number in an action of another type than float.
 
     Raises:
-        ValueError: it has another shape.
+        TypeError: it is no real number.
+        ValueError: it is NaN, or the action is not of shape (1,).
     """
-    array = np.asarray(action)
+    array = real_array("action", action)
     if array.shape != (1,):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
-    return array
+    command = float(array.item())
+    if math.isnan(command):
+        raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
+    return command

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of, machines_of
@@ -195,6 +195,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """Hold a voltage in every row for 10 ms; see the class for what comes back.
 
         Raises:
+            TypeError: the actions are no real numbers.
             ValueError: an action is NaN, or their shape is not (num_envs, 1).
             RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
                 motion left the model's range.
@@ -278,10 +279,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
     def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
         given = np.ascontiguousarray(actions)
+        if given.dtype != np.float32:
+            given = real_array("actions", given).astype(np.float64)
         if given.shape != (self.num_envs, 1):
             raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
-        if given.dtype != np.float32:
-            given = given.astype(np.float64)
         if take_commands(given, self._fleet.memory):
             wrong = np.isnan(given[:, 0])
             wrong[ignored] = False

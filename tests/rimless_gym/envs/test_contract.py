@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.envs.env import RimlessWheelEnv
 
 
@@ -75,6 +76,50 @@ def test_actions_are_clipped_but_nan_and_wrong_shapes_raise() -> None:
         with pytest.raises(ValueError, match="shape"):
             first.step(action)
     assert np.array_equal(first.state, second.state)  # a refused action changes nothing
+
+
+@pytest.mark.parametrize(
+    ("action", "error"),
+    [
+        (None, TypeError),
+        ("full speed", TypeError),
+        (np.array(["0.5"]), TypeError),
+        (np.array([None]), TypeError),
+        (np.array([{}]), TypeError),
+        (np.array([10**400]), TypeError),
+        (np.array([0.5 + 0j]), TypeError),
+        (np.array([1], "datetime64[s]"), TypeError),
+        ([[0.5], [0.1, 0.2]], ValueError),
+        ([], ValueError),
+        ([math.nan], ValueError),
+        (np.array([math.nan], np.float16), ValueError),
+    ],
+)
+def test_actions_that_are_no_number_are_refused_in_words_and_change_nothing(
+    action: Any, error: type
+) -> None:
+    env = RimlessWheelEnv()
+    env.reset(seed=0)
+    before = env.get_state()["fleet"]["memory"]
+    with pytest.raises(error, match=r"(?s)action = .*: must "):
+        env.step(action)
+    assert np.array_equal(env.get_state()["fleet"]["memory"], before)
+
+
+@pytest.mark.parametrize(
+    "one",
+    [[1], [True], np.array([1]), np.array([True]), (np.float32(1),), np.ones(1, np.longdouble)],
+    ids=repr,
+)
+def test_actions_may_be_real_numbers_of_any_type(one: Any) -> None:
+    first, second = RimlessWheelEnv(), RimlessWheelEnv()
+    for each in (first, second):
+        each.reset(seed=0)
+    expected = second.step(np.ones(1, np.float32))
+    assert np.array_equal(first.step(one)[0], expected[0])
+    many = RimlessWheelVectorEnv(2)
+    many.reset(seed=0)
+    assert np.array_equal(many.step([one, one])[0][0], expected[0])
 
 
 @pytest.mark.parametrize("limit", [1e3, 3e4, 1e6])

@@ -83,6 +83,17 @@ def test_wrong_actions_are_refused_by_row_and_change_nothing() -> None:
     assert np.array_equal(envs.states, states)
 
 
+@pytest.mark.parametrize("wrong", [None, "0.5", 0.5 + 0j, {}, 10**400], ids=lambda x: str(x)[:9])
+def test_actions_that_are_no_numbers_are_refused_in_words(wrong: Any) -> None:
+    envs = make(2)
+    envs.reset(seed=0)
+    before = envs.get_state()["fleet"]["memory"]
+    for actions in (wrong, [[0.5], [wrong]], np.array([[0.5], [wrong]], object)):
+        with pytest.raises(TypeError, match=r"(?s)actions = .*: must be real numbers"):
+            envs.step(actions)
+    assert np.array_equal(envs.get_state()["fleet"]["memory"], before)
+
+
 def test_nothing_that_is_not_a_number_leaves_machines_driven_absurdly() -> None:
     machines = [THESIS_PHYSICAL.replace(voltage_limit=10.0**k) for k in range(1, 8)]
     envs = make(7, params=machines)
