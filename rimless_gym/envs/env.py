@@ -18,17 +18,20 @@ from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of
 from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.generators import restore
 from rimless_gym.envs.info import entries
 from rimless_gym.envs.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
 from rimless_gym.envs.lazy_info import LazyInfo
+from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
-from rimless_gym.kernel.stepping import MODE, PHI
+from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
 _BOUND = ("_advance", "_command", "_values")
+_PARTS = ("fleet", "generators")  # of a snapshot
 _NO_FAILURE = {"failure": None}
 
 
@@ -62,10 +65,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Rewards
     In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, with dx the hub's travel along the
     ground and E+ the electrical energy drawn, without regeneration, plus idle power. An episode
-    that ends early is charged `value_of_distance * fall_distance` and the idle energy of
-    `horizon`. The three terms
-    are `info["reward_distance"]`, `info["reward_energy"]` and `info["reward_end"]`; their sum in
-    this order is the reward, exactly. Resting earns 0 (idle power apart).
+    that ends early is charged `value_of_distance * fall_distance` and the idle energy of `horizon`.
+    The terms are `info["reward_distance"]`, `info["reward_energy"]` and `info["reward_end"]`; their
+    sum in this order is the reward, exactly. Resting earns 0 (idle power apart).
 
     ## Starting State
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
@@ -101,11 +103,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
     drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
     total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
-    -1: none); the ground reaction at the end of the step and its extremes (N); the pendulum's
-    `clearance` (m); `elapsed` time in this step (s); `mode`; `failure`; and
-    `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
-    (the model's foot holds all the same). It is a dictionary that makes its entries when it is
-    read.
+    -1: none); the ground reaction at the end of the step and its extremes (N), two feet of which
+    one lets go at once being no stance; the pendulum's `clearance` (m); `elapsed` time in this step
+    (s); `mode`; `failure`; and `slips`: whether a force or an impulse asked for more friction than
+    `params.friction` offers (the model's foot holds all the same). It is a dictionary that makes
+    its entries when it is read.
 
     `get_state` and `set_state` save and restore everything, the generator included, so that a
     planner can branch; pickles and deep copies go on likewise.
@@ -157,7 +159,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def state(self) -> NDArray[np.float64]:
         """A copy of the hybrid state: phi, theta, phi', theta', mode, foot."""
-        if self._fleet.memory[PHI, 0] == 0.0:
+        if not self._fleet.begun:
             raise RuntimeError("no episode has begun: call reset() first")
         return self._fleet.states[0]
 
@@ -234,7 +236,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         from rimless_gym.envs.views import frame_of
         from rimless_gym.rendering.wheel import Window  # pygame only when it is needed
 
-        if self._fleet.memory[PHI, 0] == 0.0:
+        if not self._fleet.begun:
             raise RuntimeError("no episode has begun: call reset() first")
         frame = frame_of(self._fleet, 0)
         if self.render_mode == "rgb_array":
@@ -255,13 +257,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return {"fleet": self._fleet.get_state(), "generators": [generator]}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`.
+        """Go back to a snapshot of `get_state`, be it of before the first episode.
 
         Raises:
-            ValueError: it is that of more than one row, or of another task.
+            TypeError: it is no snapshot; nothing has changed then.
+            ValueError: it is that of a vector environment, or of another task; likewise.
         """
+        require_snapshot(state, _PARTS, 1, self.task, "RimlessWheelEnv")
+        restore([self.np_random], state["generators"])
         self._fleet.set_state(state["fleet"])
-        self.np_random.bit_generator.state = state["generators"][0]
         self._ended = bool(self._fleet.ended[0])
         self._bind()
         self.__dict__.pop("model", None)

@@ -29,17 +29,15 @@ from rimless_gym.envs.interval import (
     step_rows,
 )
 from rimless_gym.envs.perturbation import account_rows, disturb_rows
+from rimless_gym.envs.snapshots import ARRAYS
 from rimless_gym.envs.starts import FIELDS, draw_machines, set_terms, start_rows
 from rimless_gym.envs.task import NO_START, Task
 from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
-from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
+from rimless_gym.kernel.stepping import PHI, STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
 #: Rows that a thread takes at least; fewer are not worth waking it.
 LEAST_ROWS = 256
-
-#: What a snapshot copies; the rest of it never changes.
-_SNAPSHOT = ("memory", "streams", "held", "constants", "poles", "fields", "ended", "params")
 
 
 class Fleet:
@@ -87,6 +85,11 @@ class Fleet:
         return len(self.streams)
 
     @property
+    def begun(self) -> bool:
+        """Whether an episode has, of any row."""
+        return bool(self.memory[PHI].any())  # which is never 0 on the ground
+
+    @property
     def states(self) -> NDArray[np.float64]:
         """A copy of the hybrid states, (N, STATE_SIZE)."""
         return self.memory[:STATE_SIZE, : len(self)].T.copy()
@@ -100,8 +103,8 @@ class Fleet:
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
         which = [different[machine] for machine in params]
         numbers = [[getattr(machine, name) for name in FIELDS] for machine in different]
-        self.fields = np.array(numbers, dtype=np.float64).T[:, which].copy()
         self.constants, self.poles = machine_arrays(list(different))
+        self.fields = np.array(numbers, dtype=np.float64).T[:, which].copy()
         if len(different) > 1 or ranges.bounds:  # else one column serves all rows
             self.constants, self.poles = self.constants[:, which].copy(), self.poles[which]
             now = self.fields, self.constants, self.poles
@@ -238,7 +241,8 @@ class Fleet:
 
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on but the generators, in copies."""
-        return {name: getattr(self, name).copy() for name in _SNAPSHOT} | {
+        return {name: getattr(self, name).copy() for name in ARRAYS} | {
+            "params": self.params.copy(),
             "ranges": self.ranges,
             "disturbances": self.disturbances,
             "task": self.task,
@@ -247,21 +251,19 @@ class Fleet:
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to what `get_state` returned, here or in another fleet of as many rows.
 
-        Raises:
-            ValueError: it has another number of rows, or another task.
+        `rimless_gym.envs.snapshots` says whether it can; nothing is looked at here.
         """
-        n = len(state["streams"])
-        if n != len(self) or state["task"] != self.task:
-            raise ValueError(
-                f"the state is of {n} rows and {state['task']}, not of {len(self)} and {self.task}"
-            )
         if (state["params"], state["ranges"]) != (self.params, self.ranges):
-            self.set_machines(state["params"], state["ranges"], np.arange(n))
+            self.set_machines(state["params"], state["ranges"], np.arange(len(self)))
         if state["disturbances"] != self.disturbances:
             self.set_disturbances(state["disturbances"])
-        for name in _SNAPSHOT:
-            setattr(self, name, state[name].copy())
-        self._orders = None
+        for name in ARRAYS:
+            mine, theirs = getattr(self, name), state[name]
+            if mine.shape == theirs.shape:
+                mine[...] = theirs  # in its place, of which the orders know
+            else:
+                setattr(self, name, theirs.copy())
+                self._orders = None
 
     def close(self) -> None:
         """Let the threads go."""

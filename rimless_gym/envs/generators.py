@@ -61,11 +61,32 @@ class Generators:
         return np.array(draws, dtype=np.uint64)
 
     def get_state(self) -> list[dict[str, Any]]:
-        """The generators' states."""
+        """The generators' states; one that has no seed yet gets one of the system's entropy."""
+        self.seed(None, np.arange(self.n))
         return [dict(one.bit_generator.state) for one in self.each]
 
-    def set_state(self, states: list[dict[str, Any]]) -> None:
-        """Go back to `get_state`'s."""
+    def set_state(self, states: Sequence[dict[str, Any]]) -> None:
+        """Go back to `get_state`'s.
+
+        Raises:
+            ValueError: one of them is no such state; nothing has changed then.
+        """
         self.seed(None, np.arange(self.n))
-        for one, state in zip(self.each, states, strict=True):
+        restore(self.each, states)
+
+
+def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str, Any]]) -> None:
+    """Put generators into states of theirs.
+
+    Raises:
+        ValueError: one of them is no such state; nothing has changed then.
+    """
+    before = [dict(one.bit_generator.state) for one in generators]
+    try:
+        for one, state in zip(generators, states, strict=True):
             one.bit_generator.state = state
+    except Exception as error:
+        for one, state in zip(generators, before, strict=True):
+            one.bit_generator.state = state
+        kind = type(generators[0].bit_generator).__name__
+        raise ValueError(f"state: generators: {error}: must be states of NumPy's {kind}") from error

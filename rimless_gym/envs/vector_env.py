@@ -29,6 +29,7 @@ from rimless_gym.envs.interval import (
     TRUNCATED,
     take_commands,
 )
+from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import EPISODE_STEPS, OBSERVATION_SIZE, Task
 from rimless_gym.kernel.stepping import MODE
@@ -40,6 +41,7 @@ Observations = NDArray[np.float32]
 
 GRID_ROWS = 9  # that a picture shows
 
+_PARTS = ("fleet", "generators", "seen")  # of a snapshot
 _NO_STATES = np.empty((0, MODE + 1))
 
 
@@ -202,9 +204,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """
         fleet = self._fleet
         again = fleet.ended.nonzero()[0]
-        if len(again) and (
-            self.autoreset_mode is AutoresetMode.DISABLED or not self._generators.each
-        ):
+        if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not fleet.begun):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._command(actions, again)
         block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
@@ -240,7 +240,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             return None
         from rimless_gym.envs.views import CELL, frame_of, grid  # pygame only when it is needed
 
-        if not self._generators.each:
+        if not self._fleet.begun:
             raise RuntimeError("no episode has begun: call reset() first")
         if self.render_mode == "rgb_array_list":
             return [frame_of(self._fleet, i) for i in range(self.num_envs)]
@@ -258,13 +258,15 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`.
+        """Go back to a snapshot of `get_state`, be it of before the first episodes.
 
         Raises:
-            ValueError: it has another number of rows, or another task.
+            TypeError: it is no snapshot; nothing has changed then.
+            ValueError: it is that of a single environment, other rows, or another task; likewise.
         """
-        self._fleet.set_state(state["fleet"])
+        require_snapshot(state, _PARTS, self.num_envs, self.task, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])
+        self._fleet.set_state(state["fleet"])
         self._seen[:] = state["seen"]
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -97,6 +98,85 @@ def test_a_snapshot_a_pickle_and_a_copy_of_rows_go_on_alike(
     assert future(other) == expected
     envs.set_state(snapshot)
     assert future(envs) == expected  # a snapshot can be taken up any number of times
+
+
+@pytest.mark.parametrize("new", [RimlessWheelEnv, lambda: make(3)], ids=["one", "rows"])
+def test_a_snapshot_of_before_the_first_reset_leads_back_there(new: Callable[[], Any]) -> None:
+    env, action = new(), np.zeros(new().action_space.shape, np.float32)
+    blank = env.get_state()
+    first = env.reset()[0]
+    for other in (env, new()):
+        other.set_state(blank)
+        with pytest.raises(RuntimeError, match=r"no episode running|no episode is running"):
+            other.step(action)
+        assert np.array_equal(other.reset()[0], first)
+        other.step(action)
+    other.reset(seed=5)
+    assert np.array_equal(other.reset(seed=0)[0], new().reset(seed=0)[0])
+
+
+def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
+    if name in state:
+        return state | {name: value}
+    return state | {"fleet": state["fleet"] | {name: value}}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "message"),
+    [
+        (lambda state: 3, TypeError, "state = 3: must be a dictionary"),
+        (lambda state: {}, ValueError, r"state has the parts \[\]"),
+        (lambda state: state | {"more": 1}, ValueError, "'more'"),
+        (lambda state: changed(state, "fleet", None), TypeError, "fleet.* = None"),
+        (lambda state: changed(state, "fleet", {"memory": 0}), ValueError, "fleet.* parts"),
+        (lambda state: changed(state, "task", "walk"), TypeError, "task = 'walk'"),
+        (lambda state: changed(state, "params", ["PROTOTYPE"]), TypeError, "must be WheelParams"),
+        (lambda state: changed(state, "params", []), ValueError, "the state is of 0 rows"),
+        (lambda state: changed(state, "memory", None), ValueError, "memory = None"),
+        (lambda state: changed(state, "memory", np.zeros((3, 1))), ValueError, "memory = "),
+        (lambda state: changed(state, "ended", np.zeros(1)), ValueError, "ended = .* of bool"),
+        (lambda state: changed(state, "poles", np.zeros(7)), ValueError, "poles = "),
+        (lambda state: changed(state, "held", np.zeros((9, 1))), ValueError, "held = "),
+        (lambda state: changed(state, "generators", None), ValueError, "generators = None"),
+        (lambda state: changed(state, "generators", []), ValueError, r"generators = \[\]"),
+        (lambda state: changed(state, "generators", [{}]), ValueError, "generators: .*PCG64"),
+        (lambda state: changed(state, "generators", [1]), ValueError, "generators: .*PCG64"),
+    ],
+)
+@pytest.mark.parametrize("new", [RimlessWheelEnv, lambda: make(1)], ids=["one", "row"])
+def test_what_is_no_snapshot_is_refused_in_words_and_changes_nothing(
+    new: Callable[[], Any], spoil: Callable[[dict], Any], error: type, message: str
+) -> None:
+    env, other = new(), new()
+    env.reset(seed=0)
+    other.reset(seed=1, options={"params": PROTOTYPE, "ranges": {"slope": (0.0, 0.1)}})
+    before = pickle.dumps(env.get_state())
+    with pytest.raises(error, match=message):
+        env.set_state(spoil(other.get_state()))
+    assert pickle.dumps(env.get_state()) == before
+
+
+def test_a_single_environment_and_a_row_do_not_take_each_others_snapshots() -> None:
+    env, envs = RimlessWheelEnv(), make(1)
+    for one, other, name in ((env, envs, "RimlessWheelVectorEnv"), (envs, env, "RimlessWheelEnv")):
+        one.reset(seed=0)
+        before = pickle.dumps(other.get_state())
+        with pytest.raises(ValueError, match=rf"'seen'.*what get_state\(\) of a {name} returned"):
+            other.set_state(one.get_state())
+        assert pickle.dumps(other.get_state()) == before
+
+
+def test_generators_are_put_back_all_or_none() -> None:
+    envs = make(3)
+    envs.reset(seed=0)
+    before, spoilt = pickle.dumps(envs.get_state()), envs.get_state()
+    envs.reset()
+    spoilt["generators"][2]["bit_generator"] = "MT19937"
+    now = pickle.dumps(envs.get_state())
+    assert now != before
+    with pytest.raises(ValueError, match="PCG64"):
+        envs.set_state(spoilt)
+    assert pickle.dumps(envs.get_state()) == now
 
 
 def test_a_snapshot_of_other_rows_is_refused() -> None:

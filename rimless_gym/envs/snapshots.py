@@ -1,0 +1,74 @@
+"""Whether a snapshot can be taken up: looked at whole, before anything changes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+
+from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.interval import MEMORY_SIZE, columns
+from rimless_gym.envs.starts import N_FIELDS
+from rimless_gym.envs.task import OBSERVATION_SIZE, Task
+from rimless_gym.params import N_CONSTANTS, WheelParams
+
+#: What a fleet's snapshot copies; the rest of it never changes.
+ARRAYS = ("memory", "streams", "held", "constants", "poles", "fields", "ended")
+
+_SETTINGS = {"params": list, "ranges": Ranges, "disturbances": Disturbances, "task": Task}
+_FLOAT, _BITS, _BOOL = np.dtype(np.float64), np.dtype(np.uint64), np.dtype(np.bool_)
+_SEEN = np.dtype(np.float32)
+
+
+def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, owner: str) -> None:
+    """Refuse what `get_state` of an `owner` of n rows and that task cannot have returned.
+
+    Raises:
+        TypeError: it, or a part of it, is of another type.
+        ValueError: it has other parts, another number of rows, or another task.
+    """
+    remedy = f"give what get_state() of a {owner} returned"
+    _require_parts("state", state, parts, remedy)
+    fleet, generators = state["fleet"], state["generators"]
+    _require_parts("state['fleet']", fleet, (*ARRAYS, *_SETTINGS), remedy)
+    for name, kind in _SETTINGS.items():
+        if not isinstance(fleet[name], kind):
+            raise TypeError(f"state: {name} = {fleet[name]!r}: must be a {kind.__name__}; {remedy}")
+    if not all(isinstance(machine, WheelParams) for machine in fleet["params"]):
+        raise TypeError(f"state: params = {fleet['params']}: must be WheelParams; {remedy}")
+    rows = len(fleet["params"])
+    if rows != n or fleet["task"] != task:
+        raise ValueError(f"the state is of {rows} rows and {fleet['task']}, not of {n} and {task}")
+    if not isinstance(generators, list) or len(generators) != n:
+        raise ValueError(f"state: generators = {generators!r}: must be a list of {n}; {remedy}")
+    _require_arrays(fleet | state, n, remedy)
+
+
+def _require_parts(name: str, state: Any, parts: Collection[str], remedy: str) -> None:
+    if not isinstance(state, dict):
+        raise TypeError(f"{name} = {state!r}: must be a dictionary; {remedy}")
+    if state.keys() != set(parts):
+        raise ValueError(f"{name} has the parts {list(state)}, must have {list(parts)}; {remedy}")
+
+
+def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
+    """Refuse arrays of other shapes: compiled code would read and write beyond them."""
+    each = bool(state["ranges"].bounds) or np.size(state["poles"]) == n
+    machines = n if each else 1
+    expected = {
+        "memory": ((MEMORY_SIZE, columns(n)), _FLOAT),
+        "streams": ((n,), _BITS),
+        "held": ((state["disturbances"].delays[1] + 1, n), _FLOAT),
+        "constants": ((N_CONSTANTS, machines), _FLOAT),
+        "poles": ((machines,), _FLOAT),
+        "fields": ((N_FIELDS, n), _FLOAT),
+        "ended": ((n,), _BOOL),
+        "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment alone
+    }
+    for name in [name for name in expected if name in state]:
+        array, (shape, dtype) = state[name], expected[name]
+        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
+            raise ValueError(
+                f"state: {name} = {array!r}: must be an array {shape} of {dtype}; {remedy}"
+            )
