@@ -1,5 +1,9 @@
 #!/usr/bin/env python
-"""Solve the thesis's six experiments; write results.json and a report with its figures redrawn."""
+"""Solve the thesis's six experiments; write results.json and a report with its figures redrawn.
+
+With --prototype, settle instead whether the machine as built can walk: it takes half an hour, shows
+how far it is, and when it is interrupted goes on from there the next time.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,12 @@ from tqdm import tqdm
 from trajopt.experiments import document, report
 from trajopt.experiments.cases import EXPERIMENTS, every_case
 from trajopt.experiments.run import Solved, run
+from trajopt.prototype import page
+from trajopt.prototype.study import Point, ends, improved, study
+from trajopt.prototype.variant import SCALES, VARIANTS
+
+#: Of improvement, at most.
+SWEEPS = 2
 
 
 def main() -> int:
@@ -27,12 +37,17 @@ def main() -> int:
     parser.add_argument(
         "--experiment", type=int, choices=EXPERIMENTS, help="one of them; all by default"
     )
+    parser.add_argument(
+        "--prototype", action="store_true", help="the machine as built, in place of the experiments"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder to write to")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument(
         "--docs", type=Path, help="a page, docs/thesis.md, to put the table and figures into"
     )
     options = parser.parse_args()
+    if options.prototype:
+        return _prototype(options.out / "prototype", options.workers, options.docs)
     numbers = [options.experiment] if options.experiment else list(EXPERIMENTS)
     begin = time.perf_counter()
     solutions = _solutions(numbers, options.workers)
@@ -44,6 +59,46 @@ def main() -> int:
     seconds = time.perf_counter() - begin
     print(f"{len(solutions)} problems in {seconds:.0f} s: see {options.out / 'report.html'}")
     return 0 if all(solution.converged for solution in solutions) else 1
+
+
+def _prototype(folder: Path, workers: int, docs: Path | None) -> int:
+    """Find the gaits, or go on finding them; 0 unless interrupted."""
+    try:
+        points = _points(folder, workers)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted: what was found is in {folder}; the same command goes on from there")
+        return 130
+    found = page.results(points, ends(points))
+    page.write(found, folder)
+    if docs:
+        page.refresh(docs, found, points)
+    print(page.table(found))
+    print(f"{len(points)} points: see {folder / 'prototype.png'}")
+    return 0
+
+
+def _points(folder: Path, workers: int) -> list[Point]:
+    """Searched for from large pendulums down, then improved until nothing is."""
+    points: list[Point] = []
+    with tqdm(total=len(VARIANTS) * len(SCALES), desc="searching") as bar:
+        for point in study(folder, workers=workers):
+            points.append(point)
+            bar.set_postfix_str(f"{point.variant.name}, scale {point.scale:g}", refresh=False)
+            bar.update()
+    for sweep in range(1, SWEEPS + 1):
+        better = 0
+        with tqdm(total=len(points), desc=f"improving, sweep {sweep} of {SWEEPS}") as bar:
+            after = []
+            for point, changed in improved(folder, points, workers=workers):
+                after.append(point)
+                better += changed
+                bar.set_postfix_str(f"{better} better", refresh=False)
+                bar.update()
+        points = after
+        if not better:
+            break
+    order = {variant.name: i for i, variant in enumerate(VARIANTS)}
+    return sorted(points, key=lambda p: (order[p.variant.name], -p.scale))
 
 
 def _solutions(numbers: list[int], workers: int) -> list[Solved]:

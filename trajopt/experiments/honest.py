@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from trajopt.extremal import Extremal
+from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import WheelPhases
 from trajopt.optima import Start
 from trajopt.problem import Problem
 
@@ -38,18 +37,12 @@ def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) ->
         mass: bounds on m2 (kg).
         turns: of the pendulum per stride.
     """
-    wheel = WheelPhases(params, rod_of_mass(params))
-    power, weight = wheel.of("electrical_power"), wheel.of("weight")
-    distance = STEPS * params.step_length
-
-    def per_weight_and_distance(x: Any, u: Any, p: Any) -> Any:
-        return power(x, u, p) / (weight(x, p) * distance)
-
-    stance = dataclasses.replace(wheel.single_stance(), powers=per_weight_and_distance)
-    links = [wheel.touchdown(i, i + 1) for i in range(STEPS - 1)]
-    links.append(wheel.touchdown(STEPS - 1, 0, turns))
-    return Problem(
-        (stance,) * STEPS, tuple(links), parameters={"m2": mass}, duration=distance / SPEED
+    duration = STEPS * params.step_length / SPEED
+    return designed_gait(
+        *(params, rod_of_mass(params), {"m2": mass}),
+        steps=STEPS,
+        duration=duration,
+        theta_turns=turns,
     )
 
 

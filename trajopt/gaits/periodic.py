@@ -112,7 +112,7 @@ def periodic_gait(
     )
     solutions = []
     for found, turns in sorted(solved, key=lambda pair: pair[0].cost):
-        solution = _solution(params, found, turns, regeneration, optima, settings)
+        solution = solution_of(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return solution
         solutions.append(solution)
@@ -178,7 +178,7 @@ def _solved(
     return solve(problem, guess, mesh, verify=False, mu_init=mu_init)
 
 
-def _solution(
+def solution_of(
     params: WheelParams,
     found: Extremal,
     turns: int,
@@ -186,6 +186,7 @@ def _solution(
     optima: tuple[Optimum, ...],
     settings: Mapping[str, object],
 ) -> Solution:
+    """What was found, verified by the reference simulator."""
     phases = polished(params, found.phases, turns)
     return Solution(
         params=params,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rimless_gym import hybrid
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.simulate import simulate
@@ -180,6 +181,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     ledger, weight = run.ledger, params.weight
     slope_work = weight * math.sin(params.slope) * ledger.distance
     spent = ledger.copper + ledger.friction + ledger.drag + ledger.collision + ledger.idle
+    spent += _since_last_touchdown(params, run)
     impulses = [e.impulse for e in run.touchdowns]
     demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]
     held, reason = held_cost(params, phases)
@@ -201,6 +203,13 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
         "hold_failure": reason,
     }
     return Verification(**figures, failures=tuple(_failures(params, figures)))
+
+
+def _since_last_touchdown(params: WheelParams, run: Trajectory) -> float:
+    """Mechanical energy (J) gained in the spare time after the stride, which is no loss of its."""
+    ends = run.x[-1], run.touchdowns[-1].after if run.touchdowns else run.x[-1]
+    after, before = (hybrid.mechanical_energy(*map(float, x), params.constants) for x in ends)
+    return float(after - before)
 
 
 def peak_voltage(phases: Sequence[PhaseTrajectory]) -> float:
