@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.element import element, path_nodes, powers
+from trajopt.interrupted import heeded
 from trajopt.layout import Group, Layout, groups
 from trajopt.mesh import Mesh
 from trajopt.packing import pack, unpack
@@ -255,6 +256,7 @@ class Transcription:
             self._solvers[key] = ca.nlpsol("nlp", "ipopt", self._nlp, settings)
         return self._solvers[key]
 
+    @heeded()
     def solve(
         self,
         guess: Sequence[PhaseTrajectory],

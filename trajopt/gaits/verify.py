@@ -181,7 +181,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     ledger, weight = run.ledger, params.weight
     slope_work = weight * math.sin(params.slope) * ledger.distance
     spent = ledger.copper + ledger.friction + ledger.drag + ledger.collision + ledger.idle
-    spent += _since_last_touchdown(params, run)
+    spent += _in_spare_time(params, sum(p.duration for p in phases), run)
     impulses = [e.impulse for e in run.touchdowns]
     demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]
     held, reason = held_cost(params, phases)
@@ -205,9 +205,11 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     return Verification(**figures, failures=tuple(_failures(params, figures)))
 
 
-def _since_last_touchdown(params: WheelParams, run: Trajectory) -> float:
-    """Mechanical energy (J) gained in the spare time after the stride, which is no loss of its."""
-    ends = run.x[-1], run.touchdowns[-1].after if run.touchdowns else run.x[-1]
+def _in_spare_time(params: WheelParams, stride: float, run: Trajectory) -> float:
+    """Mechanical energy (J) gained after a stride that ended on time: it is no loss of its."""
+    if not run.touchdowns or abs(run.touchdowns[-1].time - stride) > SPARE_TIME[-1]:
+        return 0.0
+    ends = run.x[-1], run.touchdowns[-1].after
     after, before = (hybrid.mechanical_energy(*map(float, x), params.constants) for x in ends)
     return float(after - before)
 

@@ -179,7 +179,8 @@ def improved(
     """Every point, and whether leading its neighbours' gaits to it made it cheaper.
 
     Neighbours are the next scales of the same supply, and the same scale of supplies whose gaits
-    this one admits. What is cheaper takes the old one's place in the folder.
+    this one admits; of the largest pendulum also the gaits that are shipped. What is cheaper takes
+    the old one's place in the folder.
     """
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         try:
@@ -204,7 +205,8 @@ def _neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
     own = sorted({p.scale for p in points if p.variant == point.variant and p.gait})
     below = [scale for scale in own if scale < point.scale][-1:]
     above = [scale for scale in own if scale > point.scale][:1]
-    return [
+    beginning = [] if above else list(_first())
+    return beginning + [
         p.gait
         for p in points
         if p.gait is not None
