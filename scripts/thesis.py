@@ -22,7 +22,7 @@ from trajopt.experiments import document, report
 from trajopt.experiments.cases import EXPERIMENTS, every_case
 from trajopt.experiments.run import Solved, run
 from trajopt.prototype import page
-from trajopt.prototype.study import Point, ends, improved, study
+from trajopt.prototype.study import Point, ends, improved, shared, study
 from trajopt.prototype.variant import SCALES, VARIANTS
 
 #: Of improvement, at most.
@@ -98,7 +98,7 @@ def _points(folder: Path, workers: int) -> list[Point]:
         if not better:
             break
     order = {variant.name: i for i, variant in enumerate(VARIANTS)}
-    return sorted(points, key=lambda p: (order[p.variant.name], -p.scale))
+    return shared(sorted(points, key=lambda p: (order[p.variant.name], -p.scale)))
 
 
 def _solutions(numbers: list[int], workers: int) -> list[Solved]:

@@ -15,7 +15,7 @@ from trajopt.gaits.stance import MIN_NORMAL_FORCE
 from trajopt.gaits.verify import playback, verify
 from trajopt.prototype import page
 from trajopt.prototype.gait import MOST_TURNS, Starts, binding, cheapest, followed, whirling
-from trajopt.prototype.study import Point, store, study
+from trajopt.prototype.study import Point, shared, store, study
 from trajopt.prototype.variant import SCALES, VARIANTS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -89,6 +89,17 @@ def test_points_in_the_folder_are_not_looked_for_again(tmp_path: Path) -> None:
         False,
         False,
     ]
+
+
+def test_a_supply_takes_the_gait_of_a_lesser_one_where_it_has_none() -> None:
+    points = [Point(v, 4.0, slow_whirl() if v == STOCK else None, "none") for v in VARIANTS]
+    stock, strong, geared = shared(points)
+    assert stock.gait is not None
+    assert strong.gait is not None
+    assert geared.gait is not None
+    assert stock.gait.cot == strong.gait.cot == geared.gait.cot
+    assert strong.gait.params.voltage_limit == STRONG.voltage
+    assert shared([Point(STOCK, 1.0, None, "none")])[0].gait is None
 
 
 @pytest.fixture(scope="module")

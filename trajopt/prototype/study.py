@@ -195,6 +195,26 @@ def improved(
             pool.shutdown(cancel_futures=True)
 
 
+def shared(points: Sequence[Point]) -> list[Point]:
+    """The points, each with the gait of a supply that it admits where that one is cheaper."""
+    best = []
+    for point in points:
+        lesser = [
+            other.gait
+            for other in points
+            if other.gait is not None
+            and other.scale == point.scale
+            and point.variant.admits(other.variant)
+        ]
+        if lesser:
+            gait = min(lesser, key=lambda gait: gait.cot)
+            own = gait.params.replace(voltage_limit=point.variant.voltage)
+            best.append(Point(point.variant, point.scale, dataclasses.replace(gait, params=own)))
+        else:
+            best.append(point)
+    return best
+
+
 def _improved(point: Point, known: Sequence[Solution]) -> Solution | None:
     best = point.gait.cot if point.gait else math.inf
     return cheaper(point.variant, point.scale, best, known)
