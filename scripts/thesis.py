@@ -34,10 +34,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    parser.add_argument(
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
         "--experiment", type=int, choices=EXPERIMENTS, help="one of them; all by default"
     )
-    parser.add_argument(
+    what.add_argument(
         "--prototype", action="store_true", help="the machine as built, in place of the experiments"
     )
     parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder to write to")

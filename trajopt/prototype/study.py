@@ -75,17 +75,16 @@ class End:
     obstacle: str
 
 
-def place(folder: Path, variant: Variant, scale: float) -> Path:
-    """Where a point's file is, without its suffix."""
-    return folder / variant.file_name / f"{scale:.3f}"
+def place(folder: Path, variant: Variant, scale: float, suffix: str) -> Path:
+    """Where a point's file is: .npz with its gait, or .json that says why there is none."""
+    return folder / variant.file_name / f"{scale:.3f}{suffix}"
 
 
 def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
     """A point found before, if there is one."""
-    path = place(folder, variant, scale)
-    if path.with_name(path.name + ".npz").exists():
-        return Point(variant, scale, Solution.load(path.with_name(path.name + ".npz")))
-    nothing = path.with_name(path.name + ".json")
+    gait, nothing = (place(folder, variant, scale, suffix) for suffix in (".npz", ".json"))
+    if gait.exists():
+        return Point(variant, scale, Solution.load(gait))
     if nothing.exists():
         return Point(variant, scale, None, json.loads(nothing.read_text())["reason"])
     return None
@@ -93,13 +92,15 @@ def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
 
 def store(folder: Path, point: Point) -> None:
     """Keep a point."""
-    path = place(folder, point.variant, point.scale)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    gait, nothing = (
+        place(folder, point.variant, point.scale, suffix) for suffix in (".npz", ".json")
+    )
+    gait.parent.mkdir(parents=True, exist_ok=True)
     if point.gait is not None:
-        point.gait.save(path.with_name(path.name + ".npz"))
-        path.with_name(path.name + ".json").unlink(missing_ok=True)
+        point.gait.save(gait)
+        nothing.unlink(missing_ok=True)
     else:
-        path.with_name(path.name + ".json").write_text(json.dumps({"reason": point.reason}) + "\n")
+        nothing.write_text(json.dumps({"reason": point.reason}) + "\n")
 
 
 def study(
