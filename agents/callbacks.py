@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +12,7 @@ from tqdm import tqdm
 
 from agents.evaluate import SHORT_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.imitate import actor_of
+from agents.interrupts import StopRequest
 from agents.policies import model_policy
 from rimless_gym.envs.task import EPISODE_STEPS, Task
 from rimless_gym.params import WheelParams
@@ -17,6 +20,9 @@ from rimless_gym.params import WheelParams
 _ENERGIES = ("copper", "friction", "drag", "collision", "shaft", "idle", "electrical")
 _REWARDS = ("reward_distance", "reward_energy", "reward_end")
 _SUMMED = (*_ENERGIES, *_REWARDS, "electrical_positive", "distance", "steps", "elapsed")
+
+#: Seconds between two states of a training on the disk: as much is lost where it is killed.
+SAVE_INTERVAL = 30.0
 
 #: Control intervals over which what is logged is summed, at least.
 LOG_INTERVALS = 2000
@@ -82,8 +88,12 @@ class KeepBest(BaseCallback):
         every: time steps from one evaluation to the next.
         keep: called with an evaluation that beats all before it, and its score.
         score: larger is better; default `Evaluation.objective`, the reward per second.
-        best: score to beat, of an earlier part of the same training.
         protocol: of the evaluations.
+
+    Attributes:
+        best: the best score so far.
+        due: time steps at which the next evaluation is due; None: at the start.
+        history: (time steps, evaluation) of each.
     """
 
     def __init__(
@@ -93,22 +103,18 @@ class KeepBest(BaseCallback):
         every: int,
         keep: Callable[[Evaluation, float], None],
         score: Callable[[Evaluation], float] | None = None,
-        best: float = -float("inf"),
         protocol: Protocol = SHORT_PROTOCOL,
     ) -> None:
         super().__init__()
         self._params, self._task, self._every, self._keep = params, task, every, keep
         self._score = score or (lambda evaluation: evaluation.objective)
         self._protocol = protocol
-        self.best = best
+        self.best = -math.inf
+        self.due: int | None = None
         self.history: list[tuple[int, Evaluation]] = []
-        self._due = 0
-
-    def _on_training_start(self) -> None:
-        self._due = self.num_timesteps
 
     def _on_rollout_start(self) -> None:
-        if self.num_timesteps >= self._due:
+        if self.due is None or self.num_timesteps >= self.due:
             self._evaluate()
 
     def _on_training_end(self) -> None:
@@ -118,7 +124,7 @@ class KeepBest(BaseCallback):
         return True
 
     def _evaluate(self) -> None:
-        self._due = self.num_timesteps + self._every
+        self.due = self.num_timesteps + self._every
         result = evaluate(model_policy(self.model), self._params, self._protocol, task=self._task)
         self.history.append((self.num_timesteps, result))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
@@ -128,6 +134,46 @@ class KeepBest(BaseCallback):
             self.best = score
             self._keep(result, score)
         self.logger.record("eval/best_score", self.best)
+
+
+class SaveState(BaseCallback):
+    """Saves the training between roll-outs: now and then, after each evaluation, and to stop.
+
+    Args:
+        write: writes its state.
+        stop: the request to stop, which ends the training by KeyboardInterrupt once it is saved.
+        keeper: evaluates before this callback is called.
+
+    Attributes:
+        kept: time steps of the training that was saved last.
+    """
+
+    def __init__(self, write: Callable[[], None], stop: StopRequest, keeper: KeepBest) -> None:
+        super().__init__()
+        self._write, self._stop, self._keeper = write, stop, keeper
+        self._saved_at = -math.inf
+        self._evaluations = 0
+        self.kept = 0
+
+    def _on_training_start(self) -> None:
+        self.kept = self.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        evaluated = len(self._keeper.history) > self._evaluations
+        if evaluated or self._stop.made or time.monotonic() - self._saved_at > SAVE_INTERVAL:
+            self.save()
+        if self._stop.made:
+            raise KeyboardInterrupt
+
+    def _on_step(self) -> bool:
+        return True
+
+    def save(self) -> None:
+        """Write the state as it is now."""
+        with self._stop.held_off():
+            self._write()
+            self.kept = self.model.num_timesteps
+        self._saved_at, self._evaluations = time.monotonic(), len(self._keeper.history)
 
 
 class Freeze(BaseCallback):

@@ -1,31 +1,40 @@
-"""Checkpoints: a stable-baselines3 model in one zip file, with a record of what it was made for.
+"""Policies in files: weights and a record of what they were trained for, nothing else.
 
-The record, `rimless_gym.json` within the zip, is read and compared before anything is unpickled;
-still, load only checkpoints from people you trust: stable-baselines3 unpickles part of them.
+A file is an archive of plain arrays with a JSON record, closed with a digest (`trajopt.files`).
+Nothing in it is executed when it is read: the loader builds the stable-baselines3 model itself and
+puts the weights in. Files of plain stable-baselines3 are pickles, which can run any code.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import os
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
 from stable_baselines3 import PPO, SAC
 
+from agents.hyperparameters import ACTIVATIONS
+from agents.training_env import training_env
 from rimless_gym.envs import task as walking
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from trajopt.files import jsonable, read_arrays, write_arrays
 from trajopt.provenance import provenance
 
-RECORD = "rimless_gym.json"
-MODEL_PARTS = ("data", "policy.pth")  # what stable-baselines3 must have put beside it
-FORMAT = "rimless-gym policy"
-FORMAT_VERSION = 1
+FORMAT = "rimless-gym policy 2"
 ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC}
+
+#: Policies that come with the package, by name.
+PRETRAINED = {
+    path.stem: path for path in sorted((Path(__file__).parent / "pretrained").glob("*.zip"))
+}
+
+#: What plain stable-baselines3 puts into its files.
+_FOREIGN = ("data", "policy.pth")
 
 #: What a policy sees; one trained on another layout is not loaded.
 OBSERVATION_LAYOUT = (
@@ -37,9 +46,11 @@ OBSERVATION_LAYOUT = (
     "resting",
 )
 
+_REMEDY = "copy it again, or train it again with scripts/train.py"
+
 
 class CheckpointError(ValueError):
-    """A checkpoint is missing, not ours, damaged, or made for something else."""
+    """A policy's file is missing, not ours, damaged, or made for something else."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,12 +58,13 @@ class Checkpoint:
     """A loaded policy.
 
     Attributes:
-        model: the stable-baselines3 model.
+        model: the stable-baselines3 model, whose `predict` takes observations of the environment.
+            Its settings of learning are stable-baselines3's defaults.
         algo: "ppo" or "sac".
         params: the machine that it was trained on.
         task: the reward that it was trained for.
         seed: of the training.
-        record: everything that was written beside it.
+        record: everything that was written beside the weights.
     """
 
     model: Any
@@ -63,14 +75,14 @@ class Checkpoint:
     record: dict[str, Any]
 
 
-def save_checkpoint(
+def save_policy(
     path: str | Path, model: Any, params: WheelParams, task: Task, seed: int, **notes: Any
 ) -> Path:
-    """Write a model with its record, whole or not at all.
+    """Write a model's weights with their record, whole or not at all.
 
     Args:
-        path: of the zip file.
-        model: PPO or SAC.
+        path: of the file, .zip.
+        model: PPO or SAC with an "MlpPolicy".
         params: the machine.
         task: the reward.
         seed: of the training.
@@ -80,17 +92,21 @@ def save_checkpoint(
         The path.
 
     Raises:
-        CheckpointError: the model is neither PPO nor SAC.
+        CheckpointError: the model is of another kind, or its networks cannot be written as JSON.
+        OSError: the file cannot be written; one that was there is kept.
     """
     algo = next((name for name, kind in ALGORITHMS.items() if isinstance(model, kind)), None)
     if algo is None:
         raise CheckpointError(f"model = {type(model).__name__}: must be one of {list(ALGORITHMS)}")
+    if type(model.policy) is not ALGORITHMS[algo].policy_aliases["MlpPolicy"]:
+        raise CheckpointError(
+            f"policy = {type(model.policy).__name__}: only an MlpPolicy is kept in a policy file"
+        )
     versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
     made_by = provenance()
     record = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
         "algo": algo,
+        "policy_kwargs": architecture(model),
         "seed": seed,
         "timesteps": model.num_timesteps,
         "observation_layout": list(OBSERVATION_LAYOUT),
@@ -100,80 +116,102 @@ def save_checkpoint(
         "git_revision": made_by["git_revision"],
         **notes,
     }
+    weights = {name: w.detach().cpu().numpy() for name, w in model.policy.state_dict().items()}
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        model.save(file)
-    with zipfile.ZipFile(part, "a") as archive:
-        archive.writestr(RECORD, json.dumps(record, indent=1))
-    os.replace(part, path)
+    write_arrays(path, FORMAT, record, weights)
     return path
 
 
-def read_record(path: str | Path) -> dict[str, Any]:
-    """The record of a checkpoint.
+def architecture(model: Any) -> dict[str, Any]:
+    """The `policy_kwargs` of a model as JSON values, the activation by its name.
 
     Raises:
-        CheckpointError: the file is missing, damaged, or not one of ours.
+        CheckpointError: they hold something that JSON cannot.
     """
-    path = Path(path)
-    if path.is_dir():
+    named = {kind: name for name, kind in ACTIVATIONS.items()}
+    kwargs = dict(model.policy_kwargs)
+    # SAC puts this one in by itself.
+    kwargs = {k: v for k, v in kwargs.items() if not (k == "use_sde" and v is False)}
+    activation = kwargs.get("activation_fn")
+    if activation is not None:
+        if activation not in named:
+            raise CheckpointError(f"activation_fn = {activation}: choose from {list(ACTIVATIONS)}")
+        kwargs["activation_fn"] = named[activation]
+    wrong = [k for k, v in kwargs.items() if not _is_plain(v)]
+    if wrong:
+        raise CheckpointError(f"policy_kwargs {wrong}: only plain values are kept in a policy file")
+    return dict(jsonable(kwargs))
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _is_plain(item) for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return all(_is_plain(item) for item in value)
+    return value is None or isinstance(value, bool | int | float | str)
+
+
+def built(algo: str, policy_kwargs: dict[str, Any], env: Any, **arguments: Any) -> Any:
+    """A new model with the networks that `architecture` told.
+
+    Args:
+        algo: "ppo" or "sac".
+        policy_kwargs: of `architecture`.
+        env: to learn in.
+        arguments: further ones of the algorithm.
+    """
+    kwargs = dict(policy_kwargs)
+    if "activation_fn" in kwargs:
+        kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
+    arguments = {"policy": "MlpPolicy", "device": "cpu"} | arguments
+    return ALGORITHMS[algo](env=env, policy_kwargs=kwargs, **arguments)
+
+
+def find_policy(path: str | Path) -> Path:
+    """The file at `path`, or the one that comes with the package under that name.
+
+    Raises:
+        CheckpointError: there is neither.
+    """
+    found = Path(path)
+    if found.is_file():
+        return found
+    if str(path) in PRETRAINED:
+        return PRETRAINED[str(path)]
+    if found.is_dir():
         raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
-    if not path.is_file():
-        raise CheckpointError(
-            f"{path}: no such file; make a policy with scripts/train.py, or check the path"
-        )
-    try:
-        with zipfile.ZipFile(path) as archive:
-            broken = archive.testzip()
-            if broken is not None:
-                raise CheckpointError(f"{path}: {broken} is damaged; copy or train it again")
-            names = archive.namelist()
-            if RECORD not in names:
-                raise CheckpointError(
-                    f"{path}: no {RECORD} in it, so not a rimless-gym policy; "
-                    "save models with agents.checkpoint.save_checkpoint"
-                )
-            missing = [name for name in MODEL_PARTS if name not in names]
-            if missing:
-                raise CheckpointError(
-                    f"{path}: damaged: no {' and no '.join(missing)} in it; copy or train it again"
-                )
-            record: Any = json.loads(archive.read(RECORD))
-    except CheckpointError:
-        raise
-    except Exception as error:  # a damaged archive raises almost anything
-        raise CheckpointError(
-            f"{path}: damaged or not a checkpoint ({error!r}); copy or train it again"
-        ) from error
-    if not isinstance(record, dict):
-        raise CheckpointError(
-            f"{path}: its {RECORD} holds {type(record).__name__}, not an object: edited or "
-            "damaged; copy or train it again"
-        )
-    if record.get("format") != FORMAT or record.get("format_version") != FORMAT_VERSION:
-        raise CheckpointError(
-            f"{path}: format {record.get('format')!r} version {record.get('format_version')}; "
-            f"this version reads {FORMAT!r} version {FORMAT_VERSION}"
-        )
-    return record
+    raise CheckpointError(
+        f"{path}: no such file, and no policy of that name comes with the package (those are "
+        f"{', '.join(PRETRAINED)}); make one with scripts/train.py, or check the path"
+    )
 
 
-def load_checkpoint(
-    path: str | Path, params: WheelParams | None = None, env: Any = None
+def read_record(path: str | Path) -> dict[str, Any]:
+    """The record of a policy's file; see `load_policy` for what is raised."""
+    return _read(find_policy(path))[0]
+
+
+def load_policy(
+    path: str | Path, params: WheelParams | None = None, *, trust_pickle: bool = False
 ) -> Checkpoint:
     """Load a policy, if it is for this observation layout and this machine.
 
     Args:
-        path: of the zip file.
+        path: of the file; or the name of a policy that comes with the package (`PRETRAINED`).
         params: the machine to walk on; default: whatever the policy was trained on.
-        env: to go on training in.
+        trust_pickle: read a file of plain stable-baselines3, too. Such a file is a pickle: reading
+            it runs whatever code its author put into it, with your rights. It does not say what
+            machine it is for: `params` does, the default machine if it is None.
 
     Raises:
-        CheckpointError: see `read_record`; or observations or `params` differ from the record's.
+        CheckpointError: there is no such file, or it is damaged or none of ours; or observations
+            or `params` differ from the record's.
     """
-    record = read_record(path)
+    path = find_policy(path)
+    if trust_pickle and _is_foreign(path):
+        return _unpickled(path, params or THESIS_PHYSICAL)
+    record, weights = _read(path)
     layout = record.get("observation_layout")
     if layout != list(OBSERVATION_LAYOUT):
         raise CheckpointError(
@@ -184,10 +222,11 @@ def load_checkpoint(
     try:
         trained_on = WheelParams(**record["params"])
         task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
-        kind = ALGORITHMS[algo]
+        if algo not in ALGORITHMS:
+            raise ValueError(f"algo = {algo!r}: must be one of {list(ALGORITHMS)}")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise CheckpointError(
-            f"{path}: its record is incomplete or invalid: {error!r}; copy or train it again"
+            f"{path}: its record is incomplete or invalid: {error!r}; {_REMEDY}"
         ) from error
     if params is not None and params != trained_on:
         wanted, has = params.to_dict(), trained_on.to_dict()
@@ -197,12 +236,50 @@ def load_checkpoint(
             "same, load it without params"
         )
     try:
-        model = kind.load(path, env=env, device="cpu")
-        if type(model.policy) not in kind.policy_aliases.values():
-            raise TypeError(f"its policy is a {type(model.policy).__name__}")
-    except Exception as error:  # torch, pickle and stable-baselines3 raise almost anything
+        model = built(algo, record["policy_kwargs"], training_env(1, trained_on, task, seed=0))
+        model.policy.load_state_dict({name: torch.from_numpy(w) for name, w in weights.items()})
+        model.num_timesteps = int(record["timesteps"])
+    except Exception as error:  # torch and stable-baselines3 raise almost anything
         raise CheckpointError(
-            f"{path}: its record says {algo}, but no {algo} policy can be read from it "
-            f"({error!r}): edited or damaged; copy or train it again"
+            f"{path}: its record says {algo}, but its weights make no {algo} policy ({error!r}): "
+            f"edited or damaged; {_REMEDY}"
         ) from error
+    model.policy.set_training_mode(False)
     return Checkpoint(model, algo, trained_on, task, seed, record)
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The record and the weights."""
+    if _is_foreign(path):
+        raise CheckpointError(
+            f"{path}: a file of plain stable-baselines3, which is a pickle: reading it can run any "
+            "code that its author put into it; if you trust the author, load it with "
+            "trust_pickle=True (on the command line --trust-pickle)"
+        )
+    record, weights = read_arrays(path, FORMAT, CheckpointError, _REMEDY)
+    wrong = [name for name, w in weights.items() if w.dtype.kind != "f" or not np.isfinite(w).all()]
+    if wrong:
+        raise CheckpointError(f"{path}: {wrong} are no finite numbers: edited; {_REMEDY}")
+    return record, weights
+
+
+def _is_foreign(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(_FOREIGN) <= set(archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
+    """The model in a file of plain stable-baselines3, of whichever algorithm it is."""
+    env = training_env(1, params, Task(), seed=0)
+    causes = []
+    for algo, kind in ALGORITHMS.items():
+        try:
+            model = kind.load(path, env=env, device="cpu")
+        except Exception as error:  # whatever unpickling raises
+            causes.append(f"{algo}: {error!r}")
+        else:
+            return Checkpoint(model, algo, params, Task(), 0, {"algo": algo})
+    raise CheckpointError(f"{path}: neither a PPO nor a SAC model ({'; '.join(causes)})")

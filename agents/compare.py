@@ -1,7 +1,8 @@
 """The headline: learned against optimal cost of transport, on one model, at equal speed.
 
-A study runs in stages, each of which leaves its result in the study's folder; running the same
-study again goes on after the last finished stage.
+A study runs in stages, each of which leaves its result in the study's folder. However it was
+stopped, the same study goes on: finished stages are kept, and so are the gaits and the states of
+the training in the unfinished one. The table is the same as without a stop.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.checkpoint import load_checkpoint
+from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
+from agents.folder import BEST, CLONE, LAST
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
@@ -30,12 +32,15 @@ from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
-from trajopt.gaits.fronts import CotFront, cot_front
+from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.shipped import leads_for
 from trajopt.provenance import provenance
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
+
+#: Where the trainings leave the policies that are shown.
+CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
 
 
 class Comparison:
@@ -80,35 +85,35 @@ class Comparison:
         }
         done = {}
         for i, (name, work) in enumerate(stages.items(), start=1):
-            kept = (self.out / f"{name}.json").exists()
             if self.progress:
-                tqdm.write(f"[{i}/{len(stages)}] {name}{': kept' if kept else ''}", sys.stderr)
+                tqdm.write(f"[{i}/{len(stages)}] {name}", sys.stderr)
             done[name] = self._stage(name, work)
         return self._report(done)
 
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The result of a stage, from its file if it has been run."""
-        file, interrupted = self.out / f"{name}.json", self.out / f"{name}.interrupted"
-        made_by = provenance()
-        if not file.exists():
-            before = float(interrupted.read_text()) if interrupted.exists() else 0.0
+        """The result of a stage, from its file if it has been run and what it made is there."""
+        file, made_by = self.out / f"{name}.json", provenance()
+        result = _read_json(file) if file.exists() else None
+        missing = [f for f in (result or {}).get("files", ()) if not (self.out / f).exists()]
+        if result is None or missing:
+            if missing:
+                self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
             began = time.perf_counter()
-            try:
-                result = work()
-            except KeyboardInterrupt:
-                interrupted.write_text(f"{before + time.perf_counter() - began:.1f}\n")
-                raise
-            elapsed = before + time.perf_counter() - began
-            _write_json(file, result | {"wall_time_s": round(elapsed, 1)} | made_by)
-            interrupted.unlink(missing_ok=True)
-        result = _read_json(file)
+            result = work() | {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
+            _write_json(file, result)
+            self._tell(f"done in {result['wall_time_s']} s")
+        else:
+            self._tell("kept")
         if result["git_revision"] != made_by["git_revision"]:
-            tqdm.write(
+            self._tell(
                 f"warning: {file} was made by revision {result['git_revision']}, this is "
-                f"{made_by['git_revision']}; remove {self.out} to make it anew",
-                sys.stderr,
+                f"{made_by['git_revision']}; remove {self.out} to make it anew"
             )
         return result
+
+    def _tell(self, text: str) -> None:
+        if self.progress:
+            tqdm.write(f"      {text}", sys.stderr)
 
     # -- stages -------------------------------------------------------------------------------
 
@@ -124,7 +129,7 @@ class Comparison:
             progress=self.progress,
         )
         gait.save(self.out / "gait.npz")
-        return _gait_result(gait)
+        return _gait_result(gait) | {"files": ["gait.npz"]}
 
     def _solve_swinging_gait(self) -> dict[str, Any]:
         """The best gait whose pendulum does not whirl, where one is shipped to start from."""
@@ -137,15 +142,12 @@ class Comparison:
             }
         gait = periodic_gait(self.params, study.speed, study.steps, guess=swinging[0])
         gait.save(self.out / "swinging.npz")
-        return _gait_result(gait)
+        return _gait_result(gait) | {"files": ["swinging.npz"]}
 
     def _solve_front(self) -> dict[str, Any]:
         speeds = sorted({*self.study.front, self.study.speed})
-        front = cot_front(self.params, speeds, FRONT_STEPS, progress=self.progress)
-        names = []
-        for solution in front.solutions:
-            names.append(f"front_{solution.steps}_steps_{solution.speed:.3f}.npz")
-            solution.save(self.out / names[-1])
+        front = cot_front(self.params, speeds, FRONT_STEPS, folder=self.out, progress=self.progress)
+        names = [front_file(s.steps, s.speed) for s in front.solutions]
         gaits = [_gait_result(s) | {"steps": s.steps} for s in front.solutions]
         return {"files": names, "gaits": gaits, "missing": [list(m) for m in front.missing]}
 
@@ -155,37 +157,33 @@ class Comparison:
 
     def _imitate(self) -> dict[str, Any]:
         result = self._trained("imitation", "imitation", 0)
-        clone = self.out / "imitation" / "clone.zip"
-        return self._evaluated(_learned(clone)) | result | {"policy": str(clone.name)}
+        clone = self.out / CLONED
+        return self._evaluated(_learned(clone)) | result | {"files": [CLONED]}
 
     def _fine_tune(self) -> dict[str, Any]:
-        clone = self.out / "imitation" / "clone.zip"
-        result = self._trained("fine_tuned", clone, self.study.timesteps)
-        last = self._evaluated(_learned(self.out / "fine_tuned" / "last.zip"))
-        best = self._evaluated(_learned(self.out / "fine_tuned" / "best.zip"))
-        return best | result | {"last": last}
+        result = self._trained("fine_tuned", self.out / CLONED, self.study.timesteps)
+        last = self._evaluated(_learned(self.out / "fine_tuned" / LAST))
+        best = self._evaluated(_learned(self.out / TUNED))
+        return best | result | {"last": last, "files": [TUNED]}
 
     def _train_from_scratch(self) -> dict[str, Any]:
         result = self._trained("scratch", "scratch", self.study.timesteps)
-        return self._evaluated(_learned(self.out / "scratch" / "best.zip")) | result
+        return self._evaluated(_learned(self.out / "scratch" / BEST)) | result
 
     def _trained(self, name: str, init: str | Path, timesteps: int) -> dict[str, Any]:
-        folder = self.out / name
-        resume = (folder / "last.zip").exists()
         result = train(
             "ppo",
             init,
             self.study.seed,
-            folder,
+            self.out / name,
             timesteps=timesteps,
-            resume=resume,
             params=self.params,
             expert=self.expert,
             progress=self.progress,
         )
         if result.interrupted:
             raise KeyboardInterrupt
-        return {"timesteps": result.timesteps, "resumed": resume}
+        return {"timesteps": result.timesteps}
 
     def _evaluated(self, policy: Policy) -> dict[str, Any]:
         evaluation: Evaluation = evaluate(policy, self.params, progress=self.progress)
@@ -249,8 +247,7 @@ class Comparison:
     def _draw(self, rows: list[dict[str, Any]]) -> None:
         start = np.zeros(STATE_SIZE)
         start[MODE], start[PHI] = DOUBLE, self.params.constants.a
-        clone = _learned(self.out / "imitation" / "clone.zip")
-        tuned = _learned(self.out / "fine_tuned" / "best.zip")
+        clone, tuned = _learned(self.out / CLONED), _learned(self.out / TUNED)
         walks = {
             "imitation": record(self.params, clone, start, 20.0),
             "fine-tuned": record(self.params, tuned, start, 20.0),
@@ -268,7 +265,7 @@ class Comparison:
 
 
 def _learned(path: Path) -> Policy:
-    return model_policy(load_checkpoint(path).model)
+    return model_policy(load_policy(path).model)
 
 
 def _strides(gait: Solution) -> str:

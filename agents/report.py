@@ -11,12 +11,11 @@ from trajopt.gaits.solution import Solution
 #: Below the table.
 NOTES = """\
 CoT from E+, without regeneration. The gap is to the best periodic gait of 1 to 3 steps per stride
-at the row's own speed, interpolated; the front is steep, so little more speed means much less CoT.
-The time of the second row is that of the whole front."""
+at the row's own speed, interpolated; the front is steep: little more speed means much less CoT."""
 
 
 def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
-    """The row of an optimal gait that took a stage's wall time to find."""
+    """The row of an optimal gait, from the stage that found it."""
     return {
         "policy": name,
         "cot": gait.cot,
@@ -31,7 +30,7 @@ def policy_row(name: str, stage: dict[str, Any], front: CotFront) -> dict[str, A
     """The row of a policy, from a stage that holds its `evaluation`."""
     evaluation = stage["evaluation"]
     return {
-        "policy": f"{name} (training was resumed)" if stage.get("resumed") else name,
+        "policy": name,
         "cot": evaluation["cot"],
         "speed": evaluation["speed"],
         "gap": gap_to_front(evaluation["cot"], evaluation["speed"], front),
@@ -55,8 +54,8 @@ def format_table(rows: list[dict[str, Any]]) -> str:
         return "-" if value is None or not math.isfinite(value) else format(value, form)
 
     lines = [
-        "| | CoT | speed (m/s) | gap to the optimum | starts that walk | wall time (s) |",
-        "|---|---|---|---|---|---|",
+        "| | CoT | speed (m/s) | gap to the optimum | starts that walk |",
+        "|---|---|---|---|---|",
     ]
     for row in rows:
         cells = (
@@ -65,7 +64,6 @@ def format_table(rows: list[dict[str, Any]]) -> str:
             figure(row["speed"], ".3f"),
             figure(row["gap"], "+.1%"),
             figure(row["walking_share"], ".0%"),
-            figure(row["wall_time_s"], ".0f"),
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join([*lines, "", NOTES])

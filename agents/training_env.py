@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
@@ -9,6 +11,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 import rimless_gym  # noqa: F401  registers RimlessWheel-v0
 from agents.sb3_vec_env import Sb3VecEnv
+from rimless_gym.envs.snapshots import ARRAYS
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 
@@ -37,7 +40,7 @@ class ScaledReward(VecEnvWrapper):
 
 def training_env(
     n_envs: int, params: WheelParams, task: Task, seed: int, reward_scale: float = 1.0
-) -> VecEnv:
+) -> ScaledReward:
     """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
     native = gym.make_vec(
         "RimlessWheel-v0",
@@ -49,3 +52,42 @@ def training_env(
     env = Sb3VecEnv(native)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), reward_scale)
+
+
+def environments_state(env: ScaledReward) -> dict[str, Any]:
+    """Arrays and plain values that say where the environments of `training_env` are."""
+    monitor, native = _layers(env)
+    snapshot = native.get_state()
+    return {
+        "arrays": {name: snapshot["fleet"][name] for name in ARRAYS},
+        "generators": snapshot["generators"],
+        "seen": snapshot["seen"],
+        "returns": monitor.episode_returns.copy(),
+        "lengths": monitor.episode_lengths.copy(),
+    }
+
+
+def set_environments_state(env: ScaledReward, state: dict[str, Any]) -> None:
+    """Put environments made alike into a state of `environments_state`.
+
+    Raises:
+        KeyError: a part of it is missing.
+        TypeError: a part of it is of the wrong kind.
+        ValueError: it is of another number of environments.
+    """
+    monitor, native = _layers(env)
+    snapshot = native.get_state()
+    native.set_state(
+        {
+            "fleet": snapshot["fleet"] | {name: state["arrays"][name] for name in ARRAYS},
+            "generators": state["generators"],
+            "seen": state["seen"],
+        }
+    )
+    monitor.episode_returns, monitor.episode_lengths = state["returns"], state["lengths"]
+
+
+def _layers(env: Any) -> tuple[Any, Any]:
+    """What monitors the environments, and the native vector environment below it."""
+    monitor = env.venv
+    return monitor, monitor.venv.env

@@ -4,7 +4,7 @@
 Solves the optimal gait and the front of optimal gaits around its speed, holds the best one with
 feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO from scratch for the
 same budget, and measures them all in the same way. Writes results.json, table.md, two plots and
-an animation. Ctrl-C keeps what is finished; the same command goes on.
+an animation. However it was stopped, the same command goes on, and ends with the same table.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import sys
 from pathlib import Path
 
 from agents.compare import Comparison
+from agents.interrupts import sigterm_is_ctrl_c
 from agents.report import format_table
 from agents.study import Study
 from rimless_gym.params import PRESETS
 
 
-def main() -> int:
-    """Run the command line; the exit status is 130 after Ctrl-C."""
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
@@ -50,16 +51,23 @@ def main() -> int:
         default=default.front,
         help="speeds of the optimal front (m/s)",
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(argv)
     settings = {name: value for name, value in vars(arguments).items() if name != "out"}
     try:
         study = Study(**(settings | {"front": tuple(arguments.front)}))
-        results = Comparison(study, arguments.out).run()
+        with sigterm_is_ctrl_c():
+            results = Comparison(study, arguments.out).run()
     except ValueError as error:
         parser.exit(2, f"error: {error}\n")
+    except OSError as error:
+        parser.exit(
+            2,
+            f"error: {error}: make room, or choose another --out; what was finished before is "
+            "kept, and the same command goes on from there\n",
+        )
     except KeyboardInterrupt:
         print(
-            f"\ninterrupted: finished stages are kept in {arguments.out}; the same command goes on"
+            f"\ninterrupted: what was finished is kept in {arguments.out}; the same command goes on"
         )
         return 130
     print(format_table(results["table"]))

@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from agents.checkpoint import load_checkpoint
+from agents.checkpoint import PRETRAINED, load_policy
 from agents.evaluate import PROTOCOL, Evaluation, evaluate
 from agents.policies import model_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
@@ -39,7 +39,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    parser.add_argument("policies", nargs="+", metavar="POLICY", help="checkpoint (.zip)")
+    parser.add_argument(
+        "policies",
+        nargs="+",
+        metavar="POLICY",
+        help=f"a policy's file (.zip), or one that comes with the package: {', '.join(PRETRAINED)}",
+    )
+    parser.add_argument(
+        "--trust-pickle",
+        action="store_true",
+        help="read files of plain stable-baselines3, too: that runs any code their author put in",
+    )
     parser.add_argument(
         "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
     )
@@ -55,7 +65,7 @@ def main() -> int:
     evaluations = []
     for path in arguments.policies:
         try:
-            loaded = load_checkpoint(path, params)
+            loaded = load_policy(path, params, trust_pickle=arguments.trust_pickle)
         except ValueError as error:
             parser.exit(2, f"error: {error}\n")
         policy = model_policy(loaded.model)

@@ -42,9 +42,15 @@ def write_arrays(
     entries[DIGEST] = np.array(digest(entries))
     path = Path(path)
     unfinished = path.with_name(path.name + ".part")
-    with unfinished.open("wb") as file:
-        np.savez_compressed(file, **entries)
-    os.replace(unfinished, path)
+    try:
+        with unfinished.open("wb") as file:
+            np.savez_compressed(file, **entries)
+            file.flush()
+            os.fsync(file.fileno())  # or a power cut could leave the new name on an empty file
+        os.replace(unfinished, path)
+    except OSError:  # such as a full disk, of which this would keep its share
+        unfinished.unlink(missing_ok=True)
+        raise
 
 
 def read_arrays(

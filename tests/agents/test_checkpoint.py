@@ -1,45 +1,57 @@
+import io
 import json
+import os
+import pickle
 import zipfile
+from base64 import b64encode
 
 import numpy as np
 import pytest
-from stable_baselines3 import A2C
+import torch
+from stable_baselines3 import A2C, PPO
 
-from agents.checkpoint import (
-    RECORD,
-    CheckpointError,
-    load_checkpoint,
-    read_record,
-    save_checkpoint,
-)
+from agents import PRETRAINED
+from agents.checkpoint import FORMAT, CheckpointError, load_policy, read_record, save_policy
 from agents.policies import model_policy
+from agents.resumption import StateError, load_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 
 
 def observations():
     return np.random.default_rng(0).uniform(-1, 1, (50, 6)).astype(np.float32)
 
 
-def with_parts(path, target, **changes):
-    """The same checkpoint with other parts; None leaves one out."""
-    with zipfile.ZipFile(path) as old, zipfile.ZipFile(target, "w") as new:
-        for name in old.namelist():
-            content = changes.get(name, old.read(name))
-            if content is not None:
-                new.writestr(name, content)
+def with_record(path, target, **changes):
+    """The same policy with another record, signed anew."""
+    record, weights = read_arrays(path, FORMAT, CheckpointError, "")
+    write_arrays(target, FORMAT, record | changes, weights)
     return target
 
 
-def with_record(path, target, **changes):
-    """The same checkpoint with another record."""
-    return with_parts(path, target, **{RECORD: json.dumps(read_record(path) | changes).encode()})
+def with_weights(path, target, **changes):
+    """The same record with other weights, signed anew; None leaves one out."""
+    record, weights = read_arrays(path, FORMAT, CheckpointError, "")
+    changed = {name: value for name, value in (weights | changes).items() if value is not None}
+    write_arrays(target, FORMAT, record, changed)
+    return target
+
+
+class Trap:
+    """Unpickling it leaves a file behind, as it could do anything else."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.mark),)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_model, algo):
     model = new_model(algo)
-    path = save_checkpoint(tmp_path / "p.zip", model, THESIS_PHYSICAL, Task(0.4), 7, note="x")
-    loaded = load_checkpoint(path, THESIS_PHYSICAL)
+    path = save_policy(tmp_path / "p.zip", model, THESIS_PHYSICAL, Task(0.4), 7, note="x")
+    loaded = load_policy(path, THESIS_PHYSICAL)
     x = observations()
     np.testing.assert_array_equal(model_policy(loaded.model)(x, x), model_policy(model)(x, x))
     assert (loaded.algo, loaded.params, loaded.task, loaded.seed) == (
@@ -53,78 +65,149 @@ def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_model, algo):
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_missing_checkpoint_is_named(tmp_path):
-    with pytest.raises(CheckpointError, match=r"no such file.*train\.py"):
-        load_checkpoint(tmp_path / "nowhere.zip")
+def test_a_loaded_policy_can_walk_and_go_on_learning(tmp_path, new_model):
+    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    model = load_policy(path).model
+    action, _ = model.predict(model.env.reset(), deterministic=True)
+    assert action.shape == (1, 1)
 
 
-def test_a_stable_baselines3_model_of_other_origin_is_refused(tmp_path, new_model):
+@pytest.mark.parametrize("name", sorted(PRETRAINED))
+def test_the_policies_of_the_package_are_found_from_any_folder(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    assert load_policy(name).params == THESIS_PHYSICAL
+
+
+def test_a_missing_policy_is_named_with_those_of_the_package(tmp_path):
+    with pytest.raises(CheckpointError, match=r"no such file.*fine_tuned, imitation.*train\.py"):
+        load_policy(tmp_path / "nowhere.zip")
+
+
+def trapped(path, mark):
+    """A file of plain stable-baselines3 with a trap in its schedule of the learning rate."""
+    with zipfile.ZipFile(path) as old:
+        parts = {name: old.read(name) for name in old.namelist()}
+    data = json.loads(parts["data"])
+    data["lr_schedule"] = {":serialized:": b64encode(pickle.dumps(Trap(mark))).decode()}
+    with zipfile.ZipFile(path, "w") as new:
+        for name, content in (parts | {"data": json.dumps(data).encode()}).items():
+            new.writestr(name, content)
+    return path
+
+
+def test_nothing_in_a_file_of_plain_stable_baselines3_is_run_unless_its_author_is_trusted(
+    tmp_path, new_model
+):
     new_model().save(tmp_path / "foreign.zip")
-    with pytest.raises(CheckpointError, match=f"no {RECORD}"):
-        load_checkpoint(tmp_path / "foreign.zip")
+    mark = tmp_path / "mark"
+    foreign = trapped(tmp_path / "foreign.zip", mark)
+    for read in (load_policy, read_record):
+        with pytest.raises(CheckpointError, match=r"can run any code.*trust_pickle=True"):
+            read(foreign)
+    assert not mark.exists()
+    load_policy(foreign, trust_pickle=True)
+    assert mark.exists()  # the attack is real
+
+
+def test_a_file_of_plain_stable_baselines3_can_be_trusted(tmp_path, new_model):
+    model = new_model("sac")
+    model.save(tmp_path / "foreign.zip")
+    loaded = load_policy(tmp_path / "foreign.zip", PROTOTYPE, trust_pickle=True)
+    x = observations()
+    np.testing.assert_array_equal(model_policy(loaded.model)(x, x), model_policy(model)(x, x))
+    assert (loaded.algo, loaded.params) == ("sac", PROTOTYPE)
+
+
+def signed(arrays):
+    """An archive with the digest that its arrays should have."""
+    file = io.BytesIO()
+    np.savez(file, **arrays, **{DIGEST: np.array(digest(arrays))})
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("part", ["weights", HEADER, "beside"])
+def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_model, part):
+    mark = tmp_path / "mark"
+    trap = np.array([Trap(mark)], dtype=object)
+    header = np.array(json.dumps({"format": FORMAT}))
+    file = io.BytesIO()
+    if part == "beside":
+        file.write(signed({HEADER: header}))
+        with zipfile.ZipFile(file, "a") as archive:
+            archive.writestr("replay.pkl", pickle.dumps(Trap(mark)))
+            archive.writestr("policy.pth", pickle.dumps(Trap(mark)))
+    else:
+        np.savez(file, allow_pickle=True, **{HEADER: header, DIGEST: np.array("")} | {part: trap})
+    path = tmp_path / "trap.zip"
+    path.write_bytes(file.getvalue())
+    for read, error in ((load_policy, CheckpointError), (load_state, StateError)):
+        with pytest.raises(error, match=r"trap\.zip"):
+            read(path)
+    path.write_bytes(pickle.dumps(Trap(mark)))
+    for read, error in ((load_policy, CheckpointError), (load_state, StateError)):
+        with pytest.raises(error, match="damaged"):
+            read(path)
+    assert not mark.exists()
+
+
+def test_a_policy_cannot_name_a_class_to_be_built(tmp_path, saved):
+    bad = with_record(saved, tmp_path / "bad.zip", policy_kwargs={"activation_fn": "os.system"})
+    with pytest.raises(CheckpointError, match=r"os\.system"):
+        load_policy(bad)
 
 
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
     (tmp_path / "bad.zip").write_bytes(b"not a zip")
     with pytest.raises(CheckpointError, match="damaged"):
-        load_checkpoint(tmp_path / "bad.zip")
+        load_policy(tmp_path / "bad.zip")
 
 
 def test_a_truncated_or_altered_checkpoint_is_refused(tmp_path, new_model):
-    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
     content = bytearray(path.read_bytes())
     (tmp_path / "short.zip").write_bytes(content[: len(content) // 2])
     content[len(content) // 3] ^= 0xFF
     (tmp_path / "altered.zip").write_bytes(content)
     for name in ("short.zip", "altered.zip"):
         with pytest.raises(CheckpointError, match="damaged"):
-            load_checkpoint(tmp_path / name)
+            load_policy(tmp_path / name)
 
 
 def test_a_policy_of_another_observation_layout_is_refused(tmp_path, new_model):
-    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
     other = with_record(path, tmp_path / "q.zip", observation_layout=["phi", "theta"])
     with pytest.raises(CheckpointError, match="observes"):
-        load_checkpoint(other)
+        load_policy(other)
 
 
 def test_a_policy_of_another_machine_is_refused_unless_asked_for(tmp_path, new_model):
-    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
     with pytest.raises(CheckpointError, match=r"pendulum_mass.*2\.22.*0\.555"):
-        load_checkpoint(path, PROTOTYPE)
-    assert load_checkpoint(path).params == THESIS_PHYSICAL
+        load_policy(path, PROTOTYPE)
+    assert load_policy(path).params == THESIS_PHYSICAL
 
 
 def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, new_model):
-    path = save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
-    with pytest.raises(CheckpointError, match="version 99"):
-        read_record(with_record(path, tmp_path / "v.zip", format_version=99))
+    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    write_arrays(tmp_path / "v.zip", "rimless-gym policy 99", {}, {})
+    with pytest.raises(CheckpointError, match="policy 99"):
+        read_record(tmp_path / "v.zip")
     with pytest.raises(CheckpointError, match="incomplete or invalid"):
-        load_checkpoint(with_record(path, tmp_path / "m.zip", params={"wheel_mass": -1}))
+        load_policy(with_record(path, tmp_path / "m.zip", params={"wheel_mass": -1}))
 
 
 @pytest.fixture
 def saved(tmp_path, new_model):
-    return save_checkpoint(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+    return save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (b"[]", "holds list"),
-        (b"null", "holds NoneType"),
-        (b"3", "holds int"),
-        (b"not JSON", "damaged"),
-        (b"", "damaged"),
-        (b"\xff\xfe\xff", "damaged"),
-        (b"[" * 100_000, "damaged"),
-    ],
-)
-def test_a_record_that_is_no_object_is_refused(tmp_path, saved, text, message):
-    bad = with_parts(saved, tmp_path / "bad.zip", **{RECORD: text})
-    for load in (read_record, load_checkpoint):
-        with pytest.raises(CheckpointError, match=rf"bad\.zip: .*{message}.*train it again"):
-            load(bad)
+@pytest.mark.parametrize("text", ["[]", "null", "3", "not JSON", "", "[" * 100_000])
+def test_a_record_that_is_no_object_is_refused(tmp_path, saved, text):
+    arrays = {HEADER: np.array(text)}
+    (tmp_path / "bad.zip").write_bytes(signed(arrays))
+    for load in (read_record, load_policy):
+        with pytest.raises(CheckpointError, match=r"bad\.zip: damaged.*train it again"):
+            load(tmp_path / "bad.zip")
 
 
 @pytest.mark.parametrize(
@@ -144,39 +227,44 @@ def test_a_record_that_is_no_object_is_refused(tmp_path, saved, text, message):
 def test_a_record_with_an_invalid_entry_is_refused(tmp_path, saved, changes):
     bad = with_record(saved, tmp_path / "bad.zip", **changes)
     with pytest.raises(CheckpointError, match=r"bad\.zip: .*incomplete or invalid.*again"):
-        load_checkpoint(bad)
+        load_policy(bad)
 
 
 @pytest.mark.parametrize(("algo", "other"), [("ppo", "sac"), ("sac", "ppo")])
 def test_a_relabelled_algorithm_is_refused(tmp_path, new_model, algo, other):
-    path = save_checkpoint(tmp_path / "p.zip", new_model(algo), THESIS_PHYSICAL, Task(), 0)
+    path = save_policy(tmp_path / "p.zip", new_model(algo), THESIS_PHYSICAL, Task(), 0)
     bad = with_record(path, tmp_path / "bad.zip", algo=other)
     with pytest.raises(CheckpointError, match=rf"bad\.zip: its record says {other}.*again"):
-        load_checkpoint(bad)
+        load_policy(bad)
 
 
-@pytest.mark.parametrize("part", ["data", "policy.pth"])
-def test_a_model_with_parts_missing_is_refused(tmp_path, saved, part):
-    bad = with_parts(saved, tmp_path / "bad.zip", **{part: None})
-    with pytest.raises(CheckpointError, match=rf"bad\.zip: damaged: no {part} in it.*again"):
-        load_checkpoint(bad)
-
-
-@pytest.mark.parametrize("part", ["data", "policy.pth", "policy.optimizer.pth"])
-@pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"garbage", b"\x80\x04garbage" * 9])
-def test_a_model_with_garbage_inside_is_refused(tmp_path, saved, part, content):
-    bad = with_parts(saved, tmp_path / "bad.zip", **{part: content})
-    with pytest.raises(CheckpointError, match=r"bad\.zip: .*no ppo policy can be read.*again"):
-        load_checkpoint(bad)
+@pytest.mark.parametrize(
+    "weight",
+    [
+        None,
+        np.zeros((3, 3), np.float32),
+        np.full((128, 6), np.nan, np.float32),
+        np.zeros((128, 6), np.int64),
+        np.array(["text"]),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(tmp_path, saved, weight):
+    bad = with_weights(saved, tmp_path / "bad.zip", **{"mlp_extractor.policy_net.0.weight": weight})
+    with pytest.raises(CheckpointError, match=r"bad\.zip: .*train it again"):
+        load_policy(bad)
 
 
 def test_a_folder_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match=r"a folder.*best\.zip"):
-        load_checkpoint(tmp_path)
+        load_policy(tmp_path)
+
+
+def test_networks_that_cannot_be_told_in_words_are_not_saved(tmp_path, new_model):
+    odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"optimizer_class": torch.optim.SGD})
+    with pytest.raises(CheckpointError, match="optimizer_class"):
+        save_policy(tmp_path / "p.zip", odd, THESIS_PHYSICAL, Task(), 0)
 
 
 def test_only_ppo_and_sac_are_saved(tmp_path):
     with pytest.raises(CheckpointError, match="A2C"):
-        save_checkpoint(
-            tmp_path / "p.zip", A2C("MlpPolicy", "Pendulum-v1"), THESIS_PHYSICAL, Task(), 0
-        )
+        save_policy(tmp_path / "p.zip", A2C("MlpPolicy", "Pendulum-v1"), THESIS_PHYSICAL, Task(), 0)

@@ -1,19 +1,22 @@
+import errno
 import json
+import os
 import shutil
+import signal
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from stable_baselines3.common.save_util import load_from_pkl
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import train as training
-from agents.callbacks import KeepBest, LogWalking
-from agents.checkpoint import load_checkpoint, read_record
+from agents.callbacks import LogWalking, SaveState
+from agents.checkpoint import CheckpointError, load_policy, read_record
 from agents.evaluate import Protocol
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, actor_of
+from agents.resumption import StateError
 from agents.train import train
 from agents.training_env import training_env
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
@@ -50,7 +53,7 @@ def run(out, algo="ppo", **changes):
 
 
 def weights(path):
-    policy = load_checkpoint(path).model.policy
+    policy = load_policy(path).model.policy
     return torch.cat([p.detach().ravel() for p in policy.parameters()]).numpy()
 
 
@@ -102,38 +105,109 @@ def test_what_is_logged_are_ratios_of_sums_of_the_infos():
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_an_interrupted_training_is_saved_and_goes_on(tmp_path, monkeypatch, algo):
-    taken = KeepBest._on_step
+@pytest.mark.parametrize("rollouts", [1, 4])
+def test_a_training_that_was_stopped_ends_with_the_same_policies(
+    tmp_path, monkeypatch, algo, rollouts
+):
+    whole = run(tmp_path / "whole", algo, timesteps=2 * STEPS[algo])
+    begun = SaveState._on_rollout_start
+    seen = []
 
-    def interrupt(self):
-        if self.num_timesteps >= STEPS[algo] // 2:
-            raise KeyboardInterrupt
-        return taken(self)
+    def ask(self):
+        seen.append(self.num_timesteps)
+        if len(seen) > rollouts:
+            signal.raise_signal(signal.SIGTERM if algo == "sac" else signal.SIGINT)
+        begun(self)
 
-    monkeypatch.setattr(KeepBest, "_on_step", interrupt)
-    broken = run(tmp_path, algo)
-    monkeypatch.setattr(KeepBest, "_on_step", taken)
+    monkeypatch.setattr(SaveState, "_on_rollout_start", ask)
+    broken = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo])
+    monkeypatch.setattr(SaveState, "_on_rollout_start", begun)
     assert broken.interrupted
-    assert broken.timesteps < STEPS[algo]
+    assert broken.timesteps == seen[-1] < whole.timesteps
     assert read_record(broken.last)["timesteps"] == broken.timesteps
-    assert (tmp_path / "replay.pkl").exists() == (algo == "sac")
-    resumed = run(tmp_path, algo, resume=True)
-    assert not resumed.interrupted
-    assert resumed.timesteps >= STEPS[algo]
-    again = run(tmp_path, algo, resume=True)
-    assert again.timesteps == resumed.timesteps
+    resumed = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo])
+    assert (resumed.interrupted, resumed.timesteps) == (False, whole.timesteps)
+    for policy in ("best", "last"):
+        np.testing.assert_array_equal(
+            weights(getattr(resumed, policy)), weights(getattr(whole, policy))
+        )
 
 
-def test_a_folder_with_another_training_is_neither_overwritten_nor_resumed(tmp_path):
-    run(tmp_path, timesteps=128)
-    with pytest.raises(ValueError, match="--resume, or choose another --out"):
-        run(tmp_path)
-    with pytest.raises(ValueError, match="seed = 0, not 1"):
-        run(tmp_path, seed=1, resume=True)
+def test_a_training_killed_while_its_state_is_written_goes_on_from_the_one_before(
+    tmp_path, monkeypatch
+):
+    whole = run(tmp_path / "whole")
+    replaced, states = os.replace, []
+
+    def killed(source, target):
+        if str(target).endswith("state.npz"):
+            states.append(target)
+            if len(states) == 2:
+                raise SystemExit  # as it stands, half written beside the last one
+        replaced(source, target)
+
+    monkeypatch.setattr(os, "replace", killed)
+    with pytest.raises(SystemExit):
+        run(tmp_path / "killed")
+    monkeypatch.setattr(os, "replace", replaced)
+    resumed = run(tmp_path / "killed")
+    np.testing.assert_array_equal(weights(resumed.last), weights(whole.last))
+
+
+def test_a_full_disk_ends_a_training_with_its_last_state_kept(tmp_path, monkeypatch):
+    whole = run(tmp_path / "whole")
+    written, count = np.savez_compressed, []
+
+    def full(file, **arrays):
+        count.append(file)
+        if len(count) > 5:
+            file.write(b"half of it")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written(file, **arrays)
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(OSError, match="No space left"):
+        run(tmp_path / "full")
+    assert not list((tmp_path / "full").glob("*.part"))
+    monkeypatch.setattr(np, "savez_compressed", written)
+    resumed = run(tmp_path / "full")
+    np.testing.assert_array_equal(weights(resumed.last), weights(whole.last))
+
+
+def test_the_third_ctrl_c_stops_at_once_and_tells_what_is_kept(tmp_path, monkeypatch):
+    learned = LogWalking._on_step
+
+    def hammer(self):
+        if self.num_timesteps == 200:
+            for _ in range(3):
+                signal.raise_signal(signal.SIGINT)
+        return learned(self)
+
+    monkeypatch.setattr(LogWalking, "_on_step", hammer)
+    broken = run(tmp_path)
+    assert broken.interrupted
+    assert broken.timesteps == read_record(broken.last)["timesteps"] == 128
+    monkeypatch.setattr(LogWalking, "_on_step", learned)
+    assert not run(tmp_path).interrupted
+
+
+def test_a_training_that_is_over_is_left_alone_unless_more_is_asked_for(folder):
+    before = (folder / "state.npz").read_bytes()
+    again = run(folder, timesteps=128)
+    assert (again.timesteps, again.evaluations) == (128, ())
+    assert (folder / "state.npz").read_bytes() == before
+    assert run(folder, timesteps=256).timesteps == 256
+
+
+def test_a_folder_with_another_training_is_not_touched(folder):
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(ValueError, match=r"seed = 0, not 1: go on with the same, or .* --out"):
+        run(folder, seed=1)
     with pytest.raises(ValueError, match="params"):
-        run(tmp_path, params=PROTOTYPE, resume=True)
-    with pytest.raises(ValueError, match="no training to resume"):
-        run(tmp_path / "empty", resume=True)
+        run(folder, params=PROTOTYPE)
+    with pytest.raises(ValueError, match="algo = ppo, not sac"):
+        run(folder, "sac")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +227,7 @@ def folder(finished, tmp_path):
 
 def test_policies_without_a_record_of_their_training_are_not_overwritten(folder):
     (folder / "train.json").unlink()
+    (folder / "state.npz").unlink()
     before = {name: (folder / name).read_bytes() for name in ("best.zip", "last.zip")}
     for kept in (("best.zip", "last.zip"), ("best.zip",), ("last.zip",)):
         for name, content in before.items():
@@ -164,34 +239,39 @@ def test_policies_without_a_record_of_their_training_are_not_overwritten(folder)
         assert all((folder / name).read_bytes() == before[name] for name in kept)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{", "null", "[]", "{}", '{"best_score": "x"}', '{"best_score": NaN}', "\xff"]
-)
-def test_a_damaged_record_of_a_training_is_not_resumed(folder, text):
+@pytest.mark.parametrize("text", ["", "{", "null", "[]", "\xff", "[" * 100_000])
+def test_a_damaged_record_of_a_training_is_named(folder, text):
     (folder / "train.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"train\.json: damaged.*cannot be resumed.*--out"):
-        run(folder, resume=True)
+    with pytest.raises(ValueError, match=r"train\.json: damaged.*cannot go on.*--out"):
+        run(folder)
 
 
-def test_a_record_with_an_entry_missing_is_not_resumed(folder):
+@pytest.mark.parametrize("content", [b"", b"garbage", b"\x80\x04garbage" * 9])
+def test_a_damaged_state_is_named_with_the_remedy(folder, content):
+    (folder / "state.npz").write_bytes(content)
+    with pytest.raises(StateError, match=r"state\.npz: damaged.*delete it.*--out"):
+        run(folder)
+
+
+def test_a_record_with_an_entry_missing_is_another_training(folder):
     notes = json.loads((folder / "train.json").read_text())
     del notes["task"]
     (folder / "train.json").write_text(json.dumps(notes))
     with pytest.raises(ValueError, match="task = None"):
-        run(folder, resume=True)
+        run(folder)
 
 
-def test_a_training_that_never_saved_its_last_policy_says_where_to_go_on(folder):
-    (folder / "last.zip").unlink()
-    with pytest.raises(ValueError, match=r"before last\.zip was saved.*--init .*best\.zip"):
-        run(folder, resume=True)
+def test_a_training_killed_before_its_first_state_begins_anew(folder, finished):
+    for name in ("state.npz", "last.zip"):
+        (folder / name).unlink()
+    run(folder, timesteps=128)
+    np.testing.assert_array_equal(weights(folder / "last.zip"), weights(finished / "last.zip"))
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("precious")
-    for resume in (False, True):
-        with pytest.raises(ValueError, match=r"is a file: choose a folder"):
-            run(tmp_path / "file", resume=resume)
+    with pytest.raises(ValueError, match=r"is a file: choose a folder"):
+        run(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "precious"
 
 
@@ -220,37 +300,18 @@ def test_a_seed_of_numpy_is_as_good(tmp_path, finished):
     np.testing.assert_array_equal(weights(tmp_path / "last.zip"), weights(finished / "last.zip"))
 
 
-def test_a_resumed_sac_goes_on_with_what_it_experienced(tmp_path):
-    run(tmp_path, "sac", timesteps=100)
-    before = load_from_pkl(tmp_path / "replay.pkl")
-    run(tmp_path, "sac", timesteps=160, resume=True)
-    after = load_from_pkl(tmp_path / "replay.pkl")
-    kept = before.pos
-    assert 50 <= kept < after.pos == 80  # of each of two environments
-    np.testing.assert_array_equal(after.observations[:kept], before.observations[:kept])
-    np.testing.assert_array_equal(after.actions[:kept], before.actions[:kept])
-
-
-def test_a_damaged_replay_buffer_is_named(tmp_path):
-    run(tmp_path, "sac", timesteps=60)
-    (tmp_path / "replay.pkl").write_bytes(b"garbage")
-    with pytest.raises(ValueError, match=r"replay\.pkl: damaged.*delete it"):
-        run(tmp_path, "sac", timesteps=60, resume=True)
-
-
 def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     scores = iter([1.0, 3.0, 2.0, *[0.0] * 20])
     result = run(tmp_path, score=lambda evaluation: next(scores))
     assert read_record(result.best)["score"] == 3.0
     assert read_record(result.best)["timesteps"] == result.evaluations[1][0]
-    assert json.loads((tmp_path / "train.json").read_text())["best_score"] == 3.0
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing, algo):
     monkeypatch.setattr(training, "CRITIC_WARM_UP", 10.0)
     result = run(tmp_path, algo, init="imitation", expert=swing, cloning=QUICK)
-    cloned, trained = (load_checkpoint(path).model for path in (result.clone, result.last))
+    cloned, trained = (load_policy(path).model for path in (result.clone, result.last))
     for before, after in zip(actor_of(cloned)[1], actor_of(trained)[1], strict=True):
         assert torch.equal(before, after)
     assert not np.array_equal(weights(result.clone), weights(result.last))
@@ -261,8 +322,10 @@ def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
     np.testing.assert_array_equal(weights(first.clone), weights(first.best))
     second = run(tmp_path / "b", init=first.clone, timesteps=0)
     np.testing.assert_array_equal(weights(second.best), weights(first.clone))
-    with pytest.raises(ValueError, match="cannot start sac"):
+    with pytest.raises(CheckpointError, match="cannot start sac"):
         run(tmp_path / "c", "sac", init=first.clone)
+    with pytest.raises(CheckpointError, match=r"none\.zip.*check the path"):
+        run(tmp_path / "d", init=tmp_path / "none.zip")
 
 
 def test_rewards_are_scaled_for_the_learner_only():

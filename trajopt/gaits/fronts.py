@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +63,7 @@ def cot_front(
     steps: Sequence[int] = (1, 2, 3),
     *,
     regeneration: bool = False,
+    folder: Path | None = None,
     progress: bool = False,
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
@@ -71,10 +73,12 @@ def cot_front(
         speeds: m/s.
         steps: strides to consider.
         regeneration: whether the battery takes energy back.
+        folder: where each gait is kept as soon as it is solved, and taken from if it was before.
         progress: whether to show a progress bar.
 
     Raises:
         NoGaitError: no gait was found at any speed.
+        GaitFileError: a gait in `folder` is damaged.
     """
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []
@@ -83,7 +87,11 @@ def cot_front(
         own: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
             try:
-                solution = _best_at(params, speed, count, regeneration, own)
+                solution = _kept(folder, params, speed, count, regeneration)
+                if solution is None:
+                    solution = _best_at(params, speed, count, regeneration, own)
+                    if folder is not None:
+                        solution.save(folder / front_file(count, speed))
             except NoGaitError as error:
                 missing.append((count, speed, str(error)))
             else:
@@ -98,6 +106,22 @@ def cot_front(
     if not verified:
         raise NoGaitError("\n".join(why for _, _, why in missing))
     return CotFront(verified, tuple(missing))
+
+
+def front_file(steps: int, speed: float) -> str:
+    """The name of the file in which a gait of a front is kept."""
+    return f"front_{steps}_steps_{speed:g}.npz"
+
+
+def _kept(
+    folder: Path | None, params: WheelParams, speed: float, steps: int, regeneration: bool
+) -> Solution | None:
+    """The very gait that is wanted, if it was solved before."""
+    if folder is None or not (folder / front_file(steps, speed)).exists():
+        return None
+    gait = Solution.load(folder / front_file(steps, speed))
+    same = (gait.params, gait.steps, gait.regeneration) == (params, steps, regeneration)
+    return gait if same and abs(gait.speed - speed) < 1e-9 else None
 
 
 def _best_at(

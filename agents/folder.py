@@ -1,0 +1,74 @@
+"""The folder of a training: what it holds, and whether that is the training that is wanted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from trajopt.provenance import provenance
+
+#: What a training leaves in its folder, besides TensorBoard's events.
+NOTES, CLONE, BEST, LAST, STATE = (
+    *("train.json", "clone.zip", "best.zip", "last.zip"),
+    "state.npz",
+)
+
+
+def claim(out: Path, identity: dict[str, Any]) -> None:
+    """Make `out` the folder of a training, or find that it is already.
+
+    Args:
+        out: the folder.
+        identity: plain values that say which training it is; they are written to train.json.
+
+    Raises:
+        ValueError: it is a file, or holds another training or policies of unknown origin.
+        OSError: it cannot be written.
+    """
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is a file: choose a folder as --out")
+    notes = out / NOTES
+    if notes.exists():
+        _require_same(notes, identity)
+        return
+    held = [name for name in (CLONE, BEST, LAST, STATE) if (out / name).exists()]
+    if held:
+        raise ValueError(
+            f"{out} holds {' and '.join(held)} but no {NOTES}: move them away, or choose another "
+            "--out"
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    part = notes.with_name(NOTES + ".part")
+    part.write_text(json.dumps(identity | provenance(), indent=1) + "\n")
+    os.replace(part, notes)
+
+
+def origin(init: str | Path) -> str:
+    """What a training begins from, for its identity: of a file the name and the content's digest.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    path = Path(init)
+    return f"{path.name}, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
+
+
+def _require_same(notes: Path, identity: dict[str, Any]) -> None:
+    try:
+        has = json.loads(notes.read_bytes())
+        if not isinstance(has, dict):
+            raise TypeError(f"{type(has).__name__} instead of an object")
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise ValueError(
+            f"{notes}: damaged ({error!r}), so that its training cannot go on; start another from "
+            f"{notes.with_name(BEST)} (--init), with another --out"
+        ) from error
+    for name, wanted in json.loads(json.dumps(identity)).items():
+        if has.get(name) != wanted:
+            raise ValueError(
+                f"{notes.parent} holds a training with {name} = {has.get(name)}, not {wanted}: go "
+                "on with the same, or choose another --out"
+            )
