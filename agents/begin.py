@@ -115,7 +115,8 @@ def cloned(
     model = training.model(env)
     if expert is None:
         expert = gait_expert(periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=progress))
-    report = clone(model, expert, params, cloning, seed=training.seed, progress=progress)
+    kept = out / "cloning.npz"
+    report = clone(model, expert, params, cloning, seed=training.seed, kept=kept, progress=progress)
     notes = {"cloning": dataclasses.asdict(report)}
     save_policy(out / CLONE, model, params, training.task, training.seed, **notes)
     return model

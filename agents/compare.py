@@ -39,6 +39,9 @@ from trajopt.provenance import provenance
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
 
+#: What is written into each stage's file, last.
+_STAMP = {"wall_time_s", "git_revision"}
+
 #: Where the trainings leave the policies that are shown.
 CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
 
@@ -52,7 +55,8 @@ class Comparison:
         progress: whether to show progress bars.
 
     Raises:
-        ValueError: the preset is unknown, or the folder holds another study.
+        ValueError: the preset is unknown, or the folder is a file or holds another study.
+        OSError: the folder cannot be written.
     """
 
     def __init__(self, study: Study, out: Path, progress: bool = True) -> None:
@@ -60,8 +64,10 @@ class Comparison:
         self.params = study.params
         wanted = json.loads(json.dumps(dataclasses.asdict(study)))
         written = out / "study.json"
+        if out.exists() and not out.is_dir():
+            raise ValueError(f"{out} is a file: choose a folder as --out")
         if written.exists():
-            has = _read_json(written)["study"]
+            has = _read_json(written).get("study", {})
             differing = {
                 k: f"{has.get(k)} (not {wanted[k]})" for k in wanted if has.get(k) != wanted[k]
             }
@@ -94,6 +100,8 @@ class Comparison:
         """The result of a stage, from its file if it has been run and what it made is there."""
         file, made_by = self.out / f"{name}.json", provenance()
         result = _read_json(file) if file.exists() else None
+        if result is not None and not _STAMP <= result.keys():
+            raise ValueError(f"{file}: damaged: no {_STAMP - result.keys()} in it; remove it")
         missing = [f for f in (result or {}).get("files", ()) if not (self.out / f).exists()]
         if result is None or missing:
             if missing:
@@ -283,8 +291,11 @@ def _gait_result(gait: Solution) -> dict[str, Any]:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(path.read_text()))
-    except ValueError as error:
+        values = json.loads(path.read_text())
+        if not isinstance(values, dict):
+            raise TypeError(f"{type(values).__name__} instead of an object")
+        return values
+    except (ValueError, TypeError, RecursionError) as error:
         raise ValueError(
             f"{path}: damaged ({error}); remove it to run its stage again, or choose another --out"
         ) from error

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,11 +20,19 @@ from tqdm import tqdm
 
 from agents.policies import Controller, Floats, Policy, controller_policy, model_policy
 from agents.rollout import draw_starts, rollout
+from agents.trees import from_arrays, to_arrays
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
+from trajopt.files import read_arrays, write_arrays
+
+FORMAT = "rimless-gym cloning 1"
 
 #: Observations (M, 6) and actions (M,), float32.
 Labelled: TypeAlias = tuple[torch.Tensor, torch.Tensor]
+
+
+class CloningError(ValueError):
+    """The file of a cloning's rounds is damaged, or of another cloning."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,11 +100,13 @@ def clone(
     config: Cloning | None = None,
     *,
     seed: int = 0,
+    kept: Path | None = None,
     progress: bool = False,
 ) -> CloneReport:
     """Train the actor of a stable-baselines3 PPO or SAC `model` to act as `expert` does.
 
-    The model is changed in place; its critic is left alone. The same seed gives the same policy.
+    The model is changed in place; its critic is left alone. The same seed gives the same policy,
+    also where the cloning was stopped and goes on from the rounds in `kept`.
 
     Args:
         model: whose observations and actions are those of RimlessWheel-v0.
@@ -103,7 +114,11 @@ def clone(
         params: the machine.
         config: default `Cloning()`.
         seed: of starts and batches.
+        kept: file in which each round is kept once it is done; removed in the end.
         progress: whether to show a progress bar.
+
+    Raises:
+        CloningError: `kept` is damaged, or of another cloning.
     """
     config = config or Cloning()
     rng = np.random.default_rng((seed, 1))
@@ -113,13 +128,21 @@ def clone(
     optimizer = torch.optim.Adam(weights, lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
     n_intervals = round(config.seconds / CONTROL_PERIOD)
-    first = walk(params, label, draw_starts(params, config.expert_starts, (seed, 2)), n_intervals)
-    gait = first.states[first.when >= n_intervals // 2]
-    walks, errors = [first], []
+    learning = {"policy": model.policy, "optimizer": optimizer, "schedule": schedule}
+    walks: list[Walks] = []
+    errors: list[float] = []
+    if kept is not None and kept.exists():
+        walks, errors = _restore(kept, config, seed, learning, rng)
     with tqdm(total=total, desc="clone", disable=not progress, leave=False) as bar:
-        for k in range(config.rounds):
-            if k > 0:
+        bar.update(len(errors) * config.gradient_steps)
+        for k in range(len(errors), config.rounds):
+            if k == 0:
+                starts = draw_starts(params, config.expert_starts, (seed, 2))
+                walks.append(walk(params, label, starts, n_intervals))
+            else:
                 learner = model_policy(model)
+                first = walks[0]
+                gait = first.states[first.when >= n_intervals // 2]
                 anywhere = draw_starts(params, config.starts, (seed, 2, k))
                 near = gait[rng.integers(len(gait), size=config.gait_starts)]
                 for starts, count in ((anywhere, config.labels), (near, config.gait_labels)):
@@ -141,6 +164,10 @@ def clone(
                 error = nn.functional.mse_loss(mean_action(held_out[0]), held_out[1]).sqrt()
             errors.append(float(error))
             bar.set_postfix(error=f"{errors[-1]:.4f}")
+            if kept is not None:
+                _keep(kept, config, seed, learning, rng, walks, errors)
+    if kept is not None:
+        kept.unlink(missing_ok=True)
     set_exploration(model, config.log_std)
     return CloneReport(sum(len(seen.when) for seen in walks), tuple(errors))
 
@@ -177,6 +204,45 @@ def walk(params: WheelParams, policy: Policy, starts: Floats, n_intervals: int) 
         observations=np.concatenate([interval.observations for interval in intervals]),
         actions=np.concatenate([interval.actions for interval in intervals]),
     )
+
+
+def _keep(
+    path: Path,
+    config: Cloning,
+    seed: int,
+    learning: dict[str, Any],
+    rng: np.random.Generator,
+    walks: list[Walks],
+    errors: list[float],
+) -> None:
+    """Write what the next round needs."""
+    state = {
+        "learning": {name: part.state_dict() for name, part in learning.items()},
+        "generator": rng.bit_generator.state,
+        "walks": [seen._asdict() for seen in walks],
+        "errors": errors,
+    }
+    tree, arrays = to_arrays(state)
+    of = {"config": dataclasses.asdict(config), "seed": seed}
+    write_arrays(path, FORMAT, {"of": of, "tree": tree}, arrays)
+
+
+def _restore(
+    path: Path, config: Cloning, seed: int, learning: dict[str, Any], rng: np.random.Generator
+) -> tuple[list[Walks], list[float]]:
+    """The walks and errors of the rounds in a file; the rest is put where it was."""
+    remedy = "delete it to begin the cloning anew"
+    header, arrays = read_arrays(path, FORMAT, CloningError, remedy)
+    try:
+        if header["of"] != {"config": dataclasses.asdict(config), "seed": seed}:
+            raise ValueError(f"it is of another cloning: {header['of']}")
+        state = from_arrays(header["tree"], arrays)
+        for name, part in learning.items():
+            part.load_state_dict(state["learning"][name])
+        rng.bit_generator.state = state["generator"]
+        return [Walks(**seen) for seen in state["walks"]], list(state["errors"])
+    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        raise CloningError(f"{path}: {error!r}; {remedy}") from error
 
 
 def _split(walks: list[Walks], held_out: float) -> tuple[Labelled, Labelled]:

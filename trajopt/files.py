@@ -36,6 +36,9 @@ def write_arrays(
         form: what the file is, and the version of its format.
         header: everything that is not an array.
         arrays: by name, neither `HEADER` nor `DIGEST`.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written; a file that was there is kept.
     """
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
@@ -48,9 +51,9 @@ def write_arrays(
             file.flush()
             os.fsync(file.fileno())  # or a power cut could leave the new name on an empty file
         os.replace(unfinished, path)
-    except OSError:  # such as a full disk, of which this would keep its share
+    except OSError as error:  # such as a full disk, of which this would keep its share
         unfinished.unlink(missing_ok=True)
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def read_arrays(

@@ -40,10 +40,38 @@ def test_an_interrupted_stage_leaves_no_result_and_keeps_those_before(tmp_path: 
         comparison._stage("unfinished", interrupted)
     assert (tmp_path / "finished.json").exists()
     assert not (tmp_path / "unfinished.json").exists()
-    (tmp_path / "unfinished.interrupted").write_text("100.0")
-    resumed = comparison._stage("unfinished", dict)
-    assert resumed["wall_time_s"] >= 100.0
-    assert not (tmp_path / "unfinished.interrupted").exists()
+    assert comparison._stage("unfinished", lambda: {"figure": 7})["figure"] == 7
+
+
+def test_a_stage_whose_files_are_missing_is_run_again(tmp_path: Path) -> None:
+    comparison, calls = Comparison(Study(), tmp_path, progress=False), []
+
+    def work() -> dict[str, list[str]]:
+        calls.append(1)
+        (tmp_path / "gait.npz").write_bytes(b"a gait")
+        return {"files": ["gait.npz"]}
+
+    for _ in range(2):
+        comparison._stage("stage", work)
+    assert len(calls) == 1
+    (tmp_path / "gait.npz").unlink()
+    comparison._stage("stage", work)
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize("text", ["", "{", "null", "[1]", "{}", "\xff"])
+def test_a_damaged_stage_is_named_with_the_remedy(tmp_path: Path, text: str) -> None:
+    comparison = Comparison(Study(), tmp_path, progress=False)
+    (tmp_path / "stage.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"stage\.json: damaged.*remove it"):
+        comparison._stage("stage", dict)
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(ValueError, match="is a file: choose a folder"):
+        Comparison(Study(), tmp_path / "file", progress=False)
+    assert (tmp_path / "file").read_text() == "precious"
 
 
 @pytest.mark.parametrize(
@@ -80,8 +108,8 @@ def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
-    table = format_table([row | {"walking_share": 0.0, "wall_time_s": 12.3}])
-    assert table.splitlines()[2] == "| scratch | - | - | - | 0% | 12 |"
+    table = format_table([row | {"walking_share": 0.0}])
+    assert table.splitlines()[2] == "| scratch | - | - | - | 0% |"
 
 
 def test_the_gap_is_taken_at_the_learned_speed_and_nowhere_off_the_front() -> None:

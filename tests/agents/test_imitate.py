@@ -1,10 +1,11 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from agents.imitate import Cloning, actor_of, clone, set_exploration, walk
+from agents.imitate import Cloning, CloningError, actor_of, clone, set_exploration, walk
 from agents.policies import controller_policy, model_policy
 from agents.rollout import draw_starts
 from rimless_gym import THESIS_PHYSICAL
@@ -100,3 +101,35 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
     assert result.speed == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_model, swing, tmp_path):
+    whole, broken, resumed = (new_model(seed=0) for _ in range(3))
+    report = clone(whole, swing, THESIS_PHYSICAL, QUICK, seed=5)
+    kept = tmp_path / "cloning.npz"
+    calls = []
+
+    def killed(x, mode):
+        calls.append(kept.exists())
+        if calls[-1]:  # the first round is done
+            raise SystemExit
+        return swing(x, mode)
+
+    with pytest.raises(SystemExit):
+        clone(broken, killed, THESIS_PHYSICAL, QUICK, seed=5, kept=kept)
+    assert clone(resumed, swing, THESIS_PHYSICAL, QUICK, seed=5, kept=kept) == report
+    np.testing.assert_array_equal(weights(resumed), weights(whole))
+    assert not kept.exists()
+
+
+def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_model, swing, tmp_path):
+    kept = tmp_path / "cloning.npz"
+    kept.write_bytes(b"garbage")
+    with pytest.raises(CloningError, match=r"cloning\.npz: damaged.*delete it"):
+        clone(new_model(), swing, THESIS_PHYSICAL, QUICK, kept=kept)
+    kept.unlink()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "unlink", lambda *_, **__: None)
+        clone(new_model(), swing, THESIS_PHYSICAL, dataclasses.replace(QUICK, rounds=1), kept=kept)
+    with pytest.raises(CloningError, match=r"of another cloning.*delete it"):
+        clone(new_model(), swing, THESIS_PHYSICAL, QUICK, kept=kept)

@@ -1,0 +1,47 @@
+import signal
+
+import pytest
+
+from agents.interrupts import requests, sigterm_is_ctrl_c
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_two_requests_are_noted_and_the_third_stops_at_once(capfd, number):
+    with requests("after this", "a minute") as stop:
+        assert not stop.made
+        signal.raise_signal(number)
+        assert stop.made
+        signal.raise_signal(number)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    said = capfd.readouterr().err
+    assert "stopping after this: nothing is lost" in said
+    assert "once more to stop at once, which loses a minute" in said
+
+
+def test_nothing_interrupts_what_is_held_off_but_what_was_asked_comes_after_it():
+    written = []
+
+    def write(stop):
+        with stop.held_off():
+            for _ in range(5):
+                signal.raise_signal(signal.SIGINT)
+                written.append(1)
+
+    with requests("", "") as stop, pytest.raises(KeyboardInterrupt):
+        write(stop)
+    assert len(written) == 5
+
+
+def test_signals_mean_afterwards_what_they_meant_before():
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    with requests("", ""):
+        pass
+    with sigterm_is_ctrl_c():
+        pass
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+
+
+def test_sigterm_is_heeded_like_ctrl_c():
+    with sigterm_is_ctrl_c(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)

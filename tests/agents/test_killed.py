@@ -1,0 +1,110 @@
+"""Work that is killed at random moments goes on with the same command, to the same end."""
+
+import functools
+import json
+import time
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from agents import begin, callbacks, compare
+from agents import train as training
+from agents.checkpoint import load_policy
+from agents.compare import Comparison
+from agents.evaluate import Protocol, evaluate
+from agents.hyperparameters import hyperparameters
+from agents.imitate import Cloning, clone
+from agents.study import Study
+from agents.train import train
+
+KILLS = 20
+BRIEF = Protocol(starts=8, seed=1, duration=2.0, window=1.0, alive=1.0)
+QUICK = Cloning(rounds=2, expert_starts=10, seconds=0.5, gradient_steps=50, gait_labels=50)
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Short roll-outs, and a state after each: kills often meet one being written."""
+
+    def smaller(algo, imitation):
+        settings = hyperparameters(algo, imitation)
+        changes = {"n_steps": 64, "batch_size": 64, "n_epochs": 2}
+        if algo == "sac":
+            changes = {"learning_starts": 50, "buffer_size": 2000}
+        return type(settings)(
+            2, 512, settings.reward_scale, settings.algorithm | changes, settings.written
+        )
+
+    monkeypatch.setattr(training, "hyperparameters", smaller)
+    monkeypatch.setattr(callbacks, "SAVE_INTERVAL", 0.0)
+
+
+def duration(work):
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def killed_until_done(work, rng, longest):
+    """How often `work` was killed before it came to its end."""
+    kills = 0
+    while True:
+        process = get_context("fork").Process(target=work)
+        process.start()
+        process.join(rng.uniform(0, longest))
+        if process.exitcode is not None:
+            assert process.exitcode == 0
+            return kills
+        process.kill()
+        process.join()
+        kills += 1
+        longest *= 1.1  # such that there is an end to it
+
+
+def weights(folder):
+    policies = [load_policy(folder / name).model.policy for name in ("best.zip", "last.zip")]
+    return [p.detach().numpy() for policy in policies for p in policy.parameters()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_a_training_killed_at_random_moments_ends_with_the_same_policies(tmp_path, algo):
+    steps = {"ppo": 1280, "sac": 320}[algo]
+
+    def work(out):
+        train(algo, out=out, timesteps=steps, protocol=BRIEF, progress=False)
+
+    longest = 0.6 * duration(lambda: work(tmp_path / "whole"))
+    rng, kills = np.random.default_rng(0), 0
+    while kills < KILLS:
+        out = tmp_path / f"after_{kills}"
+        kills += killed_until_done(functools.partial(work, out), rng, longest)
+        for mine, theirs in zip(weights(out), weights(tmp_path / "whole"), strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.slow
+def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(compare, "evaluate", functools.partial(evaluate, protocol=BRIEF))
+    monkeypatch.setattr(begin, "clone", lambda *args, **kw: clone(*args[:3], QUICK, **kw))
+    monkeypatch.setattr(compare, "FRONT_STEPS", (1,))
+    monkeypatch.setattr(compare, "animate", lambda *args, **kw: None)
+    study = Study(steps=1, timesteps=512, starts=0, front=(0.5, 0.55))
+
+    def work(out):
+        Comparison(study, out, progress=False).run()
+
+    longest = 0.3 * duration(lambda: work(tmp_path / "whole"))
+    rng, kills = np.random.default_rng(0), 0
+    while kills < KILLS:
+        out = tmp_path / f"after_{kills}"
+        kills += killed_until_done(functools.partial(work, out), rng, longest)
+        assert (out / "table.md").read_text() == (tmp_path / "whole" / "table.md").read_text()
+        tables = [
+            json.loads((folder / "results.json").read_text())["table"]
+            for folder in (out, tmp_path / "whole")
+        ]
+        for row in (row for table in tables for row in table):
+            del row["wall_time_s"]
+        assert tables[0] == tables[1]
