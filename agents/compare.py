@@ -40,7 +40,7 @@ from trajopt.provenance import provenance
 FRONT_STEPS = (1, 2, 3)
 
 #: What is written into each stage's file, last.
-_STAMP = {"wall_time_s", "git_revision"}
+_STAMP = frozenset({"wall_time_s", "git_revision"})
 
 #: Where the trainings leave the policies that are shown.
 CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
@@ -100,8 +100,9 @@ class Comparison:
         """The result of a stage, from its file if it has been run and what it made is there."""
         file, made_by = self.out / f"{name}.json", provenance()
         result = _read_json(file) if file.exists() else None
-        if result is not None and not _STAMP <= result.keys():
-            raise ValueError(f"{file}: damaged: no {_STAMP - result.keys()} in it; remove it")
+        unstamped = _STAMP - (_STAMP if result is None else result.keys())
+        if unstamped:
+            raise ValueError(f"{file}: damaged: no {unstamped} in it; remove it")
         missing = [f for f in (result or {}).get("files", ()) if not (self.out / f).exists()]
         if result is None or missing:
             if missing:
