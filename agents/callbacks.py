@@ -86,11 +86,11 @@ class KeepBest(BaseCallback):
         params: the machine.
         task: whose reward the default score is.
         every: time steps from one evaluation to the next.
-        keep: called with an evaluation that beats all before it, and its score.
         score: larger is better; default `Evaluation.objective`, the reward per second.
         protocol: of the evaluations.
 
     Attributes:
+        keep: called with an evaluation that beats all before it, and its score.
         best: the best score so far.
         due: time steps at which the next evaluation is due; None: at the start.
         history: (time steps, evaluation) of each.
@@ -101,14 +101,14 @@ class KeepBest(BaseCallback):
         params: WheelParams,
         task: Task,
         every: int,
-        keep: Callable[[Evaluation, float], None],
         score: Callable[[Evaluation], float] | None = None,
         protocol: Protocol = SHORT_PROTOCOL,
     ) -> None:
         super().__init__()
-        self._params, self._task, self._every, self._keep = params, task, every, keep
+        self._params, self._task, self._every = params, task, every
         self._score = score or (lambda evaluation: evaluation.objective)
         self._protocol = protocol
+        self.keep: Callable[[Evaluation, float], object] = lambda evaluation, score: None
         self.best = -math.inf
         self.due: int | None = None
         self.history: list[tuple[int, Evaluation]] = []
@@ -132,7 +132,7 @@ class KeepBest(BaseCallback):
         score = self._score(result)
         if score > self.best:
             self.best = score
-            self._keep(result, score)
+            self.keep(result, score)
         self.logger.record("eval/best_score", self.best)
 
 

@@ -24,7 +24,7 @@ from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
-from agents.folder import BEST, CLONE, LAST
+from agents.folder import BEST, CLONE, LAST, sole_user
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
@@ -79,7 +79,15 @@ class Comparison:
         _write_json(written, {"study": wanted} | provenance())
 
     def run(self) -> dict[str, Any]:
-        """Run what is not done yet; the results, which also stand in results.json."""
+        """Run what is not done yet; the results, which also stand in results.json.
+
+        Raises:
+            ValueError: another process runs it, or what it left is damaged.
+        """
+        with sole_user(self.out):
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         stages: dict[str, Callable[[], dict[str, Any]]] = {
             "gait": self._solve_gait,
             "swinging": self._solve_swinging_gait,

@@ -5,8 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from trajopt.provenance import provenance
 
@@ -17,19 +21,39 @@ NOTES, CLONE, BEST, LAST, STATE = (
 )
 
 
-def claim(out: Path, identity: dict[str, Any]) -> None:
-    """Make `out` the folder of a training, or find that it is already.
+@contextmanager
+def sole_user(out: Path) -> Iterator[None]:
+    """Make a folder if there is none, and keep other processes from working in it meanwhile.
 
-    Args:
-        out: the folder.
-        identity: plain values that say which training it is; they are written to train.json.
+    The operating system lets it go when this process ends, however it ends.
 
     Raises:
-        ValueError: it is a file, or holds another training or policies of unknown origin.
+        ValueError: it is a file, or another process works in it.
         OSError: it cannot be written.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file: choose a folder as --out")
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(out / ".lock", timeout=0):
+            yield
+    except Timeout:
+        raise ValueError(
+            f"another process works in {out}: wait for its end, or choose another --out"
+        ) from None
+
+
+def claim(out: Path, identity: dict[str, Any]) -> None:
+    """Make `out` the folder of a training, or find that it is already.
+
+    Args:
+        out: the folder, of which this process is the sole user.
+        identity: plain values that say which training it is; they are written to train.json.
+
+    Raises:
+        ValueError: it holds another training, or policies of unknown origin.
+        OSError: it cannot be written.
+    """
     notes = out / NOTES
     if notes.exists():
         _require_same(notes, identity)
@@ -40,7 +64,6 @@ def claim(out: Path, identity: dict[str, Any]) -> None:
             f"{out} holds {' and '.join(held)} but no {NOTES}: move them away, or choose another "
             "--out"
         )
-    out.mkdir(parents=True, exist_ok=True)
     part = notes.with_name(NOTES + ".part")
     part.write_text(json.dumps(identity | provenance(), indent=1) + "\n")
     os.replace(part, notes)

@@ -15,7 +15,7 @@ from agents.begin import Training, cloned, started_from
 from agents.callbacks import Freeze, KeepBest, LogWalking, Progress, SaveState
 from agents.checkpoint import architecture, save_policy
 from agents.evaluate import SHORT_PROTOCOL, Evaluation, Protocol
-from agents.folder import BEST, CLONE, LAST, STATE, claim
+from agents.folder import BEST, CLONE, LAST, STATE, claim, sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning
 from agents.interrupts import requests
@@ -130,45 +130,75 @@ def train(
             "(learning_starts in agents/hyperparams); ask for more"
         )
     training = Training(algo, str(init), seed, params, task, settings)
-    claim(out, training.identity)
-    env = training.env()
-    standing = Standing()
-    if (out / STATE).exists():
-        state = load_state(out / STATE)
-        model = training.model(env, state["notes"]["policy_kwargs"])
-        restore(model, state["model"])
-        standing = Standing(**state["notes"]["standing"])
-    elif training.init == "scratch":
-        model = training.model(env)
-    elif training.init == "imitation":
-        model = cloned(training, env, out, expert, cloning, progress)
-    else:
-        model = started_from(training, env)
+    keeper = KeepBest(params, task, max(1, math.ceil(total / EVALUATIONS)), score, protocol)
+    with sole_user(out):
+        claim(out, training.identity)
+        if (out / STATE).exists():
+            model, standing = _resumed(training, out)
+        else:
+            model, standing = _begun(training, out, expert, cloning, progress), Standing()
+        try:
+            return _learned(training, total, out, model, standing, keeper, progress)
+        finally:
+            model.env.close()
+
+
+def _begun(
+    training: Training,
+    out: Path,
+    expert: Controller | None,
+    cloning: Cloning | None,
+    progress: bool,
+) -> Any:
+    """The model with which a training begins."""
+    if training.init == "scratch":
+        return training.model(training.env())
+    if training.init == "imitation":
+        return cloned(training, training.env(), out, expert, cloning, progress)
+    return started_from(training, training.env())
+
+
+def _resumed(training: Training, out: Path) -> tuple[Any, Standing]:
+    """The model with which a training goes on, and how far it has come."""
+    state = load_state(out / STATE)
+    model = training.model(training.env(), state["notes"]["policy_kwargs"])
+    restore(model, state["model"])
+    return model, Standing(**state["notes"]["standing"])
+
+
+def _learned(
+    training: Training,
+    total: int,
+    out: Path,
+    model: Any,
+    standing: Standing,
+    keeper: KeepBest,
+    progress: bool,
+) -> TrainResult:
+    """Learn until `total` time steps, or until asked to stop."""
+    of = (model, training.params, training.task, training.seed)
 
     def keep(evaluation: Evaluation, score: float) -> None:
-        figures = {"score": score, "evaluation": evaluation.to_dict()}
-        save_policy(out / BEST, model, params, task, seed, **figures)
+        save_policy(out / BEST, *of, score=score, evaluation=evaluation.to_dict())
 
     def save() -> None:
         standing.best, standing.due = keeper.best, keeper.due
         standing.logged = dict(model.logger.name_to_value)
+        save_policy(out / LAST, *of)
         notes = {"standing": vars(standing), "policy_kwargs": architecture(model)}
-        save_policy(out / LAST, model, params, task, seed)
         save_state(out / STATE, model, notes)
 
-    every = max(1, math.ceil(total / EVALUATIONS))
-    keeper = KeepBest(params, task, every, keep, score, protocol)
-    keeper.best, keeper.due = standing.best, standing.due
     kept, interrupted = model.num_timesteps, False
     if standing.over is None or standing.over < total:
-        bar = Progress(total, f"{algo} {Path(init).stem}", progress)
+        keeper.best, keeper.due, keeper.keep = standing.best, standing.due, keep
         model.set_logger(event_log(out, model.num_timesteps))
         for name, value in standing.logged.items():
             model.logger.record(name, value)
+        bar = Progress(total, f"{training.algo} {Path(training.init).stem}", progress)
         place, loss = "at the end of this roll-out", "at most half a minute of training"
         with requests(place, loss) as stop:
             saver = SaveState(save, stop, keeper)
-            callbacks = [LogWalking(params), keeper, saver, bar]
+            callbacks = [LogWalking(training.params), keeper, saver, bar]
             if training.init != "scratch":
                 callbacks.append(Freeze(round(CRITIC_WARM_UP * total)))
             try:
@@ -182,7 +212,6 @@ def train(
                 bar.close()
             kept = saver.kept
         model.logger.close()
-    env.close()
     return TrainResult(
         best=out / BEST,
         last=out / LAST,

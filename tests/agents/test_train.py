@@ -14,6 +14,7 @@ from agents import train as training
 from agents.callbacks import LogWalking, SaveState
 from agents.checkpoint import CheckpointError, load_policy, read_record
 from agents.evaluate import Protocol
+from agents.folder import sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, actor_of
 from agents.resumption import StateError
@@ -133,6 +134,25 @@ def test_a_training_that_was_stopped_ends_with_the_same_policies(
         )
 
 
+def test_what_was_logged_after_the_last_state_is_logged_once(tmp_path, monkeypatch):
+    learned = LogWalking._on_step
+
+    def killed(self):
+        if self.num_timesteps > 400:
+            raise SystemExit
+        return learned(self)
+
+    monkeypatch.setattr(LogWalking, "_on_step", killed)
+    monkeypatch.setattr(training, "EVALUATIONS", 2)  # and so few states
+    monkeypatch.setattr("agents.callbacks.LOG_INTERVALS", 1)
+    with pytest.raises(SystemExit):
+        run(tmp_path)
+    monkeypatch.setattr(LogWalking, "_on_step", learned)
+    run(tmp_path)
+    steps = [event.step for event in scalars(tmp_path)["walk/return"]]
+    assert steps == [128, 256, 384, 512]
+
+
 def test_a_training_killed_while_its_state_is_written_goes_on_from_the_one_before(
     tmp_path, monkeypatch
 ):
@@ -189,6 +209,11 @@ def test_the_third_ctrl_c_stops_at_once_and_tells_what_is_kept(tmp_path, monkeyp
     assert broken.timesteps == read_record(broken.last)["timesteps"] == 128
     monkeypatch.setattr(LogWalking, "_on_step", learned)
     assert not run(tmp_path).interrupted
+
+
+def test_two_processes_do_not_train_in_one_folder(folder):
+    with sole_user(folder), pytest.raises(ValueError, match=r"another process works in .*--out"):
+        run(folder)
 
 
 def test_a_training_that_is_over_is_left_alone_unless_more_is_asked_for(folder):
