@@ -129,14 +129,17 @@ def after_lift_off(theta, dtheta, u, p):
 
 @inner
 def rates(mode, phi, theta, dphi, dtheta, u, constants):
-    """Derivatives of the state and of the reference simulator's six energy integrals."""
+    """Derivatives of the state and of the reference simulator's energy integrals, all smooth.
+
+    Electrical energy, copper, friction and drag losses, and the motor's work on the pendulum.
+    """
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
     dpsi = relative_rate(dphi, dtheta, p)
     power = electrical_power(dpsi, u, p)
     copper, friction, drag = losses(dphi, dpsi, u, p)
-    shaft = abs(motor_torque(dpsi, u, p) * dpsi)
-    return dphi, dtheta, ddphi, ddtheta, power, max(power, 0.0), copper, friction, drag, shaft
+    shaft = motor_torque(dpsi, u, p) * dpsi
+    return dphi, dtheta, ddphi, ddtheta, power, copper, friction, drag, shaft
 
 
 @inner

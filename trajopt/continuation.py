@@ -29,6 +29,9 @@ SHORTEST = 2.0**-8
 #: By what a step is multiplied when it succeeds.
 GROWTH = 2.0
 
+#: Steps that end short of a value by less than this fraction of the way to it go on to it.
+SHORT_OF = 1e-6
+
 #: A mesh of more than so many times the first one's elements is given up for the first one:
 #: refinements where a control used to switch are of no use.
 MOST_ELEMENTS = 2.0
@@ -161,16 +164,17 @@ def extrapolated(
     def moved(old: PhaseTrajectory, new: PhaseTrajectory) -> PhaseTrajectory:
         ratio = old.duration / new.duration
 
-        def apart(values: Array, nodes: Array, function: Callable[[Array], Array]) -> Array:
-            inside = new.edges[:-1, None] + new.element_durations[:, None] * nodes
-            return values - function(ratio * inside.ravel()).reshape(values.shape)
-
+        inside = new.edges[:-1, None] + new.element_durations[:, None] * new.nodes
+        knots = new.edges[:-1, None] + new.element_durations[:, None] * new.control_nodes
+        states = old.state(ratio * inside.ravel()).reshape(new.states.shape)
+        controls = old.control(ratio * knots.ravel()).reshape(new.controls.shape)
+        controls[:, -1] = old.control(ratio * knots[:, -1], "left")
         return PhaseTrajectory(
             new.edges * max(1.0 + factor * (1.0 - ratio), 0.5),
             new.nodes,
-            new.states + factor * apart(new.states, new.nodes, old.state),
+            new.states + factor * (new.states - states),
             new.control_nodes,
-            new.controls + factor * apart(new.controls, new.control_nodes, old.control),
+            new.controls + factor * (new.controls - controls),
         )
 
     return tuple(moved(old, new) for old, new in zip(before, after, strict=True))
@@ -213,14 +217,15 @@ class _Follower:
         for target in values[1:]:
             while obstacle is None and (reached := self.found[-1][0]) != target:
                 way = target - reached
+                arrives = step > (1 - SHORT_OF) * abs(way)
                 step = min(step, abs(way))
-                value = target if step == abs(way) else reached + math.copysign(step, way)
+                value = target if arrives else reached + math.copysign(step, way)
                 obstacle = self._solve(value)
                 if obstacle is None:
                     step = min(GROWTH * step, longest)
                     bar.set_postfix_str(f"at {value:.6g}", refresh=False)
                     bar.update(100 * abs(value - reached) / length)
-                elif step / 2 >= SHORTEST * length:
+                elif step / 2 > (1 - SHORT_OF) * SHORTEST * length:
                     step, obstacle = step / 2, None
         return obstacle
 

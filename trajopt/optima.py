@@ -12,6 +12,7 @@ import numpy as np
 
 from trajopt.guesses import Guess
 from trajopt.problem import Array, Problem
+from trajopt.ties import least_first
 from trajopt.trajectory import PhaseTrajectory
 
 #: Of costs (relative), and of states sampled along the phases (relative to 1 + their magnitude).
@@ -88,7 +89,7 @@ class Optimum:
     """A local optimum, and the starts that led to it.
 
     Attributes:
-        best: the start that came out best, by a hair.
+        best: the start that came out best; the first of those that tie.
         found: indices of all of them, ascending.
     """
 
@@ -114,7 +115,8 @@ def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple
     """Different optima among what did not fail, best first, with how often each was found."""
     successes = [outcome for outcome in outcomes if not outcome.failure]
     groups: list[list[Outcome]] = []
-    for outcome in sorted(successes, key=lambda o: (o.cost, o.index)):
+    in_turn = sorted(successes, key=lambda o: o.index)
+    for outcome in least_first(in_turn, lambda o: o.cost):
         group = next((g for g in groups if same(g[0], outcome)), None)
         if group is None:
             groups.append([outcome])

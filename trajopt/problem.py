@@ -37,6 +37,10 @@ Bounds = Mapping[str, float | tuple[float, float]]
 MARGIN = 1e-3
 
 
+#: Sums of bounds on durations that differ by less (relative) are equal.
+ROUNDING = 1e-12
+
+
 class InfeasibleBoundsError(ValueError):
     """Bounds contradict each other: there is nothing to solve."""
 
@@ -237,7 +241,7 @@ class Problem:
         least = sum(pair(p.duration)[0] for p in self.phases)
         most = sum(pair(p.duration)[1] for p in self.phases)
         low, high = pair(self.duration)
-        if low > high or least > high or most < low:
+        if low > high or least > (1 + ROUNDING) * high or most < (1 - ROUNDING) * low:
             raise InfeasibleBoundsError(
                 f"duration = {self.duration} s, but the phases' own bounds add up to "
                 f"{least:g} to {most:g} s: widen one of them"

@@ -31,6 +31,7 @@ from trajopt.optima import Optimum, Outcome, Same, Start, StartFamily, distinct
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
 from trajopt.solve import WARM_BARRIER, solve
+from trajopt.ties import least_first
 
 FORMAT = "trajopt search 1"
 
@@ -255,7 +256,8 @@ def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, 
         problem = search.start(optimum.best.index).problems[-1]
         guess, parameters = optimum.phases, optimum.best.parameters
         refined.append(solve(problem, guess, search.mesh, parameters=parameters, **settings))
-    return tuple(sorted(refined, key=lambda e: (not e.converged, e.cost)))
+    ranked = least_first(refined, lambda e: e.cost)
+    return tuple(sorted(ranked, key=lambda e: not e.converged))
 
 
 def _outcomes(known: Search | None, search: Search) -> tuple[Outcome, ...]:

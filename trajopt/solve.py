@@ -34,6 +34,9 @@ WARM_BARRIER, WARM_BARRIERS = 1e-4, (1e-4, 1e-6)
 WARM_ITERATIONS = 150
 
 
+#: Errors that differ by less (relative) are equal: a solver leaves the last digits open.
+EQUAL = 0.01
+
 #: Refinements for the sake of the Hamiltonian, and by how much the cost of an accurate solution
 #: may rise by refinement (relative) before it counts as another optimum.
 CERTIFYING_PASSES, SAME_COST = 5, 5e-3
@@ -105,7 +108,7 @@ def solve(
         settled = _error(best[2]) <= tolerance
         if not result.success or (settled and _dearer(result, best[1])):
             break
-        if _shortfall(qualities, tolerance) <= _shortfall(best[2], tolerance):
+        if _shortfall(qualities, tolerance) <= (1 + EQUAL) * _shortfall(best[2], tolerance):
             best = transcription, result, qualities
     transcription, result, qualities = best
     if passes and result.success:
@@ -170,7 +173,7 @@ def _climb(
         )
         if result.success:
             return result
-        if best is None or _violation(result) < _violation(best):
+        if best is None or _violation(result) < (1 - EQUAL) * _violation(best):
             best = result
     if best is None:
         raise ValueError("ladder: give at least one set of options, such as {}")
@@ -217,7 +220,7 @@ def _certified(
         if not result.success or _dearer(result, best[1]):
             break
         found = certificate(transcription, result).hamiltonian_spread
-        if found < spread:
+        if found < (1 - EQUAL) * spread:
             best, spread = (transcription, result), found
     return best
 

@@ -12,6 +12,10 @@ from trajopt.schemes.polynomials import lagrange_matrix
 
 Array = NDArray[np.float64]
 
+#: Times that differ by less than this fraction of their phase are the same: on which side of an
+#: edge a time is that was computed to lie on it, rounding alone would decide.
+SAME_TIME = 1e-12
+
 
 @dataclasses.dataclass(frozen=True)
 class PhaseTrajectory:
@@ -67,6 +71,7 @@ class PhaseTrajectory:
         return np.diff(self.edges)
 
     def _locate(self, t: Array, side: str) -> tuple[NDArray[np.intp], Array]:
-        where = np.searchsorted(self.edges, t, side="right" if side == "right" else "left") - 1
+        past = t + SAME_TIME * self.duration if side == "right" else t - SAME_TIME * self.duration
+        where = np.searchsorted(self.edges, past, side="right" if side == "right" else "left") - 1
         element = np.clip(where, 0, len(self.edges) - 2)
         return element, (t - self.edges[element]) / self.element_durations[element]

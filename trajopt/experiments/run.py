@@ -30,6 +30,7 @@ from trajopt.optima import Outcome
 from trajopt.problem import Problem, pair
 from trajopt.search import Search, multi_start
 from trajopt.solve import WARM_BARRIER, solve
+from trajopt.ties import least_first
 from trajopt.trajectory import PhaseTrajectory
 
 #: What a converged case may be off by: the mesh, the states simulated, the touchdowns (s).
@@ -228,7 +229,7 @@ def _best(search: Search, quickest: bool) -> Outcome:
     best = search.optima[0]
     if not quickest:
         return best.best
-    return min((o for o in search.outcomes if o.index in best.found), key=_duration)
+    return least_first((o for o in search.outcomes if o.index in best.found), _duration)[0]
 
 
 def _of_durations(problem: Problem, outcome: Outcome) -> Problem:

@@ -74,7 +74,7 @@ class LimitCycleLqr:
                 deviation of the gait's own motion.
             near: distance, in such standard deviations, up to which the LQR is trusted alone.
         """
-        params, n = solution.params, max(8, round(solution.duration / CONTROL_PERIOD))
+        params, n = solution.params, max(8, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
         t: Array = period * np.arange(0.5, n)
         states, voltages = solution.state(t), mean_voltage(solution, t, period)

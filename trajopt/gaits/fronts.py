@@ -16,6 +16,7 @@ from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
 from trajopt.problem import Array
+from trajopt.ties import clearly_less
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,11 +33,11 @@ class CotFront:
 
     @cached_property
     def envelope(self) -> tuple[Solution, ...]:
-        """The best gait at each speed, in order of speed."""
+        """The best gait at each speed, in order of speed; where two are as good, the first's."""
         best: dict[float, Solution] = {}
         for solution in self.solutions:
             speed = round(solution.speed, 9)
-            if speed not in best or solution.cot < best[speed].cot:
+            if speed not in best or clearly_less(solution.cot, best[speed].cot):
                 best[speed] = solution
         return tuple(best[speed] for speed in sorted(best))
 
@@ -136,4 +137,5 @@ def _best_at(
 def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: int) -> list[float]:
     known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps)]
     centre = known[0] if known else float(np.mean(speeds))
-    return sorted(map(float, speeds), key=lambda speed: abs(speed - centre))
+    # Speeds to either side of the centre are as far from it but for rounding: the slower first.
+    return sorted(map(float, speeds), key=lambda speed: (round(abs(speed - centre), 6), speed))

@@ -21,6 +21,7 @@ from trajopt.problem import Problem
 from trajopt.provenance import provenance
 from trajopt.rows import Breach
 from trajopt.solve import solve
+from trajopt.ties import least_first
 from trajopt.trajectory import PhaseTrajectory
 
 #: A first mesh for gaits that come without one of their own.
@@ -32,8 +33,13 @@ DEFAULT_STARTS, REFINED = 24, 3
 #: Shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
-#: Steps of continuation in speed (m/s).
-SPEED_STEP = 0.025
+#: Steps of continuation in speed (m/s), and by what share one may be longer: speeds of gaits and
+#: whole numbers of steps apart are so only to a solver's tolerance.
+SPEED_STEP, STRETCH = 0.025, 1e-6
+
+#: A gait of the same machine whose speed differs by less (m/s) is followed with a smaller barrier.
+#: (No round number, as differences of speeds are.)
+SAME_SPEED = 9e-4
 
 
 class NoGaitError(ValueError):
@@ -111,7 +117,7 @@ def periodic_gait(
         for o in distinct(outcomes, same_gait)
     )
     solutions = []
-    for found, turns in sorted(solved, key=lambda pair: pair[0].cost):
+    for found, turns in least_first(solved, lambda pair: pair[0].cost):
         solution = solution_of(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return solution
@@ -131,7 +137,7 @@ def continued(
         )
 
     phases, reached, mesh = lead.phases, lead.speed, own_mesh(lead.phases)
-    legs = max(1, math.ceil(abs(speed - lead.speed) / SPEED_STEP - 1e-9))
+    legs = max(1, math.ceil(abs(speed - lead.speed) / SPEED_STEP - STRETCH))
     waypoints = [lead.speed + (speed - lead.speed) * i / legs for i in range(1, legs)]
     if waypoints:
         transcription = Transcription(problem(speed), mesh)
@@ -140,7 +146,7 @@ def continued(
         if not result.success:
             return None, _obstacle(result.status, result.breaches, reached)
         phases, reached = result.phases, waypoint
-    near = lead.params == params and abs(speed - lead.speed) < 1e-3
+    near = lead.params == params and abs(speed - lead.speed) < SAME_SPEED
     found = _solved(problem(speed), phases, mesh, mu_init=1e-5 if near else 1e-3)
     if not found.succeeded:
         return None, _obstacle(found.status, found.breaches, reached)

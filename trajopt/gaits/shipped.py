@@ -12,6 +12,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
+from trajopt.ties import least_first
 
 #: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
 NEAR = 0.02
@@ -32,7 +33,12 @@ def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
     """
     fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
     families: dict[int, Solution] = {}
-    for solution in sorted(fitting, key=lambda s: _distance(s, params, speed)):
+
+    def distance(solution: Solution) -> tuple[int, float]:
+        differing, gap = _distance(solution, params, speed)
+        return differing, round(gap, 6)  # m/s: two that are as far but for rounding are
+
+    for solution in sorted(fitting, key=distance):
         families.setdefault(solution.theta_turns, solution)
     return list(families.values())
 
@@ -54,11 +60,11 @@ def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
 def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> list[Solution]:
     """Guesses sorted by machine, then by speed to within `NEAR`, then by cost of transport."""
 
-    def promise(solution: Solution) -> tuple[int, int, float]:
+    def nearness(solution: Solution) -> tuple[int, int]:
         differing, gap = _distance(solution, params, speed)
-        return differing, round(gap / NEAR), solution.cot
+        return differing, round(gap / NEAR - 1e-3)  # round speeds are not on the brink
 
-    return sorted(leads, key=promise)
+    return sorted(least_first(leads, lambda solution: solution.cot), key=nearness)
 
 
 def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[int, float]:

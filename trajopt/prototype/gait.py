@@ -25,6 +25,7 @@ from trajopt.problem import Problem
 from trajopt.prototype.variant import GEARS, SPEEDS, Variant
 from trajopt.search import multi_start
 from trajopt.solve import WARM_BARRIER, solve
+from trajopt.ties import least_first
 
 #: Random starts per scale, and how many of their optima are refined until one is verified.
 STARTS, REFINED = 16, 2
@@ -127,7 +128,7 @@ def cheaper(
         extremal = led(variant, gait, scale)
         if extremal is not None and extremal.transcribed_cost < (1 - WORTH_IT) * best:
             reached.append((extremal, gait))
-    for extremal, gait in sorted(reached, key=lambda pair: pair[0].transcribed_cost):
+    for extremal, gait in least_first(reached, lambda pair: pair[0].transcribed_cost):
         found = refined(variant, scale, extremal, gait.theta_turns, gait.optima)
         if found.verification.passed and found.cot < (1 - WORTH_IT) * best:
             return found
@@ -152,8 +153,8 @@ def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
     )
     if not start.succeeded:
         return Curve(scale, obstacle=Obstacle(begin, "; ".join(start.failures), start))
-    if begin == scale:
-        return Curve(scale, (begin,), (start,))
+    if math.isclose(begin, scale, rel_tol=1e-9):  # the gait's own scale, read off its machine
+        return Curve(scale, (scale,), (start,))
     return continued(
         lambda s: variant.problem(s, gait.theta_turns),
         start,

@@ -15,6 +15,7 @@ from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.prototype.gait import binding, cheaper, cheapest, followed
 from trajopt.prototype.variant import SCALES, VARIANTS, Variant
+from trajopt.ties import least_first
 
 #: The scale to which a last gait is followed, if it does not end before.
 FARTHEST = 0.5
@@ -145,7 +146,7 @@ def study(
 def _first() -> tuple[Solution, ...]:
     """The cheapest steps that are known of the machine of the largest scale."""
     known = [gait for gait in shipped() if gait.steps == 1]
-    return tuple(sorted(known, key=lambda gait: gait.cot)[:2])
+    return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
 @dataclasses.dataclass
@@ -208,7 +209,7 @@ def shared(points: Sequence[Point]) -> list[Point]:
             and point.variant.admits(other.variant)
         ]
         if lesser:
-            gait = min(lesser, key=lambda gait: gait.cot)
+            gait = least_first(lesser, lambda gait: gait.cot)[0]
             own = gait.params.replace(voltage_limit=point.variant.voltage)
             best.append(Point(point.variant, point.scale, dataclasses.replace(gait, params=own)))
         else:

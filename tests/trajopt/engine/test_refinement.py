@@ -12,7 +12,7 @@ import pytest
 
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, refinement, solve, textbook
 from trajopt.accuracy import Quality, assess
-from trajopt.refinement import breaks, is_smooth, refined, switch_points
+from trajopt.refinement import breaks, certified, is_smooth, refined, switch_points
 from trajopt.schemes.polynomials import radau_nodes
 
 NONE = np.zeros(0)
@@ -119,6 +119,9 @@ def test_where_there_is_no_room_for_all_the_worst_are_split(
     faults = quality(4, limit_violation={0: 1e-5, 1: 1e-4, 2: 1e-2, 3: 1e-3})
     mesh = refine(smooth, faults, Mesh.uniform(1, 4, 6))
     assert mesh.fractions == ((0.0, 0.25, 0.5, 0.625, 0.75, 1.0),)
+    faults = quality(4, limit_violation={0: 1e-3, 1: 1e-4, 2: 1e-5, 3: 1e-2})
+    mesh = refine(smooth, faults, Mesh.uniform(1, 4, 6))
+    assert mesh.fractions == ((0.0, 0.25, 0.5, 0.75, 0.875, 1.0),)
 
 
 @pytest.mark.parametrize("place", [0.3, 0.42])
@@ -172,6 +175,70 @@ def test_a_bound_that_is_met_switches_whether_or_not_there_is_another(
     saturating = sampled([0.0, 0.5, 1.0], lambda t: bound * np.minimum(t / 0.7, 1.0), degree=2)
     assert len(switch_points(phase, saturating, 1, NONE)) == 1
     assert switch_points(phase, saturating, 0, NONE) == []
+
+
+def _twice(trajectory: PhaseTrajectory) -> PhaseTrajectory:
+    """With a second control equal to the first, and after it another that breaks elsewhere."""
+    u = trajectory.controls
+    return dataclasses.replace(trajectory, controls=np.concatenate([u, -u, u[::-1, ::-1]], axis=-1))
+
+
+EDGES = np.linspace(0.0, 1.0, 5)
+BRINKS = {
+    "a kink in the neighbour": sampled(EDGES, lambda t: np.maximum(0.42 - t, 0.0)),
+    "a kink at an edge": sampled(EDGES, lambda t: np.abs(t - 0.5)),
+    "a bump": sampled(EDGES, lambda t: np.where((t > 0.5) & (t < 0.75), np.sin(4 * np.pi * t), 0)),
+    "constant": sampled(EDGES, lambda t: np.full_like(t, 0.3)),
+    "at its bound": sampled(EDGES, lambda t: np.ones_like(t)),
+    "at rest": sampled(EDGES, lambda t: np.zeros_like(t)),
+    "at rest in between": sampled(EDGES, lambda t: np.where((t > 0.25) & (t <= 0.75), 0, t - 0.5)),
+    "through zero at a sample": sampled(EDGES, lambda t: 0.6 - t),
+    "through zero at an edge": sampled(EDGES, lambda t: 0.5 - t),
+    "near an edge": sampled(EDGES, lambda t: np.where(t < 0.275, 1.0, -1.0), degree=4),
+    "equal controls": _twice(sampled(EDGES, lambda t: np.maximum(0.42 - t, 0.0))),
+}
+
+
+@pytest.mark.parametrize("brink", BRINKS)
+def test_what_rounding_changes_is_no_decision(brink: str) -> None:
+    trajectory, rng = BRINKS[brink], np.random.default_rng(0)
+    controls = tuple(f"u{k}" for k in range(trajectory.controls.shape[-1]))
+    phase = dataclasses.replace(block(), controls=controls, bounds=dict.fromkeys(controls, (-1, 1)))
+
+    def decisions(seen: PhaseTrajectory) -> list[object]:
+        return [
+            (breaks(seen, e), switch_points(phase, seen, e, NONE), is_smooth(seen, e))
+            for e in range(4)
+        ]
+
+    def shaken(values: np.ndarray) -> np.ndarray:
+        return values + rng.choice([0.0, 1e-16, 1e-13]) * rng.uniform(-1.0, 1.0, values.shape)
+
+    undisturbed = decisions(trajectory)
+    for _ in range(20):
+        states, controls = shaken(trajectory.states), shaken(trajectory.controls)
+        disturbed = decisions(dataclasses.replace(trajectory, states=states, controls=controls))
+        for (jumps, switches, smooth), others in zip(undisturbed, disturbed, strict=True):
+            assert (pytest.approx(jumps), pytest.approx(switches), smooth) == others
+
+
+def test_of_elements_that_are_as_bad_the_first_are_split(
+    smooth: PhaseTrajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refinement, "MAX_ELEMENTS", 5)
+    for hair in (-1e-12, 0.0, 1e-12):
+        faults = quality(4, limit_violation={0: 1e-5, 1: 1e-3, 3: 1e-3 * (1 + hair)})
+        mesh = refine(smooth, faults, Mesh.uniform(1, 4, 6))
+        assert mesh.fractions == ((0.0, 0.25, 0.375, 0.5, 0.75, 1.0),)
+
+
+def test_elements_of_one_width_are_all_split_or_none() -> None:
+    mesh = Mesh.uniform(1, 1000)
+    assert len(set(np.diff(mesh.fractions[0]))) > 1  # by rounding
+    hamiltonian = np.tile([0.0, 1.0], (1000, 1))
+    assert certified(mesh, [hamiltonian], 1e-3) == mesh
+    finer = certified(Mesh.uniform(1, 900), [hamiltonian[:900]], 1e-3)
+    assert finer.elements == 1800
 
 
 def test_smooth_is_what_a_few_more_degrees_resolve() -> None:
