@@ -11,7 +11,8 @@ from tqdm import tqdm
 from agents.evaluate import SHORT_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.imitate import actor_of
 from agents.policies import model_policy
-from rimless_gym.envs.task import EPISODE_STEPS, Task
+from rimless_gym.envs import EPISODE_STEPS
+from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 
 _ENERGIES = ("copper", "friction", "drag", "collision", "shaft", "idle", "electrical")
