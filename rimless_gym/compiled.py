@@ -13,7 +13,7 @@ from rimless_gym.jit import REFERENCE, kept
 from rimless_gym.params import N_CONSTANTS, Constants
 
 
-@kept(REFERENCE)
+@kept()
 def rates(mode, phi, theta, dphi, dtheta, u, constants):
     """`hybrid.rates`."""
     return hybrid.rates(mode, phi, theta, dphi, dtheta, u, constants)
@@ -25,7 +25,7 @@ def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
     return hybrid.guards(mode, phi, theta, dphi, dtheta, u, pull, constants)
 
 
-@kept(REFERENCE)
+@kept()
 def measured(mode, phi, theta, dphi, dtheta, u, constants):
     """(Fx, Fy), mechanical energy, momentum, the hub's x and the pendulum's clearance."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
@@ -37,14 +37,14 @@ def measured(mode, phi, theta, dphi, dtheta, u, constants):
     return force, energy, momentum, hub, clearance
 
 
-@kept(REFERENCE)
+@kept()
 def after_touchdown(direction, theta, dphi, dtheta, u, constants):
     """`hybrid.after_touchdown`."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     return hybrid.after_touchdown(direction, theta, dphi, dtheta, u, p)
 
 
-@kept(REFERENCE)
+@kept()
 def after_lift_off(theta, dtheta, u, constants):
     """`hybrid.after_lift_off`."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))

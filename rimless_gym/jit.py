@@ -38,7 +38,7 @@ vectorised = _called_from_compiled_code(fastmath={"contract"})
 #: The same, always part of its caller: a loop with a call in it would not vectorise.
 inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
 
-#: What is compiled before the first use of the environment, and of the reference simulator.
+#: What is announced, by what takes longest of it or comes first: one process compiles that.
 ENVIRONMENT = "the simulator (about 15 s)"
 REFERENCE = "the reference simulator (about 1 s)"
 
@@ -47,7 +47,7 @@ def kept(part: str | None = None, *, nogil: bool = False) -> Callable[[F], Any]:
     """Compiled when it is first called, for callers in Python, and kept on disk.
 
     Args:
-        part: of the package, to be announced when it is compiled; None for what takes no time.
+        part: of the package, to be announced when this is compiled; None: nothing is said.
         nogil: whether other threads run meanwhile.
     """
 

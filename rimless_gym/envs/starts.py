@@ -39,7 +39,7 @@ from rimless_gym.envs.perturbation import (
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.task import draw_state, foot_force
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.jit import ENVIRONMENT, inner, kept
+from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -130,7 +130,7 @@ def _set_state(kind, given, k, p, memory, streams, i):
     return pressed
 
 
-@kept(ENVIRONMENT)
+@kept()
 def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
     """Begin the episodes of `rows` at a start of `kind`; a row that found none, or -1.
 
@@ -168,7 +168,7 @@ def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory
     return failed
 
 
-@kept(ENVIRONMENT)
+@kept()
 def set_terms(fields, prices, memory):
     """Write what the task needs of each row's machine into `memory`."""
     for i in range(fields.shape[1]):
