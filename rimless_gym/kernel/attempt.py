@@ -73,9 +73,9 @@ def plan(tile):
         p, (a0, a1) = machine(tile, lane), get_pair(tile, of.ACC, lane)
         _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
         left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
-        turning = abs(dphi) + abs(dtheta) + 0.5 * left * (abs(a0) + abs(a1))
-        turning = turning / min(max(peak(p), LEAST_PEAK), 1.0)
-        braking = drag_pole(dphi, p)
+        rolling, swinging = abs(dphi) + 0.5 * left * abs(a0), abs(dtheta) + 0.5 * left * abs(a1)
+        turning = (rolling + swinging) / min(max(peak(p), LEAST_PEAK), 1.0)
+        braking = drag_pole(rolling, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import WheelParams, simulate
-from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES
+from rimless_gym.kernel.stepping import FOOT, MODE
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def difference(interval: Interval) -> tuple[float, bool]:
 
 def _from(interval: Interval, start: Floats, voltage: float) -> float:
     """The difference from a reference motion of that start and voltage; infinite if not alike."""
-    params, mode = interval.params, MODE_NAMES[int(interval.before[4])]
+    params, mode = interval.params, MODE_NAMES[int(interval.before[MODE])]
     motion = simulate(params, start, [voltage], CONTROL_PERIOD, mode=mode, pull=0.0)
     ledger = motion.ledger
     elapsed = abs(ledger.time - interval.elapsed) / CONTROL_PERIOD
@@ -76,9 +77,9 @@ def _from(interval: Interval, start: Floats, voltage: float) -> float:
     ]
     if interval.after is None:
         return max(other) if motion.failure is not None else math.inf
-    if motion.failure is not None or motion.final_mode != MODE_NAMES[int(interval.after[4])]:
+    if motion.failure is not None or motion.final_mode != MODE_NAMES[int(interval.after[MODE])]:
         return math.inf
-    if motion.steps != interval.after[5] - interval.before[5]:
+    if motion.steps != interval.after[FOOT] - interval.before[FOOT]:
         return math.inf
     scale = np.maximum(1.0, np.abs([1.0, 1.0, *interval.after[2:4]]))
     apart = np.abs(motion.x[-1] - interval.after[:4])
@@ -88,7 +89,7 @@ def _from(interval: Interval, start: Floats, voltage: float) -> float:
 
 def _nearby(interval: Interval) -> Iterator[tuple[Floats, float]]:
     """Starts and voltages so near that rounding may take one for another."""
-    p, standing = interval.params.constants, interval.before[4] == 1
+    p, standing = interval.params.constants, interval.before[MODE] == DOUBLE
     for i in (1, 3) if standing else range(4):
         for sign in (-1, 1):
             start = interval.before[:4].copy()

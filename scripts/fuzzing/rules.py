@@ -38,16 +38,20 @@ class Rules:
         self._p = Constants(*np.stack([m.constants_array for m in machines], axis=1))
         self._weight = np.array([m.weight for m in machines])
         self._stalled = np.array([m.voltage_limit**2 / m.armature_resistance for m in machines])
+        self._torque = np.array([m.voltage_limit for m in machines]) * self._p.K * self._p.G
         self._dissipates = np.array([m.impact_law == "plastic" for m in machines])
 
     def residuals(self, before: Floats, info: Mapping[str, Any]) -> Floats:
-        """What the ledgers leave unexplained, as a share of the energies in them."""
+        """What the ledgers leave unexplained, as a share of the energies in them.
+
+        The motor's at stall, over a radian, is one of them: angles are rounded.
+        """
         p, (phi, theta, dphi, dtheta) = self._p, before[:, :4].T
         moving = _eq.kinetic_energy(phi, theta, dphi, dtheta, p)
-        high = p.S1 * np.hypot(p.gx, p.gy) + p.S2 * np.hypot(p.gx, p.gy)
+        high = (p.S1 + p.S2) * np.hypot(p.gx, p.gy)
         terms = [info["electrical"], info["push"], info["mechanical_change"]]
         losses = [info[name] for name in _LOSSES]
-        scale = moving + high + sum(np.abs(term) for term in [*terms, *losses])
+        scale = moving + high + self._torque + sum(np.abs(term) for term in [*terms, *losses])
         residual = info["electrical"] + info["push"] - info["mechanical_change"] - sum(losses)
         return np.abs(residual) / scale
 
@@ -59,7 +63,7 @@ class Rules:
         observations: NDArray[np.float32],
         rewards: Floats,
         info: Mapping[str, Any],
-    ) -> Iterator[tuple[str, Bools]]:
+    ) -> Iterator[tuple[str, Any]]:
         """Each rule, in words, and the rows that break it.
 
         Args:
@@ -85,8 +89,9 @@ class Rules:
         with np.errstate(invalid="ignore"):
             residuals = self.residuals(before, info)
         yield f"the ledger's residual is above {RESIDUAL:g}", ~(residuals <= RESIDUAL)
-        # Copper losses near stall's are differences of powers like these.
-        scale = RESIDUAL * (self._weight * p.L1 + self._stalled * CONTROL_PERIOD)
+        # Small losses in copper are differences of powers and work as at stall.
+        scale = self._weight * p.L1 + self._stalled * CONTROL_PERIOD + self._torque
+        scale = RESIDUAL * scale
         for name in ("copper", "friction", "drag", "shaft", "electrical_positive", "idle"):
             yield f"{name} is negative", info[name] < -scale
         yield "a plastic touchdown creates energy", self._dissipates & (info["collision"] < -scale)

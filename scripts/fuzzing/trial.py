@@ -21,12 +21,19 @@ Floats = NDArray[np.float64]
 
 LENGTH = 250  # intervals
 ROWS = (1, 2, 7, 16, 64, 64, 64, 64, 64, 600)
-ANEW = 10  # intervals that are integrated anew
+ANEW = 20  # intervals that are integrated anew
 MOST_CASES = 5  # that one trial tells of
 
 #: Processor time (s) that a step may take: of every row, and besides. Ten times what the stiffest
 #: machine needs that is admitted.
 SLOWEST_ROW, SLOWEST_CALL = 0.01, 0.2
+
+
+def warm_up() -> None:
+    """Compile or load what a trial needs, so that its steps take their own time alone."""
+    envs = RimlessWheelVectorEnv(1)
+    envs.reset(seed=0)
+    envs.step(np.zeros((1, 1), dtype=np.float32))
 
 
 class Trial:
@@ -98,7 +105,7 @@ class Trial:
             chosen = [start for start in starts if start is not None]
             options = {name: [start[name] for start in chosen] for name in chosen[0]}
             envs.reset(options={**options, "reset_mask": given})
-        twin = self._twin(int(rng.integers(n)), starts)
+        twin: Twin | None = self._twin(int(rng.integers(n)), starts)
         voltages = draws.Voltages(rng, list(envs.params))
         rules, resting = Rules(envs.params), np.zeros(n, dtype=bool)
         anew = set(rng.choice(LENGTH, ANEW, replace=False).tolist()) if self._plain else set()
