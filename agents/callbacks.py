@@ -14,7 +14,8 @@ from agents.evaluate import SHORT_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.imitate import actor_of
 from agents.interrupts import StopRequest
 from agents.policies import model_policy
-from rimless_gym.envs.task import EPISODE_STEPS, Task
+from rimless_gym.envs import EPISODE_STEPS
+from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 
 _ENERGIES = ("copper", "friction", "drag", "collision", "shaft", "idle", "electrical")

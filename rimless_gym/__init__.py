@@ -1,13 +1,24 @@
 """rimless-gym: energy-efficient walking with the simplest walker there is."""
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 import gymnasium
 
-from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
-from rimless_gym.envs.task import EPISODE_STEPS, Task
-from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, preset
-from rimless_gym.simulate import simulate
-from rimless_gym.trajectory import Trajectory
+
+if TYPE_CHECKING:  # what `__getattr__` finds
+    from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
+    from rimless_gym.envs.env import RimlessWheelEnv
+    from rimless_gym.envs.task import Task
+    from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
+    from rimless_gym.reference import simulate
+    from rimless_gym.trajectory import Trajectory
+
+    __version__: str
 
 __all__ = [
     "PROTOTYPE",
@@ -16,14 +27,48 @@ __all__ = [
     "Disturbances",
     "Pushes",
     "Ranges",
+    "RimlessWheelEnv",
     "RimlessWheelVectorEnv",
     "SensorNoise",
     "Task",
     "Trajectory",
     "WheelParams",
+    "__version__",
     "preset",
     "simulate",
 ]
+
+# Where the names are that are looked up when they are first used: numba, SciPy and CasADi, which
+# their modules need, take longer to import than everything else.
+_MODULES = {
+    "Disturbances": "envs.disturbances",
+    "Pushes": "envs.disturbances",
+    "Ranges": "envs.disturbances",
+    "RimlessWheelEnv": "envs.env",
+    "RimlessWheelVectorEnv": "envs.vector_env",
+    "SensorNoise": "envs.disturbances",
+    "Task": "envs.task",
+    "Trajectory": "trajectory",
+    "simulate": "reference",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("rimless-gym")
+    elif name in _MODULES:
+        value = getattr(importlib.import_module(f"rimless_gym.{_MODULES[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 gymnasium.register(
     id="RimlessWheel-v0",

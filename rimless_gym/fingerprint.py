@@ -1,7 +1,7 @@
-"""A digest of the package's sources, for numba's caches: they look at one file each.
+"""A digest of the package's sources, by which what is made of them is kept on disk.
 
-A compiled function that is kept on disk mentions `SOURCE_FINGERPRINT`, which makes it part of the
-cache's key: when any source changes, no stale machine code is loaded.
+A compiled function contains others, of any file: when any source changes, no stale machine code is
+loaded.
 """
 
 from __future__ import annotations

@@ -99,8 +99,8 @@ class Trajectory:
 
     @property
     def steps(self) -> int:
-        """Forward minus backward touchdowns."""
-        return int(self.foot[-1] - self.foot[0])
+        """Legs by which the stance foot has moved forward: forward minus backward touchdowns."""
+        return int(self.foot[-1])
 
     @property
     def touchdowns(self) -> list[Event]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -76,6 +77,7 @@ class Fleet:
         self._prices = tuple(float(price) for price in dataclasses.astuple(task))
         self._works = [scratch() for _ in range(num_threads)]
         self._pool: ThreadPoolExecutor | None = None
+        self._pool_of = 0  # the process that made it
         self._orders: list[tuple[NDArray[np.int64], int]] | None = None
         self.fields, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_machines(params, ranges, np.arange(n))
@@ -227,8 +229,8 @@ class Fleet:
         return unusual
 
     def _together(self, steps: Sequence[Callable[[], int]]) -> int:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.num_threads)
+        if self._pool is None or self._pool_of != os.getpid():  # a forked child has no threads
+            self._pool, self._pool_of = ThreadPoolExecutor(self.num_threads), os.getpid()
         return sum(self._pool.map(lambda step: step(), steps))
 
     def range_left(self, i: int, code: int) -> RuntimeError:

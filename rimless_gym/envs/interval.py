@@ -7,19 +7,16 @@ rows there are and however they are divided among calls: the single environment 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
-from rimless_gym.jit import inner
+from rimless_gym.jit import ENVIRONMENT, inner, kept
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -180,43 +177,40 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-def _step_kernel(fingerprint: int) -> Callable[[int], int]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def step_rows(address):
-        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
-        orders = carray(_pointer(address), ORDERS_SIZE, np.int64)
-        wide, machines = orders[COLUMNS], orders[MACHINES]
-        limit, begin, end = float(orders[LIMIT]), orders[BEGIN], orders[END]
-        block = carray(_pointer(orders[BLOCK_AT]), (BLOCK_SIZE, wide), np.float64)
-        memory = carray(_pointer(orders[MEMORY_AT]), (MEMORY_SIZE, wide), np.float64)
-        constants = carray(_pointer(orders[CONSTANTS_AT]), (N_CONSTANTS, machines), np.float64)
-        poles = carray(_pointer(orders[POLES_AT]), machines, np.float64)
-        work = carray(_pointer(orders[WORK_AT]), SCRATCH_SIZE, np.float64)
-        size = OBSERVATION_SIZE * end
-        observations = carray(_pointer(orders[OBSERVATIONS_AT]), size, np.float32)
-        first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-        _hold(memory, first, last)
-        advance_batch(
-            *(constants, poles, memory, memory[VOLTAGE], begin, end),
-            *(CONTROL_PERIOD, 0.0, block, work),
-        )
-        _pay(block, memory, first, last)
-        unusual = _mark(block, memory, limit, first, last)
-        for i in range(first, last):
-            block[PUSH, i] = 0.0
-        for i in range(first, last):
-            observe_row(memory, observations, i)
-        return unusual
+@kept(ENVIRONMENT, nogil=True)
+def step_rows(address):
+    """Hold `memory[COMMAND]` for one interval, in the rows of the orders at that address.
 
-    return step_rows
+    It advances `memory`, and overwrites `block` (BLOCK_SIZE, COLUMNS) and the observations
+    (float32, OBSERVATION_SIZE numbers a row). It returns how many of the rows failed in any way or
+    reached LIMIT, the greatest COUNT.
 
-
-#: Compiled: (address of the orders) -> how many of their rows failed in any way or reached LIMIT,
-#: the greatest COUNT. Holds `memory[COMMAND]` for one interval: advances `memory`, overwrites
-#: `block` (BLOCK_SIZE, COLUMNS) and the observations (float32, OBSERVATION_SIZE numbers a row).
-#: One row or many, it is one compiled function: two would be compiled apart and differ in the last
-#: bit; and unpacking arrays would take as long as a row's motion.
-step_rows = _step_kernel(SOURCE_FINGERPRINT)
+    One row or many, it is one compiled function: two would be compiled apart and differ in the last
+    bit; and unpacking arrays would take as long as a row's motion.
+    """
+    orders = carray(_pointer(address), ORDERS_SIZE, np.int64)
+    wide, machines = orders[COLUMNS], orders[MACHINES]
+    limit, begin, end = float(orders[LIMIT]), orders[BEGIN], orders[END]
+    block = carray(_pointer(orders[BLOCK_AT]), (BLOCK_SIZE, wide), np.float64)
+    memory = carray(_pointer(orders[MEMORY_AT]), (MEMORY_SIZE, wide), np.float64)
+    constants = carray(_pointer(orders[CONSTANTS_AT]), (N_CONSTANTS, machines), np.float64)
+    poles = carray(_pointer(orders[POLES_AT]), machines, np.float64)
+    work = carray(_pointer(orders[WORK_AT]), SCRATCH_SIZE, np.float64)
+    size = OBSERVATION_SIZE * end
+    observations = carray(_pointer(orders[OBSERVATIONS_AT]), size, np.float32)
+    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+    _hold(memory, first, last)
+    advance_batch(
+        *(constants, poles, memory, memory[VOLTAGE], begin, end),
+        *(CONTROL_PERIOD, 0.0, block, work),
+    )
+    _pay(block, memory, first, last)
+    unusual = _mark(block, memory, limit, first, last)
+    for i in range(first, last):
+        block[PUSH, i] = 0.0
+    for i in range(first, last):
+        observe_row(memory, observations, i)
+    return unusual
 
 
 def orders_for(
@@ -247,18 +241,11 @@ def orders_for(
     return orders
 
 
-def _command_kernel(fingerprint: int) -> Callable[..., int]:
-    @njit(error_model="numpy", cache=True)
-    def take_commands(actions, memory):
-        fingerprint  # noqa: B018  as above
-        wrong = 0
-        for i in range(len(actions)):
-            memory[COMMAND, i] = actions[i, 0]
-            wrong += actions[i, 0] != actions[i, 0]
-        return wrong
-
-    return take_commands
-
-
-#: Compiled: (actions, memory) -> how many of the actions (N, 1), copied to `memory`, are NaN.
-take_commands = _command_kernel(SOURCE_FINGERPRINT)
+@kept()
+def take_commands(actions, memory):
+    """Copy the actions (N, 1) to `memory`; how many of them are NaN."""
+    wrong = 0
+    for i in range(len(actions)):
+        memory[COMMAND, i] = actions[i, 0]
+        wrong += actions[i, 0] != actions[i, 0]
+    return wrong

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym import energy as row
@@ -19,9 +16,8 @@ from rimless_gym.envs.interval import (
 )
 from rimless_gym.envs.randomness import between, next_uniform, normal
 from rimless_gym.envs.task import OBSERVATION_SIZE, observation
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, SINGLE, kinetic_energy, push
-from rimless_gym.jit import inner
+from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import N_CONSTANTS, Constants
 
@@ -89,43 +85,30 @@ def _push(memory, impulse, p, i):
     memory[PUSH_SHIFT, i] = shift
 
 
-def _disturb_kernel(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def disturb_rows(memory, constants, streams, held, settings, first, last):
-        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
-        for i in range(first, last):
-            _delay(memory, held, i)
-            memory[PUSH_WORK, i] = memory[PUSH_SHIFT, i] = 0.0
-            if settings[PUSH_CHANCE] > 0.0 and next_uniform(streams, i) < settings[PUSH_CHANCE]:
-                impulse = between(settings[LEAST_IMPULSE], settings[GREATEST_IMPULSE], streams, i)
-                if next_uniform(streams, i) < 0.5:
-                    impulse = -impulse
-                if impulse != 0.0:
-                    _push(memory, impulse, machine(constants, i), i)
+@kept(nogil=True)
+def disturb_rows(memory, constants, streams, held, settings, first, last):
+    """Before the interval: delay the commands, and push.
 
-    return disturb_rows
-
-
-#: Compiled: (memory, constants, streams, held, settings, first, last): before the interval, delays
-#: the commands and pushes. `held` (longest delay + 1, N) keeps commands until they act.
-disturb_rows = _disturb_kernel(SOURCE_FINGERPRINT)
+    `held` (longest delay + 1, N) keeps commands until they act.
+    """
+    for i in range(first, last):
+        _delay(memory, held, i)
+        memory[PUSH_WORK, i] = memory[PUSH_SHIFT, i] = 0.0
+        if settings[PUSH_CHANCE] > 0.0 and next_uniform(streams, i) < settings[PUSH_CHANCE]:
+            impulse = between(settings[LEAST_IMPULSE], settings[GREATEST_IMPULSE], streams, i)
+            if next_uniform(streams, i) < 0.5:
+                impulse = -impulse
+            if impulse != 0.0:
+                _push(memory, impulse, machine(constants, i), i)
 
 
-def _account_kernel(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def account_rows(observations, block, memory, streams, settings, first, last):
-        fingerprint  # noqa: B018  as above
-        noisy = is_noisy(settings)
-        for i in range(first, last):
-            block[PUSH, i] = memory[PUSH_WORK, i]
-            block[row.MECHANICAL_CHANGE, i] += memory[PUSH_WORK, i]
-            block[row.STEPS, i] += memory[PUSH_SHIFT, i]
-            if noisy:
-                observe_noisily(memory, streams, settings, observations, i)
-
-    return account_rows
-
-
-#: Compiled: (observations, block, memory, streams, settings, first, last): after the interval, adds
-#: the push's work to the ledger and the sensors' errors to what is observed.
-account_rows = _account_kernel(SOURCE_FINGERPRINT)
+@kept(nogil=True)
+def account_rows(observations, block, memory, streams, settings, first, last):
+    """After the interval: add the push's work to the ledger, and the sensors' errors."""
+    noisy = is_noisy(settings)
+    for i in range(first, last):
+        block[PUSH, i] = memory[PUSH_WORK, i]
+        block[row.MECHANICAL_CHANGE, i] += memory[PUSH_WORK, i]
+        block[row.STEPS, i] += memory[PUSH_SHIFT, i]
+        if noisy:
+            observe_noisily(memory, streams, settings, observations, i)

@@ -8,10 +8,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import namedtuple
-from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym import hybrid
@@ -40,9 +38,8 @@ from rimless_gym.envs.perturbation import (
 )
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.task import draw_state, foot_force
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE
-from rimless_gym.jit import inner
+from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -133,65 +130,46 @@ def _set_state(kind, given, k, p, memory, streams, i):
     return pressed
 
 
-def _start_kernel(fingerprint: int) -> Callable[..., int]:
-    @njit(error_model="numpy", cache=True)
-    def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
-        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
-        failed = -1
-        noisy = is_noisy(settings)
-        for k in range(len(rows)):
-            i = rows[k]
-            if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
-                failed = i
-                continue
-            memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
-            memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
-            choices = settings[GREATEST_DELAY] - settings[LEAST_DELAY] + 1.0
-            if choices > 1.0:
-                memory[DELAY, i] += math.floor(choices * next_uniform(streams, i))
-            if noisy:
-                observe_noisily(memory, streams, settings, observations, i)
-            else:
-                observe_row(memory, observations, np.uint64(i))
-        return failed
+@kept()
+def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
+    """Begin the episodes of `rows` at a start of `kind`; a row that found none, or -1.
 
-    return start_rows
-
-
-#: Compiled: begins the episodes of `rows` at a start of `kind`: drawn, or the states `given` (one
-#: per row: phi, theta, phi', theta', mode). Returns a row that found no start, or -1.
-start_rows = _start_kernel(SOURCE_FINGERPRINT)
+    It is drawn, or one of the states `given` (one per row: phi, theta, phi', theta', mode).
+    """
+    failed = -1
+    noisy = is_noisy(settings)
+    for k in range(len(rows)):
+        i = rows[k]
+        if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
+            failed = i
+            continue
+        memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
+        memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
+        choices = settings[GREATEST_DELAY] - settings[LEAST_DELAY] + 1.0
+        if choices > 1.0:
+            memory[DELAY, i] += math.floor(choices * next_uniform(streams, i))
+        if noisy:
+            observe_noisily(memory, streams, settings, observations, i)
+        else:
+            observe_row(memory, observations, np.uint64(i))
+    return failed
 
 
-def _machine_kernel(fingerprint: int) -> Callable[..., int]:
-    @njit(error_model="numpy", cache=True)
-    def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory, streams):
-        fingerprint  # noqa: B018  as above
-        failed = -1
-        for i in rows:
-            if not _draw_machine(
-                ranged, bounds, fields, prices, constants, poles, memory, streams, i
-            ):
-                failed = i
-        return failed
+@kept()
+def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory, streams):
+    """Draw the fields `ranged` of each machine of `rows` between `bounds`, before `start_rows`.
 
-    return draw_machines
+    It returns a row whose machine cannot be stepped, or -1.
+    """
+    failed = -1
+    for i in rows:
+        if not _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
+            failed = i
+    return failed
 
 
-#: Compiled: draws the fields `ranged` of each machine of `rows` between `bounds`, before
-#: `start_rows`. Returns a row whose machine cannot be stepped, or -1.
-draw_machines = _machine_kernel(SOURCE_FINGERPRINT)
-
-
-def _terms_kernel(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True)
-    def set_terms(fields, prices, memory):
-        fingerprint  # noqa: B018  as above
-        for i in range(fields.shape[1]):
-            _set_terms(fields, prices, memory, i)
-
-    return set_terms
-
-
-#: Compiled: (fields, prices, memory): what the task needs of each row's machine.
-set_terms = _terms_kernel(SOURCE_FINGERPRINT)
+@kept()
+def set_terms(fields, prices, memory):
+    """Write what the task needs of each row's machine into `memory`."""
+    for i in range(fields.shape[1]):
+        _set_terms(fields, prices, memory, i)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
 from rimless_gym.checks import real
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.randomness import between, next_uniform
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
-from rimless_gym.jit import inner
+from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -36,9 +34,6 @@ OBSERVATION_SIZE = 6
 OBSERVATION_BOUND = np.array(
     [1, 1, 1, MAX_RATE / LEG_RATE_SCALE, MAX_RATE / PENDULUM_RATE_SCALE, 1], dtype=np.float32
 )
-
-#: Length of an episode under the registered time limit.
-EPISODE_STEPS = 2000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,19 +104,12 @@ def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.floa
     return observations
 
 
-def _observation_kernel(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True)
-    def observe_rows(states, leg_scale, observations):
-        fingerprint  # noqa: B018  in numba's cache key, as in `rimless_gym.kernel.stepping`
-        for x, seen in zip(states, observations):  # noqa: B905  numba knows no strict
-            values = observation(x[PHI], x[THETA], x[DPHI], x[DTHETA], x[MODE], leg_scale)
-            for i in range(OBSERVATION_SIZE):
-                seen[i] = values[i]
-
-    return observe_rows
-
-
-_observe = _observation_kernel(SOURCE_FINGERPRINT)
+@kept()
+def _observe(states, leg_scale, observations):
+    for x, seen in zip(states, observations):  # noqa: B905  numba knows no strict
+        values = observation(x[PHI], x[THETA], x[DPHI], x[DTHETA], x[MODE], leg_scale)
+        for i in range(OBSERVATION_SIZE):
+            seen[i] = values[i]
 
 
 #: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.
@@ -180,20 +168,13 @@ def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.floa
     return state
 
 
-def _draw_kernel(fingerprint: int) -> Callable[..., bool]:
-    @njit(error_model="numpy", cache=True)
-    def draw(constants, slope, weight, streams, state):
-        fingerprint  # noqa: B018  as above
-        p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-        found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
-            slope, weight, p, streams, 0
-        )
-        return found
-
-    return draw
-
-
-_draw = _draw_kernel(SOURCE_FINGERPRINT)
+@kept()
+def _draw(constants, slope, weight, streams, state):
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
+        slope, weight, p, streams, 0
+    )
+    return found
 
 
 def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
@@ -201,14 +182,7 @@ def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float
     return _force(params.constants_array, state, voltage)
 
 
-def _force_kernel(fingerprint: int) -> Callable[..., float]:
-    @njit(error_model="numpy", cache=True)
-    def force(constants, x, voltage):
-        fingerprint  # noqa: B018  as above
-        p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-        return foot_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
-
-    return force
-
-
-_force = _force_kernel(SOURCE_FINGERPRINT)
+@kept()
+def _force(constants, x, voltage):
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return foot_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import integer, real_array
-from rimless_gym.envs import interval
+from rimless_gym.envs import EPISODE_STEPS, interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import check_arguments, fleet_of, machines_of
 from rimless_gym.envs.disturbances import Disturbances, Ranges
@@ -31,7 +31,7 @@ from rimless_gym.envs.interval import (
 )
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
-from rimless_gym.envs.task import EPISODE_STEPS, OBSERVATION_SIZE, Task
+from rimless_gym.envs.task import OBSERVATION_SIZE, Task
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 

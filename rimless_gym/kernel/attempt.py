@@ -17,6 +17,7 @@ from rimless_gym.hybrid import (
     TOO_MANY_EVENTS,
     after_lift_off,
     after_touchdown,
+    mass_matrix,
 )
 from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
@@ -38,6 +39,9 @@ from rimless_gym.kernel.work import split_at_current, split_work
 #: well below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
+#: Narrowest peak of the accelerations (rad) that steps still follow; balances get worse beyond.
+LEAST_PEAK = 0.01
+
 
 @inlined
 def drag_pole(dphi, p):
@@ -45,22 +49,33 @@ def drag_pole(dphi, p):
     return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
 
 
+@inlined
+def peak(p):
+    """Width (rad) of the accelerations' peak in the pose that is nearest to a singular mass matrix.
+
+    Light wheels with heavy pendulums have narrow ones, where the rod is in line with the leg.
+    """
+    m11, m12, m22 = mass_matrix(0.0, 0.5 * np.pi, p)
+    return np.sqrt((m11 * m22 - m12 * m12) / (p.Je3 * m12))
+
+
 @vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
     That is an equal division of the time left. Rates are those of the angles in the equations,
-    phi + theta the fastest, with what half of the time left adds to them; air drag has a pole of
-    its own. Lanes that are done stay where they are. Returns how many lanes stand on two feet or
-    move too fast.
+    phi + theta the fastest, with what half of the time left adds to them, and count for more where
+    there is a peak narrower than 1 rad; air drag has a pole of its own. Lanes that are done stay
+    where they are. Returns how many lanes stand on two feet or move too fast.
     """
     unusual = 0
     for lane in range(LANES):
         p, (a0, a1) = machine(tile, lane), get_pair(tile, of.ACC, lane)
         _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
         left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
-        turning = abs(dphi) + abs(dtheta) + 0.5 * left * (abs(a0) + abs(a1))
-        braking = drag_pole(dphi, p)
+        rolling, swinging = abs(dphi) + 0.5 * left * abs(a0), abs(dtheta) + 0.5 * left * abs(a1)
+        turning = (rolling + swinging) / min(max(peak(p), LEAST_PEAK), 1.0)
+        braking = drag_pole(rolling, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)

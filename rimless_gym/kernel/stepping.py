@@ -10,16 +10,14 @@ same to the last bit whatever moves beside it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rimless_gym import energy as row
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
-from rimless_gym.jit import inner
+from rimless_gym.jit import ENVIRONMENT, inner, kept
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, drag_pole, runs
 from rimless_gym.kernel.booking import open_interval
@@ -126,46 +124,41 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
     return enqueue(tile, count, work, waiting)
 
 
-def _batch(fingerprint: int) -> Callable[..., None]:
-    @njit(error_model="numpy", cache=True, nogil=True)
-    def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
-        fingerprint  # noqa: B018  in numba's cache key, so that no stale machine code is loaded
-        one_copy()
-        flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
-        tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
-        if constants.shape[1] == 1:
-            share_machine(work, constants, poles)
-        else:
-            work[-1] = 0.0
-        for base in range(first, last, LANES):
-            count = min(LANES, last - base)
-            load(tile, flat, voltages, base, count, stride)
-            if constants.shape[1] > 1:
-                for lane in range(count):
-                    load_machine(tile, lane, constants, poles, base + lane)
-            open_interval(tile, duration, pull)
-            unfinished = attempt_step(tile, count, duration, pull)
-            while unfinished and last - first <= LANES:
-                unfinished = attempt_again(tile, count, duration, pull)
-            store(tile, flat, flat_out, base, count, stride)
-            if unfinished:
-                waiting = enqueue(tile, count, work, waiting)
-            while waiting >= LANES or (waiting and base + count == last):
-                waiting = advance_waiting(
-                    *(spare, work, waiting, constants, poles),
-                    *(flat, flat_out, stride, duration, pull),
-                )
+@kept(ENVIRONMENT, nogil=True)
+def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
+    """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
-    return advance_batch
-
-
-#: Compiled: advances the hybrid states in columns `first` to `last` of `states`, whose first
-#: STATE_SIZE rows they are, at `voltages`, on one machine for all, `constants` (N_CONSTANTS, 1) and
-#: `poles` (1,), or on one each, (N_CONSTANTS, N) and (N,). Overwrites the first energy.N_ROWS rows
-#: of `out`, which has as many columns as `states`; failure codes of `hybrid` are in row FAILURE.
-#: `pull` is the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin
-#: joint. `work` is `scratch()`, one per thread.
-advance_batch = _batch(SOURCE_FINGERPRINT)
+    They are the first STATE_SIZE rows of it. All are on one machine, `constants` (N_CONSTANTS, 1)
+    and `poles` (1,), or each is on its own, (N_CONSTANTS, N) and (N,). The first energy.N_ROWS rows
+    of `out`, which has as many columns as `states`, are overwritten; failure codes of `hybrid` are
+    in row FAILURE. `pull` is the largest force (N) with which the ground holds a foot down: 0, or
+    infinity for a pin joint. `work` is `scratch()`, one per thread.
+    """
+    one_copy()
+    flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
+    tile, spare, waiting = work[:TILE_SIZE], work[TILE_SIZE : 2 * TILE_SIZE], 0
+    if constants.shape[1] == 1:
+        share_machine(work, constants, poles)
+    else:
+        work[-1] = 0.0
+    for base in range(first, last, LANES):
+        count = min(LANES, last - base)
+        load(tile, flat, voltages, base, count, stride)
+        if constants.shape[1] > 1:
+            for lane in range(count):
+                load_machine(tile, lane, constants, poles, base + lane)
+        open_interval(tile, duration, pull)
+        unfinished = attempt_step(tile, count, duration, pull)
+        while unfinished and last - first <= LANES:
+            unfinished = attempt_again(tile, count, duration, pull)
+        store(tile, flat, flat_out, base, count, stride)
+        if unfinished:
+            waiting = enqueue(tile, count, work, waiting)
+        while waiting >= LANES or (waiting and base + count == last):
+            waiting = advance_waiting(
+                *(spare, work, waiting, constants, poles),
+                *(flat, flat_out, stride, duration, pull),
+            )
 
 
 def require_steppable(params: WheelParams) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rimless_gym.params import WheelParams
-from rimless_gym.simulate import simulate
+from rimless_gym.reference import simulate
 from rimless_gym.symbolic import HybridModel
 from rimless_gym.trajectory import Trajectory
 from trajopt.problem import Array

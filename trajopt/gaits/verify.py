@@ -12,7 +12,7 @@ import numpy as np
 from rimless_gym import hybrid
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
-from rimless_gym.simulate import simulate
+from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.stance import MIN_NORMAL_FORCE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,42 @@ def test_another_process_sees_the_same_episode() -> None:
     seen = [env.reset(seed=4)[0]]
     seen += [env.step(np.full(1, 0.2, np.float32))[0] for _ in range(50)]
     assert done.stdout.strip() == np.array(seen).tobytes().hex()
+
+
+FORKS = """
+import os, sys, numpy as np
+from rimless_gym import RimlessWheelVectorEnv
+n = 1024
+envs = RimlessWheelVectorEnv(n, num_threads=2)
+envs.reset(seed=0)
+actions = np.zeros((n, 1), np.float32)
+envs.step(actions)  # which starts the threads
+child = os.fork()
+print(envs.step(actions)[0].tobytes().hex(), flush=True)
+envs.close()
+if child:
+    os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_child_steps_on_with_threads_of_its_own() -> None:
+    settings = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", FORKS],
+        env=settings,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        out, _ = process.communicate(timeout=100)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        raise
+    parent, child = out.splitlines()
+    assert parent == child
 
 
 def digest() -> str:

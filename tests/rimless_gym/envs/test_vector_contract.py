@@ -11,7 +11,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from rimless_gym import THESIS_PHYSICAL, RimlessWheelVectorEnv
-from rimless_gym.envs.task import EPISODE_STEPS
+from rimless_gym.envs import EPISODE_STEPS
 from tests.rimless_gym.envs.rows import NEXT, SAME, make, swinging
 
 

@@ -1,0 +1,144 @@
+"""Compiled functions whose machine code is kept on disk: each is compiled once, by one process.
+
+numba's own cache writes its index before the code that the index points to, so that a process
+killed in between, or reading meanwhile, takes stale code for new. Here the code of a function, for
+one machine and these sources, is one file: complete, or not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import pickle
+import sys
+import uuid
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import FunctionCache, NullCache
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
+
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT
+from rimless_gym.turns import Turn
+
+_TURN = Turn()  # used by one thread at a time: under numba's compiler lock
+_DIGEST_SIZE = hashlib.sha256().digest_size
+
+
+class Kept(CPUDispatcher):
+    """A function that numba compiles, and keeps.
+
+    Attributes:
+        part: what is said to be compiled, and how long that takes; None: nothing is said.
+    """
+
+    part: str | None = None
+    _cache: Any
+
+    def compile(self, signature: Any) -> Any:
+        """Load the machine code for these types of arguments, or compile it.
+
+        One process at a time compiles, and the others then load what it has kept.
+        """
+        with global_compiler_lock, _TURN:
+            if type(self._cache) is NullCache:
+                self._cache = _cache_of(self.py_func, self.part)
+            return super().compile(signature)
+
+
+def _cache_of(function: Any, part: str | None) -> MachineCode | Nowhere:
+    try:
+        return MachineCode(function, part)
+    except RuntimeError:  # none of the folders that numba looks at can be written
+        return Nowhere()
+
+
+class MachineCode(FunctionCache):
+    """The machine code of one function, one file for each types of arguments."""
+
+    def __init__(self, function: Any, part: str | None) -> None:
+        super().__init__(function)
+        self._part = part
+
+    def _load_overload(self, signature: Any, target_context: Any) -> Any:
+        path = self._path(signature, target_context.codegen())
+        code = _read(path)
+        if code is None:
+            _TURN.take(path.with_name("rimless_gym.lock"))
+            code = _read(path)  # which the process before us may have written
+        if code is None:
+            _announce(self._part)
+            return None
+        return self._impl.rebuild(target_context, pickle.loads(code))
+
+    def _save_overload(self, signature: Any, compiled: Any) -> None:
+        if not self._impl.check_cachable(compiled):
+            return
+        path = self._path(signature, compiled.codegen)
+        try:
+            _write(path, dumps(self._impl.reduce(compiled)))
+        except OSError as error:
+            _warn_once(f"the compiled simulator cannot be kept in {path.parent}: {error.strerror}")
+            return
+        machine, _ = path.name.rsplit("-", 1)
+        for other in path.parent.glob(f"{machine}-*.nbc"):
+            if other != path:  # of other sources
+                with contextlib.suppress(OSError):
+                    other.unlink()
+
+    def _path(self, signature: Any, codegen: Any) -> Path:
+        """Named by the function, by what it is compiled for and with, and by the sources."""
+        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace("<locals>.", "")
+        made = signature, codegen.magic_tuple(), numba.__version__, sys.version
+        digest = hashlib.sha256(repr(made).encode()).hexdigest()[:16]
+        return Path(self.cache_path) / f"{name}-{digest}-{SOURCE_FINGERPRINT:x}.nbc"
+
+
+class Nowhere(NullCache):
+    """Keeps nothing, and says so."""
+
+    def load_overload(self, signature: Any, target_context: Any) -> None:
+        """None: it is to be compiled."""
+        _warn_once(
+            "the simulator is compiled anew, about 15 s, in every process: neither the package's "
+            "folder nor a cache in the home folder can be written"
+        )
+
+
+@functools.cache
+def _announce(part: str | None) -> None:
+    if part is not None:
+        print(f"rimless_gym: compiling {part}, once for this machine", file=sys.stderr, flush=True)
+
+
+@functools.cache
+def _warn_once(trouble: str) -> None:
+    text = f"{trouble}; set NUMBA_CACHE_DIR to a folder that can be written"
+    # As from no file, so that it is one line without a line of source under it.
+    warnings.warn_explicit(text, RuntimeWarning, "rimless_gym", 0)
+
+
+def _read(path: Path) -> bytes | None:
+    """What `_write` wrote; None where there is no such file, or a damaged one."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    code = content[_DIGEST_SIZE:]
+    return code if content[:_DIGEST_SIZE] == hashlib.sha256(code).digest() else None
+
+
+def _write(path: Path, code: bytes) -> None:
+    """Write a file that is there as a whole, or as it was before."""
+    unfinished = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        unfinished.write_bytes(hashlib.sha256(code).digest() + code)
+        unfinished.replace(path)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,63 @@
+"""What `import rimless_gym` brings along, and what it does not."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import rimless_gym
+
+HEAVY = ("casadi", "llvmlite", "matplotlib", "numba", "pygame", "scipy", "torch")
+
+
+def printed(code: str) -> str:
+    settings = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=settings
+    )
+    return done.stdout
+
+
+def test_importing_the_package_and_choosing_a_machine_imports_nothing_heavy() -> None:
+    code = (
+        "import json, sys, rimless_gym;"
+        "rimless_gym.preset('PROTOTYPE').replace(slope=0.01);"
+        "print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+    )
+    assert not set(HEAVY) & set(json.loads(printed(code)))
+
+
+def test_every_public_name_is_there_in_whatever_order_it_is_asked_for() -> None:
+    assert len(set(rimless_gym.__all__)) == len(rimless_gym.__all__)
+    assert set(rimless_gym.__all__) <= set(dir(rimless_gym))
+    for order in ("", "[::-1]"):
+        code = (
+            "import rimless_gym, rimless_gym.reference, rimless_gym.trajectory;"
+            f"names = rimless_gym.__all__{order};"
+            "print([getattr(rimless_gym, name).__class__.__name__ for name in names])"
+        )
+        assert "module" not in printed(code)
+    assert callable(rimless_gym.simulate)
+    assert rimless_gym.RimlessWheelEnv.__name__ == "RimlessWheelEnv"
+    with pytest.raises(AttributeError, match="no attribute 'Wheel'"):
+        rimless_gym.Wheel  # noqa: B018
+
+
+def test_the_version_is_that_of_the_project() -> None:
+    project = Path(__file__).parents[2] / "pyproject.toml"
+    assert rimless_gym.__version__ == tomllib.loads(project.read_text())["project"]["version"]
+
+
+@pytest.mark.slow
+def test_importing_the_package_takes_at_most_0_4_s() -> None:
+    code = (
+        "import os, time; begin = sum(os.times()[:2]);"
+        "import rimless_gym; print(sum(os.times()[:2]) - begin)"
+    )
+    assert min(float(printed(code)) for _ in range(10)) <= 0.4
