@@ -24,6 +24,7 @@ from trajopt.extremal import Extremal
 from trajopt.files import phases_from_arrays, phases_to_arrays, read_arrays, write_arrays
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
+from trajopt.minimum import minimum
 from trajopt.nlp import Transcription
 from trajopt.optima import Optimum, Outcome, Same, Start, StartFamily, distinct
 from trajopt.problem import Problem
@@ -282,7 +283,7 @@ class _Solver:
         start = self.search.start(index)
         guess, parameters, iterations = start.guess, start.parameters, 0
         for problem in start.problems:
-            result = self.transcription.solve(guess, problem, parameters, **self.search.options)
+            result = minimum(self.transcription, guess, problem, parameters, **self.search.options)
             guess, parameters = result.phases, result.parameters
             iterations += result.iterations
         failure = "" if result.success else f"{result.status}: {result.worst}"
