@@ -32,21 +32,47 @@ def real(name: str, value: Any) -> float:
     return number
 
 
-def integer(name: str, value: Any, least: int) -> int:
+def positive(name: str, value: Any) -> float:
+    """The real number `value`, greater than 0.
+
+    Raises:
+        TypeError: it is no real number.
+        ValueError: it is not finite, not greater than 0, or larger than `LARGEST`.
+    """
+    number = real(name, value)
+    if not number > 0.0:
+        raise ValueError(f"{name} = {number}: must be greater than 0")
+    return number
+
+
+def flag(name: str, value: Any) -> bool:
+    """The truth value `value`, Python's or NumPy's.
+
+    Raises:
+        TypeError: it is something else, be it true in Python's eyes.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} = {value!r}: must be True or False")
+    return bool(value)
+
+
+def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     """The integer `value`: Python's, NumPy's or an array of shape () of one.
 
     Raises:
         TypeError: it is no integer.
-        ValueError: it is less than `least`.
+        ValueError: it is less than `least`, or more than `most`.
     """
     wanted = f"must be an integer of at least {least}"
+    if most is not None:
+        wanted += f" and at most {most}"
     try:
         number = operator.index(value)
     except TypeError:
         raise TypeError(f"{name} = {value!r}: {wanted}") from None
     if isinstance(value, bool):
         raise TypeError(f"{name} = {value!r}: {wanted}")
-    if number < least:
+    if number < least or (most is not None and number > most):
         raise ValueError(f"{name} = {number}: {wanted}")
     return number
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from trajopt.costates import Certificate
 from trajopt.mesh import Mesh
+from trajopt.minimum import largest
+from trajopt.nlp import DIVERGING
 from trajopt.problem import Array, Problem
 from trajopt.provenance import provenance
 from trajopt.resimulation import Resimulation
@@ -97,7 +99,7 @@ class Extremal:
         """What is wrong with it, in words; empty if it converged."""
         found = []
         if not self.succeeded:
-            found.append(f"IPOPT: {self.status}")
+            found.append(f"IPOPT: {self.status}{self._runs_away}")
         found += [str(breach) for breach in self.breaches[:3]]
         if not self.mesh_error <= self.tolerance:
             found.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
@@ -109,6 +111,16 @@ class Extremal:
             if not worst <= RESIMULATION_FACTOR * self.tolerance:
                 found.append(f"played back, a phase is off by {worst:.1e}")
         return tuple(found)
+
+    @property
+    def _runs_away(self) -> str:
+        if self.status != DIVERGING:
+            return ""
+        name, size = largest(self.problem, self.phases, self.parameters)
+        return (
+            f": {name} grew to {size:.1e} and the cost came to {self.transcribed_cost:.1e}: it has "
+            "no minimum, or limits contradict each other; bound what grows"
+        )
 
     @property
     def converged(self) -> bool:

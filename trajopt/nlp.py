@@ -36,6 +36,9 @@ IPOPT = {
 
 QUIET = {"print_time": False, "error_on_fail": False}
 
+#: How IPOPT ends where the cost falls without bound.
+DIVERGING = "Diverging_Iterates"
+
 #: How IPOPT ends after Ctrl-C, which CasADi catches and reports in no other way.
 INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
 
@@ -51,6 +54,8 @@ class Result:
         success: IPOPT's verdict.
         status: IPOPT's words for it.
         iterations: of IPOPT.
+        may_be_saddle: whether nothing speaks for a minimum: IPOPT never moved, or met negative
+            curvature to the last.
         breaches: the most violated constraints, worst first, none below 1e-9.
         unknowns: of the program.
         multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
@@ -63,6 +68,7 @@ class Result:
     success: bool
     status: str
     iterations: int
+    may_be_saddle: bool
     breaches: tuple[Breach, ...]
     unknowns: Array = dataclasses.field(repr=False)
     multipliers: Array = dataclasses.field(repr=False)
@@ -298,11 +304,18 @@ class Transcription:
             success=bool(stats["success"]),
             status=str(stats["return_status"]),
             iterations=int(stats["iter_count"]),
+            may_be_saddle=stats["iter_count"] == 0 or _curved_down(stats),
             breaches=breaches(self.rows, outside, phases, problem),
             unknowns=w,
             multipliers=np.asarray(found["lam_g"]).ravel(),
             bound_multipliers=np.asarray(found["lam_x"]).ravel(),
         )
+
+
+def _curved_down(stats: dict[str, Any]) -> bool:
+    """Whether IPOPT had to make the Hessian of its last step convex."""
+    added = stats.get("iterations", {}).get("regularization_size", [])
+    return bool(added) and added[-1] > 0.0
 
 
 def _require_inequalities(problem: Problem, mesh: Mesh) -> None:

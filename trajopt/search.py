@@ -9,13 +9,11 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
-import signal
 from collections.abc import Generator, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import closing, contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from functools import cached_property, partial
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -26,9 +24,11 @@ from trajopt.extremal import Extremal
 from trajopt.files import phases_from_arrays, phases_to_arrays, read_arrays, write_arrays
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
+from trajopt.minimum import minimum
 from trajopt.nlp import Transcription
 from trajopt.optima import Optimum, Outcome, Same, Start, StartFamily, distinct
 from trajopt.problem import Problem
+from trajopt.processes import pool
 from trajopt.provenance import provenance
 from trajopt.solve import WARM_BARRIER, solve
 from trajopt.ties import least_first
@@ -285,7 +285,7 @@ class _Solver:
         start = self.search.start(index)
         guess, parameters, iterations = start.guess, start.parameters, 0
         for problem in start.problems:
-            result = self.transcription.solve(guess, problem, parameters, **self.search.options)
+            result = minimum(self.transcription, guess, problem, parameters, **self.search.options)
             guess, parameters = result.phases, result.parameters
             iterations += result.iterations
         failure = "" if result.success else f"{result.status}: {result.worst}"
@@ -301,18 +301,15 @@ def _in_turn(search: Search, indices: Iterable[int]) -> Outcomes:
 def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcomes:
     """Outcomes as they come, from this process and others.
 
-    This one works too, for the others take a second to begin. It hands them few starts ahead:
-    Ctrl-C waits for those that they have.
+    This one works too, for the others take a second to begin.
     """
     remaining, solver = iter(indices), _Solver(search)
     others = workers - 1
-    pool = ProcessPoolExecutor(others, get_context("spawn"), _start_worker, (search,))
     running: set[Future[Outcome]] = set()
-    try:
+    with pool(others, _start_worker, search) as submit:
         while True:
             ahead = AHEAD * others - len(running)
-            with _sigint_blocked():
-                running |= {pool.submit(_work, index) for index in islice(remaining, ahead)}
+            running |= {submit(_work, index) for index in islice(remaining, ahead)}
             own = next(remaining, None)
             if own is not None:
                 yield solver.outcome(own)
@@ -321,21 +318,6 @@ def _shared_out(workers: int, search: Search, indices: Iterable[int]) -> Outcome
             patience = None if own is None else 0.0
             done, running = wait(running, patience, FIRST_COMPLETED)
             yield from (future.result() for future in done)
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _sigint_blocked() -> Generator[None, None, None]:
-    """Ctrl-C waits, and never reaches processes that begin in here: it is for this one."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _worker: _Solver
@@ -343,7 +325,6 @@ _worker: _Solver
 
 def _start_worker(search: Search) -> None:
     global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be blocked
     _worker = _Solver(search)
 
 

@@ -14,6 +14,7 @@ from trajopt.extremal import Attempt, Extremal
 from trajopt.guesses import straight_lines
 from trajopt.interrupted import heeded
 from trajopt.mesh import Mesh
+from trajopt.minimum import minimum
 from trajopt.nlp import Result, Transcription
 from trajopt.problem import Array, Constraint, Problem
 from trajopt.refinement import certified, refined
@@ -167,7 +168,7 @@ def _climb(
     best: Result | None = None
     for rung in ladder:
         tried = options | rung
-        result = transcription.solve(guess, parameters=parameters, **tried)
+        result = minimum(transcription, guess, parameters=parameters, **tried)
         attempts.append(
             Attempt(transcription.mesh.elements, tried, result.status, result.iterations)
         )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from trajopt.guesses import Guess, Waypoints
 from trajopt.mesh import Mesh
 from trajopt.optima import Outcome
 from trajopt.problem import Problem, pair
+from trajopt.processes import pool
 from trajopt.search import Search, multi_start
 from trajopt.solve import WARM_BARRIER, solve
 from trajopt.ties import least_first
@@ -95,7 +96,7 @@ class Solved:
     @property
     def case(self) -> Case:
         """What was solved."""
-        return next(case for case in every_case() if case.key == self.key)
+        return case_of(self.key)
 
     @property
     def machine(self) -> WheelParams:
@@ -194,28 +195,35 @@ def solved(case: Case, before: Solved | None = None) -> Solved:
         raise RuntimeError(f"experiment {case.experiment}, {case.variant}: {search.report()}")
     best = _best(search, case.quickest)
     extremal = solve(
-        _of_durations(problem, best) if case.quickest else problem,
+        of_durations(problem, best.phases) if case.quickest else problem,
         best.phases,
         search.mesh,
         parameters=best.parameters,
         tolerance=case.effort.tolerance,
         mu_init=WARM_BARRIER,
     )
+    return Solved(
+        key=case.key,
+        extremal=extremal,
+        optima=tuple((o.cost, len(o.found), _duration(o.best)) for o in search.optima),
+        failed=len(search.failures),
+        reaching=len(search.optima[0].found),
+        **simulated(case, extremal, before),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def simulated(case: Case, extremal: Extremal, before: Solved | None) -> dict[str, Any]:
+    """A case's motion, simulated: what is not known yet of a `Solved`."""
     motion = extremal.phases
     if before and case.appended:
         motion = before.motion + motion
     machine = case.machine(extremal.parameters)
-    return Solved(
-        key=case.key,
-        extremal=extremal,
-        motion=motion,
-        optima=tuple((o.cost, len(o.found), _duration(o.best)) for o in search.optima),
-        failed=len(search.failures),
-        reaching=len(search.optima[0].found),
-        simulated=verified(machine, motion),
-        resampled=resampled(machine, motion),
-        seconds=time.perf_counter() - begin,
-    )
+    return {
+        "motion": motion,
+        "simulated": verified(machine, motion),
+        "resampled": resampled(machine, motion),
+    }
 
 
 def same(one: Outcome, other: Outcome) -> bool:
@@ -232,9 +240,9 @@ def _best(search: Search, quickest: bool) -> Outcome:
     return least_first((o for o in search.outcomes if o.index in best.found), _duration)[0]
 
 
-def _of_durations(problem: Problem, outcome: Outcome) -> Problem:
-    """With the durations of an outcome: where many are as good, a solver would drift away."""
-    pairs = zip(problem.phases, outcome.phases, strict=True)
+def of_durations(problem: Problem, phases: Sequence[PhaseTrajectory]) -> Problem:
+    """With the durations of a solution: where many are as good, a solver would drift away."""
+    pairs = zip(problem.phases, phases, strict=True)
     fixed = [dataclasses.replace(phase, duration=found.duration) for phase, found in pairs]
     return dataclasses.replace(problem, phases=tuple(fixed))
 
@@ -243,54 +251,51 @@ def _duration(outcome: Outcome) -> float:
     return sum(phase.duration for phase in outcome.phases)
 
 
-def run(numbers: Sequence[int], workers: int = 1) -> Iterator[Solved]:
-    """Solve experiments; cases come as they are finished.
+def run(
+    numbers: Sequence[int], workers: int = 1, known: Mapping[Key, Solved] = MappingProxyType({})
+) -> Iterator[Solved]:
+    """Solve the cases of some experiments, and those that they continue; each as it is finished.
 
     Args:
         numbers: of the experiments.
         workers: processes.
+        known: cases that are solved already, by key.
     """
-    chains = [chain for chain in _chains() if any(case.experiment in numbers for case in chain)]
-    jobs = [(chain[0].key, tuple(numbers)) for chain in chains]
+    done = dict(known)
+    missing = [case for case in needed(numbers) if case.key not in done]
     if workers == 1:
-        for job in jobs:
-            yield from _solved_chain(*job)
-        return
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        try:
-            futures = [pool.submit(_listed_chain, *job) for job in jobs]
-            for future in as_completed(futures):
-                yield from future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _chains() -> list[list[Case]]:
-    """Every case that begins anew, and those that continue it."""
-    chains: list[list[Case]] = []
-    for case in every_case():
-        if case.after is None:
-            chains.append([case])
-        else:
-            next(chain for chain in chains if case.after in chain).append(case)
-    return chains
-
-
-def _solved_chain(key: Key, numbers: tuple[int, ...]) -> Iterator[Solved]:
-    """The wanted cases of the chain that begins with a case, and silently those they need."""
-    chain = next(chain for chain in _chains() if chain[0].key == key)
-    wanted = [case for case in chain if case.experiment in numbers]
-    needed = set(map(id, wanted))
-    for case in reversed(chain):
-        if id(case) in needed and case.after is not None:
-            needed.add(id(case.after))
-    done: dict[Key, Solved] = {}
-    for case in chain:
-        if id(case) in needed:
+        for case in missing:
             done[case.key] = solved(case, done[case.after.key] if case.after else None)
-            if case in wanted:
-                yield done[case.key]
+            yield done[case.key]
+        return
+    running: set[Future[Solved]] = set()
+    with pool(workers) as submit:
+        while missing or running:
+            for case in [c for c in missing if c.after is None or c.after.key in done]:
+                missing.remove(case)
+                before = done[case.after.key] if case.after else None
+                running.add(submit(_solved, case.key, before))
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                found = future.result()
+                done[found.key] = found
+                yield found
 
 
-def _listed_chain(key: Key, numbers: tuple[int, ...]) -> list[Solved]:
-    return list(_solved_chain(key, numbers))
+def needed(numbers: Sequence[int]) -> list[Case]:
+    """The cases of some experiments and those that they continue, in order."""
+    keys = set()
+    for case in reversed(every_case()):  # what a case continues comes before it
+        if case.experiment in numbers or case.key in keys:
+            keys |= {case.key} | ({case.after.key} if case.after else set())
+    return [case for case in every_case() if case.key in keys]
+
+
+def case_of(key: Key) -> Case:
+    """The case of a key."""
+    return next(case for case in every_case() if case.key == key)
+
+
+def _solved(key: Key, before: Solved | None) -> Solved:
+    """A case, which cannot be pickled, by its key."""
+    return solved(case_of(key), before)

@@ -6,13 +6,13 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
-from multiprocessing import get_context
+from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
+from trajopt.processes import Submit, pool
 from trajopt.prototype.gait import binding, cheaper, cheapest, followed
 from trajopt.prototype.variant import SCALES, VARIANTS, Variant
 from trajopt.ties import least_first
@@ -122,25 +122,22 @@ def study(
         scales: of the pendulum, from large to small.
         workers: processes.
     """
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        waiting: dict[Future[tuple[Solution | None, str]], _Chain] = {}
-        chains = [_Chain(variant, list(scales), _first()) for variant in variants]
-        try:
-            for chain in chains:
+    chains = [_Chain(variant, list(scales), _first()) for variant in variants]
+    waiting: dict[Future[tuple[Solution | None, str]], _Chain] = {}
+    with pool(workers) as submit:
+        for chain in chains:
+            yield from chain.recalled(folder)
+            chain.ask(submit, waiting)
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                chain = waiting.pop(future)
+                point = Point(chain.variant, chain.left.pop(0), *future.result())
+                store(folder, point)
+                chain.add(point)
+                yield point
                 yield from chain.recalled(folder)
-                chain.ask(pool, waiting)
-            while waiting:
-                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    chain = waiting.pop(future)
-                    point = Point(chain.variant, chain.left.pop(0), *future.result())
-                    store(folder, point)
-                    chain.add(point)
-                    yield point
-                    yield from chain.recalled(folder)
-                    chain.ask(pool, waiting)
-        finally:
-            pool.shutdown(cancel_futures=True)
+                chain.ask(submit, waiting)
 
 
 def _first() -> tuple[Solution, ...]:
@@ -169,10 +166,10 @@ class _Chain:
         if point.gait is not None:
             self.known = (point.gait, *self.known)[:2]
 
-    def ask(self, pool: ProcessPoolExecutor, waiting: dict[Future[Any], _Chain]) -> None:
+    def ask(self, submit: Submit, waiting: dict[Future[Any], _Chain]) -> None:
         """Have the next point looked for."""
         if self.left:
-            waiting[pool.submit(cheapest, self.variant, self.left[0], self.known)] = self
+            waiting[submit(cheapest, self.variant, self.left[0], self.known)] = self
 
 
 def improved(
@@ -184,17 +181,14 @@ def improved(
     this one admits; of the largest pendulum also the gaits that are shipped. What is cheaper takes
     the old one's place in the folder.
     """
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        try:
-            futures = {pool.submit(_improved, p, _neighbours(p, points)): p for p in points}
-            for future in as_completed(futures):
-                point, gait = futures[future], future.result()
-                if gait is not None:
-                    point = Point(point.variant, point.scale, gait)
-                    store(folder, point)
-                yield point, gait is not None
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with pool(workers) as submit:
+        futures = {submit(_improved, p, _neighbours(p, points)): p for p in points}
+        for future in as_completed(futures):
+            point, gait = futures[future], future.result()
+            if gait is not None:
+                point = Point(point.variant, point.scale, gait)
+                store(folder, point)
+            yield point, gait is not None
 
 
 def shared(points: Sequence[Point]) -> list[Point]:
