@@ -1,4 +1,4 @@
-# make install | compare | test | test-slow | test-peers | bench | lint | format | clean
+# make install | compare | test | test-slow | test-cpus | test-peers | bench | lint | format | clean
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -10,15 +10,19 @@ INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
 CHECKED := rimless_gym trajopt agents scripts
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+# Of `make test-cpus`: which processors (see scripts/processors.py; all by default), which tests.
+CPUS ?=
+TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare test test-slow test-peers bench lint format clean
+.PHONY: help install compare test test-slow test-cpus test-peers bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
+	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
 	@echo "make test-peers  comparison with Drake; rl-zoo3, TorchRL, RLlib train; installs them"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
@@ -56,6 +60,9 @@ test: lint
 
 test-slow: $(INSTALLED)
 	$(PYTEST) -m "slow and not peers"
+
+test-cpus: $(INSTALLED)
+	$(BIN)/python scripts/processors.py $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
 
 test-peers: $(PEERS)
 	$(PYTEST) -m peers

@@ -74,6 +74,15 @@ def test_all_values_asked_for_are_met_and_steps_are_no_longer_than_allowed(
     assert curve.costs == pytest.approx([12.0 / T**3 for T in curve.values])
 
 
+@pytest.mark.parametrize(("goal", "step"), [(1.6, 0.2), (0.7, 0.1), (2.0, 0.25)])
+def test_no_step_is_as_short_as_rounding(start: Extremal, goal: float, step: float) -> None:
+    curve = continued(lasting, start, (1.0, goal), step=step, verify=False, passes=0)
+    assert np.diff(curve.values) == pytest.approx(
+        np.full(round(abs(goal - 1) / step), np.copysign(step, goal - 1))
+    )
+    assert curve.reached
+
+
 def test_a_guess_serves_as_a_start(start: Extremal) -> None:
     curve = continued(lasting, straight_lines(TROLLEY), (1.0, 2.0), mesh=Mesh.uniform(TROLLEY, 5))
     assert (curve.costs[0], curve.costs[-1]) == pytest.approx((12.0, 1.5))

@@ -10,7 +10,7 @@ from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
-from trajopt.gaits.shipped import nearest, repeated, shipped
+from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
 from trajopt.optima import Outcome, distinct
@@ -220,6 +220,26 @@ def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate():
     assert front(0.5) <= min(s.cot for s in shipped() if abs(s.speed - 0.5) < 1e-9) + 1e-12
     with pytest.raises(ValueError, match="solved for"):
         front(5.0)
+
+
+def test_of_gaits_as_good_the_front_takes_the_first(gait):
+    v, hair = gait.verification, 1 + 1e-9
+    for factor in (hair, 1.0, 1 / hair):
+        other = dataclasses.replace(
+            gait,
+            verification=dataclasses.replace(v, electrical_positive=factor * v.electrical_positive),
+        )
+        assert CotFront((gait, other)).envelope[0] is gait
+        assert CotFront((other, gait)).envelope[0] is other
+
+
+@pytest.mark.parametrize("rounding", [-1e-10, 0.0, 1e-10])
+def test_a_lead_is_chosen_by_more_than_rounding(rounding):
+    """0.05 m/s are two and a half times `NEAR`; 0.45 and 0.55 m/s are as near to 0.5 m/s."""
+    leads = [s for s in shipped() if s.steps == 2 and s.params == THESIS_PHYSICAL]
+    leads = by_promise(leads, THESIS_PHYSICAL, 0.5)
+    again = by_promise(leads[::-1], THESIS_PHYSICAL, 0.5 + rounding)
+    assert [s.speed for s in again] == [s.speed for s in leads]
 
 
 @pytest.mark.slow
