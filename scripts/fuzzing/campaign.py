@@ -71,7 +71,7 @@ class Worker:
             return self._without(f"it locked up: no result within {PATIENCE:.0f} s")
         try:
             tally: Tally = self.connection.recv()
-        except EOFError:
+        except (EOFError, OSError):
             self._process.join()
             return self._without(f"the process ended with exit code {self._process.exitcode}")
         return tally

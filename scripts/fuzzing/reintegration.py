@@ -49,7 +49,7 @@ class Interval:
 def difference(interval: Interval) -> tuple[float, bool]:
     """How far the reference simulator's motion is from the interval's, and if it is borderline.
 
-    NaN where the reference knows no motion: it diverges, or chatters.
+    NaN where the reference knows no motion, which diverges or chatters.
     """
     try:
         found = _from(interval, interval.before[:4], interval.voltage)
@@ -58,6 +58,8 @@ def difference(interval: Interval) -> tuple[float, bool]:
         for start, voltage in _nearby(interval):
             if _from(interval, start, voltage) <= ALIKE:
                 return found, True
+    except ValueError:  # there is no such state
+        return math.inf, False
     except RuntimeError:
         return math.nan, False
     return found, False

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Trajectory, WheelParams, hybrid, simulate
+from rimless_gym.kernel.stepping import FOOT, advance
 
 P = THESIS_PHYSICAL.constants
 
@@ -137,3 +138,18 @@ def test_slip_is_reported_for_forces_and_for_impulses() -> None:
     demand = max(walk.friction_demand, walk.impulse_friction_demand)
     assert motion(demand + 0.01).slips is False
     assert motion(demand - 0.01).slips is True
+
+
+def test_a_lift_off_at_the_start_moves_the_foot_as_in_the_kernel() -> None:
+    params = THESIS_PHYSICAL
+    found = set()
+    for theta in np.linspace(-2.0, 2.0, 9):
+        for volts in (-15.0, 15.0):
+            motion = simulate(
+                params, [P.a, theta, 0.0, 0.0], [volts], 0.01, mode="double_stance", pull=math.inf
+            )
+            state = np.array([[P.a, theta, 0.0, 0.0, 1.0, 0.0]])
+            advance(params, state, np.array([volts]), pull=math.inf)
+            assert motion.steps == state[0, FOOT]
+            found.add(motion.steps)
+    assert found == {0, -1}

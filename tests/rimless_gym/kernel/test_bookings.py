@@ -199,3 +199,37 @@ def test_the_model_is_that_of_the_machine_after_every_reset(seed: int) -> None:
         assert np.allclose(np.asarray(env.model.flow(x, u)).ravel()[2:], expected)
     env.reset()
     assert env.model.params == params
+
+
+def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> float:
+    """Largest residual of an interval, as a share of the energies in it."""
+    before = states.copy()
+    out = advance(params, states, volts, pull=math.inf)
+    terms = [row.COPPER, row.FRICTION, row.DRAG, row.COLLISION, row.MECHANICAL_CHANGE]
+    residual = out[:, row.ELECTRICAL] - out[:, terms].sum(axis=1)
+    moving = np.array([hybrid.kinetic_energy(*x[:4], params.constants) for x in before])
+    scale = np.abs(out[:, [row.ELECTRICAL, *terms]]).sum(axis=1) + moving
+    return float(np.max(np.abs(residual) / (scale + params.weight * params.leg_length)))
+
+
+@pytest.mark.parametrize("pendulum_length", [0.085, 0.34, 1.2])
+@pytest.mark.parametrize("wheel_inertia", [1e-1, 1e-2, 1e-3])
+def test_energy_balances_however_light_the_wheel_that_carries_the_pendulum(
+    wheel_inertia: float, pendulum_length: float
+) -> None:
+    params = THESIS_PHYSICAL.replace(
+        wheel_mass=0.0,
+        wheel_inertia=wheel_inertia,
+        pendulum_length=pendulum_length,
+        pendulum_inertia=1e-3,
+    )
+    rng = np.random.default_rng(15)
+    assert imbalance(params, random_states(params, rng, 300), rng.uniform(-20, 20, 300)) < 1e-9
+
+
+@pytest.mark.parametrize("drag", [0.1, 3.0, 10.0])
+def test_energy_balances_where_the_air_brakes_a_wheel_that_is_thrown(drag: float) -> None:
+    params = THESIS_PHYSICAL.replace(wheel_mass=0.02, wheel_inertia=1e-4, pendulum_mass=0.01)
+    params = params.replace(drag=drag, leg_length=0.05, pendulum_length=1e-3, pendulum_inertia=0.1)
+    rng = np.random.default_rng(16)
+    assert imbalance(params, random_states(params, rng, 300), rng.uniform(-20, 20, 300)) < 1e-9

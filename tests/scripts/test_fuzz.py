@@ -1,0 +1,189 @@
+"""The fuzz: short ones find nothing, and it notices whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rimless_gym import RimlessWheelVectorEnv
+from scripts import fuzz
+from scripts.fuzzing import trial
+from scripts.fuzzing.campaign import Worker
+from scripts.fuzzing.tally import Case, Tally
+from scripts.fuzzing.trial import Trial
+
+ROOT = Path(__file__).parents[2]
+PLAIN = 6  # a seed without disturbances: 64 machines, reset by hand
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, str(ROOT / "scripts" / "fuzz.py"), *arguments]
+
+
+@pytest.fixture(autouse=True)
+def _compiled() -> None:
+    trial.warm_up()
+
+
+@pytest.mark.parametrize("seeds", [range(8), range(100, 108)])
+def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
+    tally = sum((Trial(seed).run() for seed in seeds), Tally())
+    assert tally.cases == ()
+    assert tally.steps > 50_000
+    assert tally.reintegrated > 20
+    assert tally.twinned > 500
+    assert 0.0 < tally.residual < 1e-9
+    assert 0.0 < tally.difference < 1e-8
+
+
+def test_a_trial_follows_from_its_seed() -> None:
+    assert Trial(PLAIN).run() == Trial(PLAIN).run()
+    assert Trial(PLAIN).run() != Trial(PLAIN + 1).run()
+
+
+class Biased(RimlessWheelVectorEnv):
+    """One whose steps are altered."""
+
+    def step(self, actions: Any) -> Any:
+        seen = super().step(actions)
+        self.alter(*seen)
+        return seen
+
+    def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
+        raise NotImplementedError
+
+
+class Overdrawn(Biased):
+    def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
+        info["electrical"] *= 1 + 1e-6
+
+
+class Undefined(Biased):
+    def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
+        rewards[0] = np.nan
+
+
+class Outside(Biased):
+    def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
+        observations[:, 1] *= 2.0
+
+
+class Rounded(Biased):
+    def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
+        info["clearance"][:] = np.nextafter(info["clearance"], np.inf)
+
+
+class Sunken(RimlessWheelVectorEnv):
+    """One whose feet are not where they should be."""
+
+    @property
+    def states(self) -> Any:
+        states = super().states
+        states[:, 0] += 1e-3
+        return states
+
+
+class Heavier(RimlessWheelVectorEnv):
+    """Its equations are those of machines in slightly stronger gravity."""
+
+    def __init__(self, n: int, params: Any, **settings: Any) -> None:
+        several = params if isinstance(params, list) else [params] * n
+        super().__init__(
+            n, [p.replace(gravity=p.gravity * (1 + 1e-5)) for p in several], **settings
+        )
+
+
+@pytest.mark.parametrize(
+    ("kind", "trouble"),
+    [
+        (Overdrawn, "the ledger's residual"),
+        (Undefined, "the reward is not finite"),
+        (Outside, "outside its space"),
+        (Rounded, "clearance is .* alone"),
+        (Sunken, "a foot is below the ground"),
+        (Heavier, "from the reference"),
+        (Heavier, "alone"),
+    ],
+)
+def test_what_is_wrong_is_noticed(
+    kind: type[RimlessWheelVectorEnv], trouble: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "MOST_CASES", 1000)
+    cases = Trial(PLAIN, kind).run().cases
+    assert any(_matches(trouble, case) for case in cases)
+    assert all(case.seed == PLAIN for case in cases)
+    assert json.loads(str(cases[0]).removeprefix("FAILURE "))["seed"] == PLAIN
+
+
+def _matches(trouble: str, case: Case) -> bool:
+    first, _, last = trouble.partition(" .* ")
+    return first in case.trouble and case.trouble.endswith(last)
+
+
+def test_a_step_that_takes_for_ever_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trial, "SLOWEST_ROW", 0.0)
+    monkeypatch.setattr(trial, "SLOWEST_CALL", 0.0)
+    assert "a step took" in Trial(PLAIN).run().cases[0].trouble
+
+
+def test_a_process_that_dies_is_a_case_with_its_seed() -> None:
+    before = set(multiprocessing.active_children())
+    worker = Worker()
+    worker.start(7)
+    [process] = set(multiprocessing.active_children()) - before
+    process.kill()
+    [case] = worker.result().cases
+    assert case.seed == 7
+    assert "ended with exit code" in case.trouble
+    assert not worker.alive
+    worker.kill()
+
+
+def test_the_command_line_ends_with_a_summary() -> None:
+    done = subprocess.run(
+        command("--seeds", "2", "--workers", "1"), capture_output=True, text=True, check=True
+    )
+    [line] = done.stdout.splitlines()
+    assert "2 seeds" in line
+    assert "0 failures" in line
+    assert "2.00/2.00" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--seeds", "0"), ("--minutes", "nan"), ("--seed", "-1"), ("--steps", "5", "--seeds", "5")],
+)
+def test_arguments_that_make_no_sense_are_refused(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["fuzz.py", *arguments])
+    with pytest.raises(SystemExit) as refusal:
+        fuzz.main()
+    assert refusal.value.code == 2
+
+
+@pytest.mark.slow
+def test_ctrl_c_prints_what_was_seen_so_far() -> None:
+    process = subprocess.Popen(
+        command("--minutes", "5", "--workers", "1"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    time.sleep(15)
+    os.killpg(process.pid, signal.SIGINT)
+    out, complaints = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "failures" in out.splitlines()[-1]
+    assert "Traceback" not in complaints
