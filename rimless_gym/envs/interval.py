@@ -249,16 +249,19 @@ def orders_for(
 
 def _command_kernel(fingerprint: int) -> Callable[..., int]:
     @njit(error_model="numpy", cache=True)
-    def take_commands(actions, memory):
+    def take_commands(actions, ignored, memory):
         fingerprint  # noqa: B018  as above
         wrong = 0
         for i in range(len(actions)):
-            memory[COMMAND, i] = actions[i, 0]
-            wrong += actions[i, 0] != actions[i, 0]
+            wrong += (actions[i, 0] != actions[i, 0]) & (not ignored[i])
+        if wrong == 0:
+            for i in range(len(actions)):
+                memory[COMMAND, i] = 0.0 if ignored[i] else actions[i, 0]
         return wrong
 
     return take_commands
 
 
-#: Compiled: (actions, memory) -> how many of the actions (N, 1), copied to `memory`, are NaN.
+#: Compiled: (actions, ignored, memory) -> how many of the actions (N, 1), but for the ignored ones,
+#: are NaN. If none is, they are copied to `memory`.
 take_commands = _command_kernel(SOURCE_FINGERPRINT)
