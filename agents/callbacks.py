@@ -50,7 +50,7 @@ class LogWalking(BaseCallback):
         for info in self.locals["infos"]:
             for name in _SUMMED:
                 sums[name] += info[name]
-            self._falls += info["failure"] is not None
+            self._falls += info["failure"] != 0
         self._intervals += len(self.locals["infos"])
         return True
 

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from agents.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.envs.info import row_of
+from rimless_gym.envs.info import begun, row_of
 from rimless_gym.envs.lazy_info import LazyInfo
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
@@ -141,7 +141,7 @@ class Sb3VecEnv(VecEnv):
                 info["TimeLimit.truncated"] = not terminated[i]
                 info["terminal_observation"] = final["final_obs"][i].copy()
                 self._book(i, info)
-                self.reset_infos[i] = row_of({"mode": columns["mode"]}, i)
+                self.reset_infos[i] = begun(columns["mode"].item(i))
                 infos[i] = info
         return observations, rewards.astype(np.float32), dones, infos
 
@@ -168,11 +168,9 @@ class Sb3VecEnv(VecEnv):
                 wrapper.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """A frame (H, W, 3) of each row, or one of the first rows: render_mode "rgb_array"."""
-        if self.render_mode is None:
-            return [None] * self.num_envs
-        frames = self.env.render()
-        return frames if isinstance(frames, list) else [frames]
+        """A frame (H, W, 3) of each row: render_mode "rgb_array"."""
+        frames = self.env.render() if self.render_mode else None
+        return frames or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of each row, as a single environment calls it.
@@ -181,8 +179,6 @@ class Sb3VecEnv(VecEnv):
             AttributeError: there is none.
         """
         value = getattr(self.env, _NATIVE_NAMES.get(attr_name, attr_name))
-        if attr_name == "render_mode":
-            value = value and "rgb_array"  # as stable-baselines3 calls a list of frames, too
         each = isinstance(value, (tuple, np.ndarray)) and len(value) == self.num_envs
         return [value[i] if each else value for i in self._get_indices(indices)]
 

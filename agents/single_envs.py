@@ -87,5 +87,5 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "ranges": fleet["ranges"],
         "disturbances": fleet["disturbances"],
         "max_episode_steps": min(limits, default=None),
-        "render_mode": single.render_mode and "rgb_array_list",
+        "render_mode": single.render_mode,
     }

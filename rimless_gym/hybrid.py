@@ -8,6 +8,7 @@ guard, reset and threshold and differ only in how they integrate and locate even
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from typing import Any
 
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from rimless_gym.equations import THESIS, equations
+from rimless_gym.equations import RELABEL, THESIS, equations
 from rimless_gym.jit import inlined, inner
 from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
@@ -23,15 +24,29 @@ from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
 SINGLE, DOUBLE = 0, 1  # stance modes
 MODE_NAMES = ("single_stance", "double_stance")
 
-# What can end an advance of the hybrid state, besides reaching its time.
-OK, CONTACT_LOST, RATE_EXCEEDED, TOO_MANY_EVENTS, THESIS_BACKWARD, DIVERGED = range(6)
-FAILURES = {
-    CONTACT_LOST: "contact_lost",
-    RATE_EXCEEDED: "rate_exceeded",
-    TOO_MANY_EVENTS: "too_many_events",
-    THESIS_BACKWARD: "backward_touchdown_under_the_thesis_law",
-    DIVERGED: "diverged",
-}
+
+class Failure(enum.IntEnum):
+    """What can end an advance of the hybrid state before its time.
+
+    Attributes:
+        NONE: nothing has.
+        CONTACT_LOST: the ground would have to pull the feet.
+        RATE_EXCEEDED: the leg or the pendulum turns faster than `MAX_RATE`.
+        TOO_MANY_EVENTS: more than `MAX_EVENTS` within a control interval.
+        BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW: which has none.
+        DIVERGED: the motion is beyond what an integration step can be trusted with.
+    """
+
+    NONE = 0
+    CONTACT_LOST = 1
+    RATE_EXCEEDED = 2
+    TOO_MANY_EVENTS = 3
+    BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW = 4
+    DIVERGED = 5
+
+
+# The same as the plain numbers that compiled code takes.
+OK, CONTACT_LOST, RATE_EXCEEDED, TOO_MANY_EVENTS, THESIS_BACKWARD, DIVERGED = map(int, Failure)
 
 #: Kinetic energy of the wheel, in units of (m1+m2) g L1, below which a touchdown that would leave
 #: both feet pressing ends the Zeno sequence of ever smaller ones in double stance.
@@ -42,6 +57,10 @@ CONTROL_PERIOD = 0.01
 
 #: Touchdowns and lift-offs allowed within one control interval before it is called an error.
 MAX_EVENTS = 200
+
+#: Mean time (s) between the touchdowns of a wheel rocking over two feet, below which the law that
+#: takes nothing from it, "relabel", lets it come to rest: twice what `MAX_EVENTS` allows.
+SHORTEST_ROCKING = 2 * CONTROL_PERIOD / MAX_EVENTS
 
 #: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
 MAX_RATE = 60.0
@@ -93,12 +112,23 @@ def both_feet_press(theta, dtheta, u, p):
 
 
 @inner
+def rocks_too_fast(theta, dphi, dtheta, u, p):
+    """Whether a wheel that left two feet at phi' would be back, in the mean, within no time.
+
+    From either foot it returns after 2 phi' / |phi''|, phi'' as at rest; both feet must press.
+    """
+    leading, trailing = lift_off_guards(theta, dtheta, u, p)
+    return abs(dphi) * (trailing - leading) < SHORTEST_ROCKING * trailing * -leading
+
+
+@inner
 def after_touchdown(direction, theta, dphi, dtheta, u, p):
     """What a touchdown leads to: (mode, phi, theta', phi', foot shift, ok).
 
     `direction` is +1 at phi = b rising, -1 at phi = a falling; the foot shift counts legs. The
     wheel goes on over the new foot if the impact leaves it travelling, else (or when its motion
-    is below `REST_ENERGY` and both feet press) it stands on both, phi then being the leading leg's.
+    is below `REST_ENERGY`, or under "relabel" faster than `SHORTEST_ROCKING`, and both feet press)
+    it stands on both, phi then being the leading leg's.
     """
     if direction > 0:
         phi_old, phi_new = p.b, p.a
@@ -110,6 +140,8 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
     dtheta_rest = stop_on_two_feet(phi_old, theta, dphi, dtheta, p)
     m11 = mass_matrix(phi_new, theta, p)[0]
     slow = 0.5 * m11 * dphi_new**2 < REST_ENERGY * p.S1 * math.hypot(p.gx, p.gy)
+    if p.law == RELABEL:
+        slow = slow or rocks_too_fast(theta, dphi_new, dtheta_rest, u, p)
     if direction * dphi_new > 0 and not (slow and both_feet_press(theta, dtheta_rest, u, p)):
         return SINGLE, phi_new, dtheta_new, dphi_new, direction, True
     return DOUBLE, p.a, dtheta_rest, 0.0, max(direction, 0), True

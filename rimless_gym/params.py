@@ -157,11 +157,26 @@ class WheelParams:
                 f"than 0, at least {SMALLEST:g}"
             )
         if self._is_singular():
+            hub = self.rotor_inertia * self.gear_ratio**2
+            if hub > 0 and self._is_regular_without_rotor():
+                raise ValueError(
+                    f"rotor_inertia = {self.rotor_inertia:g}: with gear_ratio = "
+                    f"{self.gear_ratio:g} the hub feels {hub:.3g} kg m^2, so much that the wheel's "
+                    "and the pendulum's own inertias are lost in rounding: lower rotor_inertia or "
+                    "gear_ratio"
+                )
             raise ValueError(
                 "the mass matrix is singular for these masses and inertias: give the pendulum "
                 "an inertia (pendulum_inertia > 0, or pendulum_mass and pendulum_length > 0) "
                 "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0)"
             )
+
+    def _is_regular_without_rotor(self) -> bool:
+        try:
+            self.replace(rotor_inertia=0.0)
+        except ValueError:
+            return False
+        return True
 
     def _is_singular(self) -> bool:
         """Whether a mass matrix in single stance is, with or without the rotor, or all but."""

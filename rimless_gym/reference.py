@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from rimless_gym import compiled, hybrid
 from rimless_gym.energy import Ledger
-from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, FAILURES, MODE_NAMES, SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES, SINGLE
 from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
@@ -191,7 +191,7 @@ def _advance(
             if event[0] == LIFT_OFF:
                 _lift_off(params, motion, t, u)
             elif not _touch_down(params, motion, t, 1 if event[0] == FORWARD else -1, u):
-                return FAILURES[hybrid.THESIS_BACKWARD]
+                return hybrid.Failure.BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW.name.lower()
     return None
 
 
@@ -269,7 +269,7 @@ def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
     x = motion.y[:4].copy()
     motion.events.append(Event("contact_lost", t, 0, x, x, MODE_NAMES[motion.mode]))
     _sample(motion, t, motion.y, voltage(t, motion.y))
-    return FAILURES[hybrid.CONTACT_LOST]
+    return hybrid.Failure.CONTACT_LOST.name.lower()
 
 
 def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:

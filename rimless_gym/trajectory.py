@@ -72,7 +72,7 @@ class Trajectory:
         friction_demand: largest |Fx|/Fy met in stance (infinite where Fy <= 0).
         impulse_friction_demand: the same of the touchdowns' impulses, 0 without any.
         clearance: smallest height of the pendulum's end above the ground (m).
-        failure: None, or why it ended early, a name in `hybrid.FAILURES`.
+        failure: None, or why it ended early: the name of a `hybrid.Failure`, in small letters.
     """
 
     params: WheelParams

@@ -8,25 +8,53 @@ from typing import Any
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
 from rimless_gym.envs.interval import NO_LIMIT
+from rimless_gym.envs.plain import made_of
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import WheelParams
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams, preset
+
+#: A machine: itself, a preset's name, or some of its fields, the others being the default's.
+Machine = WheelParams | str | Mapping[str, Any]
 
 
-def check_arguments(params: Any, task: Any, render_mode: Any, render_modes: list[str]) -> None:
-    """Refuse what neither environment takes.
+def as_params(params: Any) -> WheelParams:
+    """The machine that is meant, see `Machine`.
 
     Raises:
-        TypeError: `params` or `task` is of another type.
-        ValueError: there is no such render mode.
+        TypeError: it is of another type.
+        ValueError: there is no preset or field of that name, or a value is out of its range.
     """
-    for machine in params if isinstance(params, (list, tuple)) else [params]:
-        if not isinstance(machine, WheelParams):
-            raise TypeError(
-                f"params = {machine!r}: give a WheelParams, e.g. rimless_gym.preset('PROTOTYPE')"
-            )
-    if task is not None and not isinstance(task, Task):
-        raise TypeError(f"task = {task!r}: give a rimless_gym.Task")
+    if isinstance(params, WheelParams):
+        return params
+    if isinstance(params, str):
+        return preset(params)
+    if isinstance(params, Mapping):
+        return THESIS_PHYSICAL.replace(**{str(name): value for name, value in params.items()})
+    raise TypeError(
+        f"params = {params!r}: give a WheelParams, a preset's name or a dictionary of fields"
+    )
+
+
+def as_task(task: Any) -> Task:
+    """The task; the default one for None.
+
+    Raises:
+        TypeError: it is of another type.
+        ValueError: a field is unknown or its value out of range.
+    """
+    if isinstance(task, Mapping):
+        return made_of(Task, "task", task)
+    if not isinstance(task, Task | None):
+        raise TypeError(f"task = {task!r}: give a rimless_gym.Task or a dictionary of its fields")
+    return task or Task()
+
+
+def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
+    """Refuse modes that an environment has not.
+
+    Raises:
+        ValueError: it is none of them, nor None.
+    """
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
 
@@ -35,16 +63,17 @@ def machines_of(params: Any, n: int) -> list[WheelParams]:
     """`params`, one for all or one per row, as a list of N.
 
     Raises:
-        ValueError: it is neither, or one of them cannot be stepped.
+        TypeError: one of them is of another type.
+        ValueError: there is another number of them, or one cannot be made or stepped.
     """
-    each = [params] * n if isinstance(params, WheelParams) else params
-    if not isinstance(each, (list, tuple)) or not all(isinstance(p, WheelParams) for p in each):
-        raise ValueError(f"params = {params!r}: give a WheelParams, or a list of one per row")
+    each = list(map(as_params, params)) if isinstance(params, (list, tuple)) else None
+    if each is None:
+        each = [as_params(params)] * n
     if len(each) != n:
         raise ValueError(f"params: {len(each)} machines for {n} rows, must be one per row")
     for machine in dict.fromkeys(each):
         require_steppable(machine)
-    return list(each)
+    return each
 
 
 def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
@@ -61,8 +90,8 @@ def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
 def fleet_of(
     params: Sequence[WheelParams],
     task: Task,
-    ranges: Ranges | Mapping[str, tuple[float, float]] | None,
-    disturbances: Disturbances | None,
+    ranges: Ranges | Mapping[str, Any] | None,
+    disturbances: Disturbances | Mapping[str, Any] | None,
     num_threads: int = 1,
     limit: int = NO_LIMIT,
 ) -> Fleet:
@@ -70,8 +99,8 @@ def fleet_of(
 
     Raises:
         TypeError: an argument is of another type.
-        ValueError: a machine cannot be stepped, or not with the ends of the ranges.
+        ValueError: the machines cannot be stepped with the ends of the ranges.
     """
-    drawn, machines = as_ranges(ranges), machines_of(list(params), len(params))
-    require_valid(drawn, machines)
-    return Fleet(machines, task, drawn, as_disturbances(disturbances), num_threads, limit)
+    drawn = as_ranges(ranges)
+    require_valid(drawn, params)
+    return Fleet(params, task, drawn, as_disturbances(disturbances), num_threads, limit)

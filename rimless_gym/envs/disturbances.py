@@ -15,10 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import real
+from rimless_gym.envs.plain import made_of
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import WheelParams
 
 MAX_DELAY = 100  # control intervals
+
+#: Largest standard deviation of a sensor (rad or rad/s). The sines of angles that it leads to are
+#: right; those of angles some millions of turns away are not.
+MOST_NOISE = 1e3
 
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
 FIELDS = tuple(
@@ -44,14 +49,16 @@ class Pushes:
     impulse: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _require_least("rate", self.rate, 0.0)
+        object.__setattr__(self, "rate", _at_least("rate", self.rate, 0.0))
         object.__setattr__(self, "impulse", _interval("impulse", self.impulse))
-        _require_least("impulse", self.impulse[0], 0.0)
+        _at_least("impulse", self.impulse[0], 0.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SensorNoise:
     """Normal errors of what is observed; the state itself is left alone.
+
+    No standard deviation may be larger than `MOST_NOISE`, beyond which nothing is seen anyway.
 
     Args:
         leg_angle: standard deviation of the leg's angle (rad).
@@ -67,7 +74,12 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            _require_least(name, value, 0.0)
+            object.__setattr__(self, name, _at_least(name, value, 0.0))
+            if value > MOST_NOISE:
+                raise ValueError(
+                    f"{name} = {value}: must be at most {MOST_NOISE:g} (rad or rad/s), a standard "
+                    "deviation with which a sensor tells nothing any more"
+                )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -75,8 +87,8 @@ class Disturbances:
     """What disturbs every episode.
 
     Args:
-        pushes: None for none.
-        sensor_noise: None for none.
+        pushes: a `Pushes` or a dictionary of its fields; None for none.
+        sensor_noise: a `SensorNoise` or a dictionary of its fields; None for none.
         actuator_delay: whole control intervals (10 ms) from an action to its voltage, or the least
             and greatest, drawn anew for each episode; before the first action it is 0 V.
 
@@ -92,26 +104,20 @@ class Disturbances:
     def __post_init__(self) -> None:
         for name, kind in (("pushes", Pushes), ("sensor_noise", SensorNoise)):
             value = getattr(self, name)
-            if value is not None and not isinstance(value, kind):
-                raise TypeError(f"{name} = {value!r}: give a rimless_gym.{kind.__name__} or None")
-        for delay in self.delays:
-            if isinstance(delay, bool) or not isinstance(delay, (int, np.integer)):
-                raise TypeError(f"actuator_delay = {self.actuator_delay!r}: must be integers")
-        if not 0 <= self.delays[0] <= self.delays[1] <= MAX_DELAY:
-            raise ValueError(
-                f"actuator_delay = {self.actuator_delay}: must be from 0 to {MAX_DELAY} intervals, "
-                "the least first"
-            )
+            if isinstance(value, Mapping):
+                object.__setattr__(self, name, made_of(kind, name, value))
+            elif value is not None and not isinstance(value, kind):
+                raise TypeError(
+                    f"{name} = {value!r}: give a rimless_gym.{kind.__name__}, a dictionary of its "
+                    "fields, or None"
+                )
+        object.__setattr__(self, "actuator_delay", _delay(self.actuator_delay))
 
     @property
     def delays(self) -> tuple[int, int]:
         """Least and greatest delay (intervals)."""
         delay = self.actuator_delay
-        if isinstance(delay, Sequence):
-            if len(delay) != 2:
-                raise ValueError(f"actuator_delay = {delay}: give one number, or two")
-            return delay[0], delay[1]
-        return delay, delay
+        return delay if isinstance(delay, tuple) else (delay, delay)
 
     def settings(self, period: float) -> NDArray[np.float64]:
         """The numbers in the order of `perturbation`, for intervals of `period` (s)."""
@@ -154,33 +160,60 @@ class Ranges:
             params.replace(**{name: bounds[end] for name, bounds in self.bounds.items()})
 
 
-def as_ranges(ranges: Ranges | Mapping[str, tuple[float, float]] | None) -> Ranges:
-    """Ranges from a mapping; none from None.
+def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
+    """Ranges from a mapping, which may also be that of their field `bounds`; none from None.
 
     Raises:
         TypeError: it is neither.
+        ValueError: see `Ranges`.
     """
     if isinstance(ranges, Ranges):
         return ranges
     if not isinstance(ranges, Mapping | None):
         raise TypeError(f"ranges = {ranges!r}: give a mapping of fields to (least, greatest)")
+    if ranges and list(ranges) == ["bounds"]:
+        return as_ranges(ranges["bounds"])
     return Ranges(ranges or {})
 
 
-def as_disturbances(disturbances: Disturbances | None) -> Disturbances:
-    """The disturbances; none from None.
+def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Disturbances:
+    """The disturbances, which may be a mapping of their fields; none from None.
 
     Raises:
         TypeError: it is neither.
+        ValueError: a field is unknown or its value out of range.
     """
-    if disturbances is not None and not isinstance(disturbances, Disturbances):
-        raise TypeError(f"disturbances = {disturbances!r}: give a rimless_gym.Disturbances")
+    if isinstance(disturbances, Mapping):
+        return made_of(Disturbances, "disturbances", disturbances)
+    if not isinstance(disturbances, Disturbances | None):
+        raise TypeError(
+            f"disturbances = {disturbances!r}: give a rimless_gym.Disturbances or a dictionary of "
+            "its fields"
+        )
     return disturbances or Disturbances()
 
 
-def _require_least(name: str, value: Any, least: float) -> None:
-    if real(name, value) < least:
+def _delay(delay: Any) -> int | tuple[int, int]:
+    """Intervals of delay, or the least and the greatest, as plain integers."""
+    several = isinstance(delay, Sequence)
+    each = delay if several else (delay, delay)
+    for one in each:
+        if isinstance(one, bool) or not isinstance(one, (int, np.integer)):
+            raise TypeError(f"actuator_delay = {delay!r}: must be integers")
+    if len(each) != 2:
+        raise ValueError(f"actuator_delay = {delay}: give one number, or two")
+    if not 0 <= each[0] <= each[1] <= MAX_DELAY:
+        raise ValueError(
+            f"actuator_delay = {delay}: must be from 0 to {MAX_DELAY} intervals, the least first"
+        )
+    return (int(each[0]), int(each[1])) if several else int(delay)
+
+
+def _at_least(name: str, value: Any, least: float) -> float:
+    number = real(name, value)
+    if number < least:
         raise ValueError(f"{name} = {value}: must be at least {least:g}")
+    return number
 
 
 def _interval(name: str, bounds: Any) -> tuple[float, float]:

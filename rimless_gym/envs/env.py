@@ -16,15 +16,23 @@ from numpy.typing import NDArray
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
-from rimless_gym.envs.arguments import check_arguments, fleet_of
+from rimless_gym.envs.arguments import (
+    Machine,
+    as_params,
+    as_task,
+    fleet_of,
+    machines_of,
+    require_render_mode,
+)
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.generators import restore
-from rimless_gym.envs.info import entries
+from rimless_gym.envs.info import begun, entries
 from rimless_gym.envs.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
-from rimless_gym.envs.lazy_info import LazyInfo
+from rimless_gym.envs.lazy_info import LazyInfo, serves_all
+from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
-from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES, MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
@@ -32,7 +40,7 @@ from rimless_gym.symbolic import HybridModel
 _ROW = np.zeros(1, dtype=np.int64)
 _BOUND = ("_advance", "_command", "_values")
 _PARTS = ("fleet", "generators")  # of a snapshot
-_NO_FAILURE = {"failure": None}
+_NO_FAILURE = {"failure": 0}
 
 
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -47,8 +55,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Action Space
     `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
-    Actions outside are clipped; NaN and other shapes raise `ValueError`, and what is no real
-    number `TypeError`.
+    Actions outside are clipped, and a number alone is taken as well; NaN and other shapes raise
+    `ValueError`, and what is no real number `TypeError`.
 
     ## Observation Space
     `Box` of 6 float32 numbers:
@@ -79,7 +87,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       default) or "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at
       rest, its pendulum hanging.
     - `params`, `ranges` and `disturbances`, as below. They hold from then on, until given anew;
-      `{}` and None end them.
+      `{}` and None end the last two.
+
+    A state is taken if some voltage within the limit keeps the feet pressed on the ground. At the
+    others contact is lost at once.
 
     ## Episode End
     Terminates where the model ends: when the ground would have to pull a foot (contact lost;
@@ -92,7 +103,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`.
     - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`.
-    - `render_mode`: `"rgb_array"` (needs no display) or `"human"`.
+    - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
+      `gymnasium.utils.play.play(env)` hands the wheel to the arrow keys.
     - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
       `params` to the least and greatest value, drawn evenly and anew for each episode;
       `env.unwrapped.params` is what was drawn.
@@ -105,9 +117,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
     -1: none); the ground reaction at the end of the step and its extremes (N), two feet of which
     one lets go at once being no stance; the pendulum's `clearance` (m); `elapsed` time in this step
-    (s); `mode`; `failure`; and `slips`: whether a force or an impulse asked for more friction than
-    `params.friction` offers (the model's foot holds all the same). It is a dictionary that makes
-    its entries when it is read.
+    (s); the stance `mode`, 0 on one foot and 1 on two; `failure`, 0 or what ended the episode, a
+    `rimless_gym.hybrid.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force or
+    an impulse asked for more friction than `params.friction` offers (the model's foot holds all the
+    same). Each entry is of one type in every step. `reset` gives the same ones, 0 but for the mode.
+    In a step it is a dictionary that makes its entries when it is read.
 
     `get_state` and `set_state` save and restore everything, the generator included, so that a
     planner can branch; pickles and deep copies go on likewise.
@@ -127,24 +141,26 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(
         self,
-        params: WheelParams = THESIS_PHYSICAL,
-        task: Task | None = None,
+        params: Machine = THESIS_PHYSICAL,
+        task: Task | Mapping[str, float] | None = None,
         render_mode: str | None = None,
         *,
         ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
-        disturbances: Disturbances | None = None,
+        disturbances: Disturbances | Mapping[str, Any] | None = None,
     ) -> None:
-        check_arguments(params, task, render_mode, self.metadata["render_modes"])
-        self.task = Task() if task is None else task
+        require_render_mode(render_mode, self.metadata["render_modes"])
+        self.task = as_task(task)
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
-        self._fleet = fleet_of([params], self.task, ranges, disturbances)
+        self._fleet = fleet_of(machines_of(as_params(params), 1), self.task, ranges, disturbances)
         self._block = np.zeros((BLOCK_SIZE, 1))
         self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
-        self._ended = True
+        self._ended, self._lazy = True, True
         self._window: Any = None
         self._bind()
+
+    spec = plain_spec
 
     @property
     def params(self) -> WheelParams:
@@ -184,10 +200,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
         fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
-        self._ended = False
+        self._ended, self._lazy = False, serves_all()
         if self.render_mode == "human":
             self.render()
-        return observation, {"mode": MODE_NAMES[int(fleet.memory[MODE, 0])]}
+        return observation, begun(int(fleet.memory[MODE, 0]))
 
     def step(
         self, action: NDArray[np.float32]
@@ -196,7 +212,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Raises:
             TypeError: the action is no real number.
-            ValueError: it is NaN or not of shape (1,).
+            ValueError: it is NaN or not of shape (1,) or ().
             RuntimeError: no episode is running, or the motion left the model's range.
         """
         if self._ended:
@@ -212,15 +228,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info.source = entries, self._values.tobytes()
         if self.render_mode == "human":
             self.render()
-        return self._observation.copy(), self._values[REWARD], self._ended, False, info
+        given = info if self._lazy else info.copy()
+        return self._observation.copy(), self._values[REWARD], self._ended, False, given
 
-    def _end(self) -> str:
-        """End the episode and say why, by an error if it is not for the model to end it."""
+    def _end(self) -> int:
+        """End the episode and return why, or raise if it is not for the model to end it."""
         self._ended = True
-        marks = interval.marks(self._block)[:, 0]
+        marks = interval.marks(self._block)[:, 0].tolist()
         if not marks[TERMINATED]:
-            raise self._fleet.range_left(0, int(marks[FAILURE_MARK]))
-        return FAILURES[int(marks[FAILURE_MARK])]
+            raise self._fleet.range_left(0, marks[FAILURE_MARK])
+        return marks[FAILURE_MARK]
 
     def _bind(self) -> None:
         """Get hold of what `step` needs of the fleet, as it is now."""
@@ -245,6 +262,18 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._window = Window((frame.shape[1], frame.shape[0]), self.metadata["render_fps"])
         self._window.show(frame)
         return None
+
+    def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
+        """What keys do in `gymnasium.utils.play.play`.
+
+        The left and right arrows give full voltage, less than 0 or more, and with the arrow down
+        held half of it.
+        """
+        from rimless_gym.rendering._pygame import pygame  # only when it is needed
+
+        keys: dict[tuple[int, ...], float] = {(pygame.K_LEFT,): -1.0, (pygame.K_RIGHT,): 1.0}
+        keys |= {(pygame.K_DOWN, *key): volts / 2 for key, volts in keys.items()}
+        return {key: np.array([volts], dtype=np.float32) for key, volts in keys.items()}
 
     def get_state(self) -> dict[str, Any]:
         """A snapshot: whatever follows `set_state` of it is the same to the last bit.
@@ -290,10 +319,10 @@ def _as_command(action: Any) -> float:
 
     Raises:
         TypeError: it is no real number.
-        ValueError: it is NaN, or the action is not of shape (1,).
+        ValueError: it is NaN, or the action is not of shape (1,) or ().
     """
     array = real_array("action", action)
-    if array.shape != (1,):
+    if array.shape not in ((1,), ()):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
     command = float(array.item())
     if math.isnan(command):

@@ -33,7 +33,7 @@ from rimless_gym.envs.perturbation import account_rows, disturb_rows
 from rimless_gym.envs.snapshots import ARRAYS
 from rimless_gym.envs.starts import FIELDS, draw_machines, set_terms, start_rows
 from rimless_gym.envs.task import NO_START, Task
-from rimless_gym.hybrid import CONTROL_PERIOD, FAILURES
+from rimless_gym.hybrid import CONTROL_PERIOD, Failure
 from rimless_gym.kernel.stepping import PHI, STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
@@ -236,7 +236,7 @@ class Fleet:
     def range_left(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""
         return RuntimeError(
-            f"row {i}: the motion left the model's range ({FAILURES[code]}) at t = "
+            f"row {i}: the motion left the model's range ({Failure(code).name.lower()}) at t = "
             f"{self.memory[TIME, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
             f"parameters, {self.machine(i)}"
         )

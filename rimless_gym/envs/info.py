@@ -1,4 +1,8 @@
-"""What `info` holds: dense arrays over the rows, or the entries of one of them."""
+"""What `info` holds: dense arrays over the rows, or the entries of one of them.
+
+The entries are numbers and truth values, of one type each in every step and reset: what collects
+episodes makes arrays of them.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +21,8 @@ from rimless_gym.envs.interval import (
     MODE_MARK,
     N_MARKS,
     SLIPS,
-    TERMINATED,
     marks,
 )
-from rimless_gym.hybrid import FAILURES, MODE_NAMES
 
 _BLOCK = struct.Struct(f"{BLOCK_SIZE - 1}d{N_MARKS}b")
 
@@ -31,13 +33,20 @@ def entries(block: bytes) -> dict[str, Any]:
     codes = values[MARKS:]
     info = dict(zip(INFO_NAMES, values, strict=False))
     info["slips"] = bool(codes[SLIPS])
-    info["mode"] = MODE_NAMES[codes[MODE_MARK]]
-    info["failure"] = FAILURES[codes[FAILURE_MARK]] if codes[TERMINATED] else None
+    info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
     return info
 
 
+_NOTHING_YET = entries(bytes(8 * BLOCK_SIZE))
+
+
+def begun(mode: int) -> dict[str, Any]:
+    """The entries where an episode begins: its mode, and 0 for all that has not happened yet."""
+    return _NOTHING_YET | {"mode": mode}
+
+
 def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str, Any]:
-    """The entries of all rows, views (N,) of a block and its marks; modes and failures as codes."""
+    """The entries of all rows, views (N,) of a block and its marks."""
     info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
     info["slips"] = codes[SLIPS].view(np.bool_)
     info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
@@ -46,11 +55,7 @@ def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str,
 
 def row_of(columns: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
     """One row of the dense arrays (N,), as the single environment has it."""
-    info = {name: column.item(row) for name, column in columns.items()}
-    info["mode"] = MODE_NAMES[info["mode"]]
-    if "failure" in info:
-        info["failure"] = FAILURES.get(info["failure"])
-    return info
+    return {name: column.item(row) for name, column in columns.items()}
 
 
 def final_info(

@@ -242,10 +242,12 @@ def orders_for(
 
 
 @kept()
-def take_commands(actions, memory):
-    """Copy the actions (N, 1) to `memory`; how many of them are NaN."""
+def take_commands(actions, ignored, memory):
+    """Copy the actions (N, 1) to `memory`, unless some are NaN that are not ignored: how many."""
     wrong = 0
     for i in range(len(actions)):
-        memory[COMMAND, i] = actions[i, 0]
-        wrong += actions[i, 0] != actions[i, 0]
+        wrong += (actions[i, 0] != actions[i, 0]) & (not ignored[i])
+    if wrong == 0:
+        for i in range(len(actions)):
+            memory[COMMAND, i] = 0.0 if ignored[i] else actions[i, 0]
     return wrong

@@ -2,10 +2,14 @@
 
 Making two dozen numbers takes longer than their physics, and most of them are never read. In C, an
 empty dictionary is told by its size without asking its methods: store one entry from the start.
+
+One kind of reader is not served so: jax's trees look into dictionaries of exactly that type alone.
+Where there is jax, or Minari, which brings it, the environment gives plain copies (`serves_all`).
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +17,11 @@ from rimless_gym.envs.interval import INFO_NAMES
 
 #: What every step's `info` has.
 NAMES = frozenset({*INFO_NAMES, "slips", "mode", "failure"})
+
+
+def serves_all() -> bool:
+    """Whether all that may read `info` here takes a `LazyInfo` for the dictionary that it is."""
+    return "jax" not in sys.modules and "minari" not in sys.modules
 
 
 class LazyInfo(dict[str, Any]):

@@ -121,10 +121,12 @@ def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[n
 def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
     start = np.empty(STATE_SIZE - 1)
     start[:4], start[MODE] = validated_start(params, x, mode, "state")
-    force = normal_force(params, start)
+    limit = params.voltage_limit
+    force = max(normal_force(params, start, voltage) for voltage in (-limit, limit))
     if force <= 0:
         raise ValueError(
-            f"state = {x!r}: without voltage the ground would have to pull the foot "
-            f"({force:.3g} N); give a slower state"
+            f"state = {x!r}: some voltage from {-limit:g} to {limit:g} V must press the foot on "
+            f"the ground, by a force greater than 0; the largest that any gives is {force:.3g} N: "
+            "give a slower state"
         )
     return start

@@ -26,7 +26,8 @@ def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, own
 
     Raises:
         TypeError: it, or a part of it, is of another type.
-        ValueError: it has other parts, another number of rows, or another task.
+        ValueError: it has other parts, another number of rows, another task, or a number in it is
+            not finite.
     """
     remedy = f"give what get_state() of a {owner} returned"
     _require_parts("state", state, parts, remedy)
@@ -53,7 +54,7 @@ def _require_parts(name: str, state: Any, parts: Collection[str], remedy: str) -
 
 
 def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
-    """Refuse arrays of other shapes: compiled code would read and write beyond them."""
+    """Refuse arrays of other shapes, which compiled code would read and write beyond, and NaN."""
     each = bool(state["ranges"].bounds) or np.size(state["poles"]) == n
     machines = n if each else 1
     expected = {
@@ -71,4 +72,10 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
             raise ValueError(
                 f"state: {name} = {array!r}: must be an array {shape} of {dtype}; {remedy}"
+            )
+        wrong = np.argwhere(~np.isfinite(array))
+        if len(wrong):
+            place = tuple(wrong[0].tolist())
+            raise ValueError(
+                f"state: {name}{list(place)} = {array[place]}: must be finite; {remedy}"
             )

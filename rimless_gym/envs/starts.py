@@ -37,7 +37,7 @@ from rimless_gym.envs.perturbation import (
     observe_noisily,
 )
 from rimless_gym.envs.randomness import between, next_uniform
-from rimless_gym.envs.task import draw_state, foot_force
+from rimless_gym.envs.task import draw_state, greatest_force
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import (
@@ -82,7 +82,7 @@ def _set_terms(fields, prices, memory, i):
 
 @inner
 def _motor_pole(p):
-    """As `WheelParams.motor_pole`; infinite where the mass matrix is singular.
+    """As `WheelParams.motor_pole`; beyond `MAX_POLE` where the mass matrix is singular.
 
     The mobility of psi is (M11 + M22 - 2 M12) / (M11 M22 - M12^2) or M11 / (M11 M22 - M12^2),
     greatest at the ends of M12's range.
@@ -91,7 +91,7 @@ def _motor_pole(p):
     for angle in (-math.pi / 2, math.pi / 2):
         m11, m12, m22 = hybrid.mass_matrix(0.0, angle, p)
         if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
-            return math.inf
+            return 2 * MAX_POLE
         rates = _solve(m11, m12, m22, p.d1, 1.0)
         fastest = max(fastest, hybrid.relative_rate(rates[0], rates[1], p))
     return (p.K * p.K / p.Rm + p.damping) * fastest
@@ -113,7 +113,10 @@ def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, stre
 
 @inner
 def _set_state(kind, given, k, p, memory, streams, i):
-    """Write the state in which row i starts; False if the ground would have to pull there."""
+    """Write the state in which row i starts; False if the ground would have to pull there.
+
+    A drawn one must press without voltage, a given one at some voltage.
+    """
     if kind == DRAWN:
         pressed, mode, phi, theta, dphi, dtheta = draw_state(
             memory[SLOPE, i], memory[WEIGHT, i], p, streams, i
@@ -124,7 +127,8 @@ def _set_state(kind, given, k, p, memory, streams, i):
         else:
             phi, theta, dphi, dtheta = given[k, 0], given[k, 1], given[k, 2], given[k, 3]
             mode = int(given[k, 4])
-        pressed = foot_force(float(mode), phi, theta, dphi, dtheta, 0.0, p) > 0.0
+        limit = memory[VOLTAGE_LIMIT, i]
+        pressed = greatest_force(float(mode), phi, theta, dphi, dtheta, limit, p) > 0.0
     memory[PHI, i], memory[THETA, i], memory[DPHI, i] = phi, theta, dphi
     memory[DTHETA, i], memory[MODE, i], memory[FOOT, i] = dtheta, mode, 0.0
     return pressed

@@ -177,6 +177,15 @@ def _draw(constants, slope, weight, streams, state):
     return found
 
 
+@inner
+def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
+    """The largest Fy (N) that a voltage from -limit to limit gives; it is affine in the voltage."""
+    return max(
+        foot_force(mode, phi, theta, dphi, dtheta, -limit, p),
+        foot_force(mode, phi, theta, dphi, dtheta, limit, p),
+    )
+
+
 def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
     """Fy (N) on the foot, or on both feet together, of a hybrid state (STATE_SIZE,)."""
     return _force(params.constants_array, state, voltage)

@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import EPISODE_STEPS, interval
 from rimless_gym.envs import options as reset_options
-from rimless_gym.envs.arguments import check_arguments, fleet_of, machines_of
+from rimless_gym.envs.arguments import (
+    Machine,
+    as_task,
+    fleet_of,
+    machines_of,
+    require_render_mode,
+)
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.generators import Generators, Seeds
@@ -29,6 +35,7 @@ from rimless_gym.envs.interval import (
     TRUNCATED,
     take_commands,
 )
+from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import OBSERVATION_SIZE, Task
@@ -38,8 +45,6 @@ from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Observations = NDArray[np.float32]
-
-GRID_ROWS = 9  # that a picture shows
 
 _PARTS = ("fleet", "generators", "seen")  # of a snapshot
 _NO_STATES = np.empty((0, MODE + 1))
@@ -92,21 +97,19 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `max_episode_steps`: default 2000 (20 s); None for no limit.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
     - `num_threads`: that share a step; pays from some thousand rows on.
-    - `render_mode`: `"rgb_array"`, the first nine rows as a grid, or `"rgb_array_list"`, one frame
-      per row, which is what Gymnasium's `RecordVideo` and `HumanRendering` for vectors take.
+    - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, which is what Gymnasium's
+      `RecordVideo` and `HumanRendering` for vectors take.
     - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
 
     `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
-    of rows that end in it too (`mode` alone is that of the state observed, after a reset);
-    `mode` and `failure` are codes there: `rimless_gym.hybrid.MODE_NAMES[mode]`, and 0 or a key of
-    `rimless_gym.hybrid.FAILURES`.
+    of rows that end in it too (`mode` alone is that of the state observed, after a reset).
 
     ## Version History
     - v0: first version, unreleased.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
-        "render_modes": ["rgb_array", "rgb_array_list"],
+        "render_modes": ["rgb_array"],
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -114,22 +117,22 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def __init__(
         self,
         num_envs: int = 1,
-        params: WheelParams | Sequence[WheelParams] = THESIS_PHYSICAL,
-        task: Task | None = None,
+        params: Machine | Sequence[Machine] = THESIS_PHYSICAL,
+        task: Task | Mapping[str, float] | None = None,
         *,
         ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
-        disturbances: Disturbances | None = None,
+        disturbances: Disturbances | Mapping[str, Any] | None = None,
         max_episode_steps: int | None = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
-        check_arguments(params, task, render_mode, self.metadata["render_modes"])
+        require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
         num_threads = integer("num_threads", num_threads, 1)
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
-        self.task = Task() if task is None else task
+        self.task = as_task(task)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -144,6 +147,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)
+
+    spec = plain_spec
 
     @property
     def params(self) -> tuple[WheelParams, ...]:
@@ -176,7 +181,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """Start episodes, see "Starting State".
 
         Returns:
-            Observations and `{"mode": codes}` of all rows, those not reset as they are.
+            Observations and info of all rows, those not reset as they are; in it, all is 0 but
+            the modes.
 
         Raises:
             TypeError: a seed or option is of another type; nothing has changed then.
@@ -191,7 +197,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given)
         self._seen[:] = observations
-        return observations, {"mode": fleet.memory[MODE, : self.num_envs].astype(np.int8)}
+        block = np.zeros((BLOCK_SIZE, self.num_envs))
+        info = dense_info(block, interval.marks(block))
+        info["mode"][:] = fleet.memory[MODE, : self.num_envs]
+        return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
         """Hold a voltage in every row for 10 ms; see the class for what comes back.
@@ -206,7 +215,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         again = fleet.ended.nonzero()[0]
         if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not fleet.begun):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
-        self._command(actions, again)
+        self._command(actions, fleet.ended)
         block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
         unusual = fleet.stepper(block, observations.reshape(-1))()
@@ -229,8 +238,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._seen[:] = observations
         return observations, block[REWARD], terminated, truncated, info
 
-    def render(self) -> Any:
-        """The rows' frames, by render mode; see the class.
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """The current frame (H, W, 3) of each row, in mode "rgb_array".
 
         Raises:
             RuntimeError: no episode has begun.
@@ -238,13 +247,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make_vec()")
             return None
-        from rimless_gym.envs.views import CELL, frame_of, grid  # pygame only when it is needed
+        from rimless_gym.envs.views import frame_of  # pygame only when it is needed
 
         if not self._fleet.begun:
             raise RuntimeError("no episode has begun: call reset() first")
-        if self.render_mode == "rgb_array_list":
-            return [frame_of(self._fleet, i) for i in range(self.num_envs)]
-        return grid([frame_of(self._fleet, i, CELL) for i in range(min(self.num_envs, GRID_ROWS))])
+        return tuple(frame_of(self._fleet, i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
         """A snapshot: whatever follows `set_state` of it is the same to the last bit.
@@ -279,20 +286,18 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         keys = self._generators.keys(rows)
         self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
 
-    def _command(self, actions: ArrayLike, ignored: NDArray[np.int64]) -> None:
+    def _command(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)
         if given.dtype != np.float32:
             given = real_array("actions", given).astype(np.float64)
         if given.shape != (self.num_envs, 1):
             raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
-        if take_commands(given, self._fleet.memory):
-            wrong = np.isnan(given[:, 0])
-            wrong[ignored] = False
-            if wrong.any():
-                raise ValueError(
-                    f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
-                    "[-1, 1]; check the policy's output"
-                )
+        if take_commands(given, ignored, self._fleet.memory):
+            wrong = np.isnan(given[:, 0]) & ~ignored
+            raise ValueError(
+                f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
+                "[-1, 1]; check the policy's output"
+            )
 
     def _require_range(self, marks: NDArray[np.int8]) -> None:
         lost = np.flatnonzero((marks[FAILURE_MARK] != 0) & (marks[TERMINATED] == 0))

@@ -14,7 +14,7 @@ from agents import Sb3VecEnv
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Task
 from rimless_gym.envs.disturbances import Disturbances, Pushes, SensorNoise
 from rimless_gym.envs.env import RimlessWheelEnv
-from tests.agents.sb3_rows import ID, assert_same, both, native, whirling
+from tests.agents.sb3_rows import ID, assert_same, both, whirling
 
 
 @pytest.mark.parametrize("n", [1, 5])
@@ -108,8 +108,5 @@ def test_pictures_are_those_of_the_single_environments():
     for mine, yours in zip(ours.get_images(), theirs.get_images(), strict=True):
         np.testing.assert_array_equal(mine, yours)
     np.testing.assert_array_equal(ours.render(), theirs.render())
-    grid = Sb3VecEnv(native(16, render_mode="rgb_array"))
-    grid.reset()
-    np.testing.assert_array_equal(grid.render(), grid.env.render())
     with pytest.raises(ValueError, match=r"render_mode = 'human': .*'rgb_array'"):
         both(1, env_kwargs={"render_mode": "human"})

@@ -9,6 +9,7 @@ from stable_baselines3.common.monitor import Monitor
 
 from agents import Sb3VecEnv
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Task
+from rimless_gym.hybrid import DOUBLE
 from tests.agents.sb3_rows import ID, REST, native
 
 
@@ -26,7 +27,7 @@ def test_options_reach_their_rows_once_and_seeds_count_once():
     assert not np.array_equal(again, expected)
     env.set_options(REST)
     np.testing.assert_array_equal(env.reset(), [each.reset(options=REST)[0] for each in alone])
-    assert [info["mode"] for info in env.reset_infos] == ["double_stance"] * 6
+    assert [info["mode"] for info in env.reset_infos] == [DOUBLE] * 6
 
 
 def test_options_that_fit_no_row_are_refused():

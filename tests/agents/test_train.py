@@ -86,7 +86,7 @@ def test_what_is_logged_are_ratios_of_sums_of_the_infos():
     def info(distance, energy):
         rest = dict.fromkeys(("copper", "friction", "drag", "collision", "shaft", "idle"), 0.0)
         rest |= {"electrical": 0.0, "reward_distance": 0.5 * distance, "reward_energy": -0.1}
-        rest |= {"reward_end": 0.0, "steps": 1, "elapsed": 0.01, "failure": None}
+        rest |= {"reward_end": 0.0, "steps": 1, "elapsed": 0.01, "failure": 0}
         return rest | {"distance": distance, "electrical_positive": energy}
 
     seen = {}

@@ -27,14 +27,20 @@ train()
 """
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
-@pytest.mark.parametrize("program", [["-m", "rl_zoo3.train"], ["-c", NATIVE]], ids=["own", "ours"])
-def test_it_trains_with_our_hyperparameters(tmp_path, program, algo):
-    settings = ROOT / "agents" / "hyperparams" / f"{algo}.yml"
-    command = [sys.executable, *program, *ARGUMENTS, "--algo", algo, "--conf-file", settings]
+OWN, OURS = ["-m", "rl_zoo3.train"], ["-c", NATIVE]
+
+
+def hyperparameters(algo: str) -> Path:
+    return ROOT / "agents" / "hyperparams" / f"{algo}.yml"
+
+
+def train(folder: Path, program: list[str], algo: str, *more: str) -> tuple[str, Path]:
+    """Train for a moment; what was printed, and the folder that rl-zoo3 made."""
+    command = [sys.executable, *program, *ARGUMENTS, "--algo", algo]
+    command += ["--conf-file", str(hyperparameters(algo)), "-n", str(STEPS[algo])]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [*command, "-n", str(STEPS[algo]), "-f", tmp_path, "--eval-freq", "-1"],
+        [*command, "-f", str(folder), "--eval-freq", "-1", *more],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
@@ -43,12 +49,33 @@ def test_it_trains_with_our_hyperparameters(tmp_path, program, algo):
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    out = tmp_path / algo / "RimlessWheel-v0_1"
+    return done.stdout, folder / algo / "RimlessWheel-v0_1"
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("program", [OWN, OURS], ids=["own", "ours"])
+def test_it_trains_with_our_hyperparameters(tmp_path, program, algo):
+    printed, out = train(tmp_path, program, algo)
     assert (out / "RimlessWheel-v0.zip").is_file()
-    entry = yaml.safe_load(settings.read_text())["RimlessWheel-v0"]
-    assert f"Using {entry['n_envs']} environments" in done.stdout
+    entry = yaml.safe_load(hyperparameters(algo).read_text())["RimlessWheel-v0"]
+    assert f"Using {entry['n_envs']} environments" in printed
     episodes = [
         line for file in out.glob("*.monitor.csv") for line in file.read_text().splitlines()[2:]
     ]
     assert len(list(out.glob("*.monitor.csv"))) == entry["n_envs"]
     assert episodes
+
+
+@pytest.mark.parametrize("program", [OWN, OURS], ids=["own", "ours"])
+def test_its_command_line_chooses_the_machine_and_the_task(tmp_path, program):
+    chosen = ["params:'PROTOTYPE'", "task:{'value_of_distance': 0.8}"]
+    _, out = train(tmp_path, program, "ppo", "--env-kwargs", *chosen)
+    assert (out / "RimlessWheel-v0.zip").is_file()
+    kept = (out / "RimlessWheel-v0" / "args.yml").read_text()
+    assert "params: PROTOTYPE" in kept
+    assert "value_of_distance: 0.8" in kept
+
+
+def test_its_command_line_refuses_a_machine_that_there_is_not(tmp_path):
+    with pytest.raises(AssertionError, match="choose from THESIS_NOMINAL"):
+        train(tmp_path, OWN, "ppo", "--env-kwargs", "params:'CONCRETE'")

@@ -129,6 +129,11 @@ def test_machines_of_all_masses_are_admitted(scale):
             {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_length": 1e12, "rotor_inertia": 1},
             r"singular",  # but for the rotor
         ),
+        ({"rotor_inertia": 1e20}, r"rotor_inertia = 1e\+20: .* 2.56e\+25 kg .*lower rotor_inertia"),
+        (
+            {"rotor_inertia": 3e-7, "gear_ratio": 1e15},
+            r"rotor_inertia = 3e-07: with gear_ratio = 1e\+15 .*lower rotor_inertia or gear_ratio",
+        ),
         ({"wheel_mass": 0, "pendulum_mass": 0}, r"wheel_mass \+ pendulum_mass = 0: one of them"),
         ({"pendulum_inertia": 0, "pendulum_length": 0}, r"singular.*pendulum_inertia > 0"),
         ({"pendulum_mass": 0, "pendulum_inertia": 0}, r"singular.*pendulum_inertia > 0"),

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from rimless_gym.envs.views import grid
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.rendering._pygame import pygame
@@ -170,16 +169,3 @@ def test_a_gif_of_nothing_or_too_fast_for_browsers_is_refused(tmp_path):
         save_gif([], tmp_path / "nothing.gif", fps=25)
     with pytest.raises(ValueError, match="fps = 100: must be above 0 and at most 50"):
         save_gif([draw(PROTOTYPE, STANDING)], tmp_path / "fast.gif", fps=100)
-
-
-def test_a_grid_shows_every_frame_once_in_reading_order():
-    frames = [np.full((20, 30, 3), k, np.uint8) for k in range(5)]
-    picture = grid(frames)
-    assert picture.shape == (2 * 20 + 4, 3 * 30 + 2 * 4, 3)
-    corners = [picture[y, x, 0] for y in (0, 24) for x in (0, 34, 68)]
-    assert corners == [0, 1, 2, 3, 4, 255]
-    for k in range(5):
-        assert np.count_nonzero(picture == k) == 20 * 30 * 3
-    assert np.array_equal(grid(frames[:1]), frames[0])
-    with pytest.raises(ValueError, match="no frames"):
-        grid([])

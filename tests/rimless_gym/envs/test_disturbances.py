@@ -287,6 +287,26 @@ def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
             assert np.array_equal(plain.step(action)[0], empty.step(action)[0])
 
 
+def test_the_loudest_noise_leaves_observations_in_their_space():
+    noise = SensorNoise(leg_angle=1e3, pendulum_angle=1e3, leg_rate=1e3, pendulum_rate=1e3)
+    env = make(disturbances=Disturbances(sensor_noise=noise))
+    env.reset(seed=0)
+    for _ in range(2000):
+        seen, _, ended, _, _ = env.step(np.zeros(1, np.float32))
+        assert env.observation_space.contains(seen)
+        assert math.hypot(seen[1], seen[2]) == pytest.approx(1.0, abs=1e-6)
+        if ended:
+            env.reset()
+
+
+def test_a_delay_given_as_a_list_is_no_longer_the_callers():
+    delays = [1, 2]
+    disturbances = Disturbances(actuator_delay=delays)
+    delays[1] = 99
+    assert disturbances.actuator_delay == (1, 2)
+    assert hash(disturbances) == hash(Disturbances(actuator_delay=(1, 2)))
+
+
 @pytest.mark.parametrize(
     ("given", "error", "message"),
     [
@@ -298,6 +318,7 @@ def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
         (lambda: Pushes(rate=1.0, impulse=1.0), TypeError, "least and the greatest"),
         (lambda: SensorNoise(leg_rate=math.nan), ValueError, "leg_rate = nan"),
         (lambda: SensorNoise(leg_rate="loud"), TypeError, "leg_rate = 'loud'"),
+        (lambda: SensorNoise(pendulum_angle=1e18), ValueError, r"angle = 1e\+18: must be at most"),
         (lambda: Disturbances(pushes=3.0), TypeError, "pushes = 3.0"),
         (lambda: Disturbances(actuator_delay=-1), ValueError, "actuator_delay = -1"),
         (lambda: Disturbances(actuator_delay=(3, 1)), ValueError, "the least first"),
@@ -315,10 +336,18 @@ def test_what_makes_no_sense_is_refused_by_name(given: Any, error: type, message
         given()
 
 
-def test_a_drawn_machine_that_cannot_be_stepped_is_an_error_that_names_it():
-    ranges = Ranges({"armature_resistance": (1e-6, 1e-5)})
-    fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), ranges, Disturbances())
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        {"armature_resistance": (1e-6, 1e-5)},
+        dict.fromkeys(("wheel_mass", "wheel_inertia", "pendulum_inertia"), (0.0, 0.0)),
+    ],
+    ids=["too stiff", "singular"],
+)
+def test_a_drawn_machine_that_cannot_be_stepped_is_an_error_that_names_it(ranges: dict):
+    fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())
     rows, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
-    with pytest.raises(RuntimeError, match=r"row 1: a machine with .*armature_resistance"):
+    with pytest.raises(RuntimeError, match=rf"row 1: a machine with .*{min(ranges)}"):
         fleet.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
     assert fleet.ended.all()
+    assert np.isfinite(fleet.poles).all()  # as every number in a snapshot has to be

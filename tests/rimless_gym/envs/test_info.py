@@ -1,15 +1,22 @@
-"""The single environment's info, filled in when it is first read."""
+"""What info holds, and the single environment's, filled in when it is first read."""
 
 from __future__ import annotations
 
 import copy
 import json
 import pickle
+import sys
+import types
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.hybrid import DOUBLE, SINGLE, Failure
+from tests.rimless_gym.envs.rows import NEXT, ROUGH, SAME, make, swinging
 
 
 def test_info_is_a_dictionary_whichever_way_it_is_read_first() -> None:
@@ -78,3 +85,71 @@ def test_info_is_a_dictionary_whichever_way_it_is_read_first() -> None:
     older = fresh()
     env.step(-np.ones(1, np.float32))
     assert older == whole  # a later step leaves it alone
+
+
+@pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
+def test_every_reset_and_step_has_the_same_entries_each_of_one_type(settings: dict) -> None:
+    env, kinds, failures = gym.make("RimlessWheel-v0", **settings), set(), set()
+
+    def see(info: dict[str, Any]) -> None:
+        kinds.add(tuple(sorted((name, type(value)) for name, value in info.items())))
+
+    see(env.reset(seed=0)[1])
+    for action in swinging(1, 2000)[:, 0]:
+        *_, terminated, truncated, info = env.step(action)
+        see(info)
+        failures.add(info["failure"])
+        assert bool(info["failure"]) == terminated
+        if terminated or truncated:
+            see(env.reset()[1])
+    assert len(kinds) == 1
+    assert {kind for _, kind in kinds.pop()} == {float, int, bool}
+    assert failures >= {Failure.NONE, Failure.CONTACT_LOST}
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
+def test_the_same_holds_for_rows_whose_entries_are_arrays(mode: AutoresetMode) -> None:
+    envs, kinds, lasts = make(3, mode), set(), 0
+
+    def see(info: dict[str, Any]) -> None:
+        kinds.add(tuple(sorted((name, each.dtype, each.shape) for name, each in info.items())))
+
+    see(envs.reset(seed=0)[1])
+    for actions in swinging(3, 400):
+        info = envs.step(actions)[-1]
+        final = {name: info.pop(name) for name in list(info) if "final" in name}
+        see(info)
+        if final:
+            lasts += 1
+            see(final["final_info"])
+            assert final["final_info"]["failure"][final["_final_info"]].all()
+    assert len(kinds) == 1
+    assert (lasts > 0) == (mode is SAME)
+
+
+def test_a_reset_tells_the_mode_and_0_for_what_has_not_happened() -> None:
+    env, envs = gym.make("RimlessWheel-v0"), make(2)
+    for options, mode in (
+        ({"mode": "double_stance"}, DOUBLE),
+        ({"state": [1.5, 0.0, 1.0, 0.0]}, SINGLE),
+    ):
+        _, info = env.reset(options=options)
+        assert info.pop("mode") == mode
+        assert not any(info.values())
+        _, info = envs.reset(options=options)
+        assert info.pop("mode").tolist() == [mode, mode]
+        assert not any(values.any() for values in info.values())
+
+
+@pytest.mark.parametrize("name", ["jax", "minari"])
+def test_where_trees_of_plain_dictionaries_alone_are_looked_into_info_is_one(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env, twin = RimlessWheelEnv(), RimlessWheelEnv()
+    twin.reset(seed=0)
+    monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    env.reset(seed=0)
+    plain, lazy = (each.step(np.ones(1, np.float32))[-1] for each in (env, twin))
+    assert type(plain) is dict
+    assert type(lazy) is not dict
+    assert plain == lazy

@@ -11,12 +11,12 @@ import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.hybrid import DOUBLE, MAX_RATE
 
 
 def test_starts_are_random_and_include_rest(env: gym.Env) -> None:
     modes = [env.reset(seed=seed)[1]["mode"] for seed in range(200)]
-    assert 20 < modes.count("double_stance") < 80
+    assert 20 < modes.count(DOUBLE) < 80
     observations = [env.reset(seed=seed)[0] for seed in range(20)]
     assert len(np.unique(observations, axis=0)) == 20
 
@@ -34,7 +34,10 @@ def test_reset_options_set_state_mode_and_params() -> None:
     [
         ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
         ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
-        ({"state": [1.5, 3.0, 0, MAX_RATE]}, "pull"),
+        (
+            {"state": [1.5, 3.0, 0, MAX_RATE]},
+            r"from -20 to 20 V must press .* greater than 0; .* any gives is -.* N: give a slower",
+        ),
         ({"state": [1.5, 1e300, 0, 0]}, r"theta = 1e\+300: must be within 100000 rad"),
         ({"state": [1.5, -1e17, 0, 0]}, r"theta = -1e\+17: .* modulo 2 pi"),
         ({"state": [1.5, math.inf, 0, 0]}, "four finite numbers"),
@@ -46,7 +49,7 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"mode": "single_stance"}, "goes with 'state'"),
         ({"mode": np.array(["double_stance"] * 2)}, "goes with 'state'"),
         ({"params": THESIS_PHYSICAL.replace(armature_resistance=1e-6)}, "motor damps"),
-        ({"params": "PROTOTYPE"}, "WheelParams"),
+        ({"params": "CONCRETE"}, "'CONCRETE': choose from THESIS_NOMINAL, .*PROTOTYPE"),
     ],
 )
 def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
@@ -84,7 +87,7 @@ def test_a_refused_reset_changes_nothing() -> None:
 def test_double_stance_alone_is_a_wheel_at_rest() -> None:
     env = RimlessWheelEnv()
     observation, info = env.reset(options={"mode": "double_stance"})
-    assert info["mode"] == "double_stance"
+    assert info["mode"] == DOUBLE
     assert np.array_equal(observation[1:], np.array([0, 1, 0, 0, 1], np.float32))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.hybrid import DOUBLE, MAX_RATE
 
 P = THESIS_PHYSICAL.constants
 
@@ -43,7 +43,7 @@ def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None
             break
     assert truncated
     assert total == 0.0
-    assert info["mode"] == "double_stance"
+    assert info["mode"] == DOUBLE
 
 
 def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> None:

@@ -10,17 +10,12 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from rimless_gym.envs.fleet import LEAST_ROWS
-from rimless_gym.hybrid import FAILURES, MODE_NAMES
 from tests.rimless_gym.envs.rows import DISABLED, NEXT, ROUGH, SAME, make, swinging
 
 
 def row_of(info: dict[str, Any], i: int) -> dict[str, Any]:
-    """One row of a dense info, named as the single environment names it."""
-    one = {name: values[i] for name, values in info.items() if not name.startswith(("_", "final"))}
-    one["mode"] = MODE_NAMES[one["mode"]]
-    if "failure" in one:
-        one["failure"] = FAILURES.get(int(one["failure"]))
-    return one
+    """One row of a dense info."""
+    return {name: values[i] for name, values in info.items() if not name.startswith(("_", "final"))}
 
 
 class Singles:
@@ -39,10 +34,9 @@ class Singles:
         self.ends["truncated"] += truncated
         return *what, terminated, truncated, info
 
-    def reset(self, i: int) -> tuple[np.ndarray, str]:
+    def reset(self, i: int) -> tuple[np.ndarray, dict[str, Any]]:
         self.ended[i] = False
-        seen, info = self.envs[i].reset()
-        return seen, info["mode"]
+        return self.envs[i].reset()
 
 
 @pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
@@ -55,23 +49,22 @@ def test_every_row_is_the_single_environment_to_the_last_bit(
     envs, singles = make(n, mode, **settings), Singles(n, 11, **settings)
     seen, info = envs.reset(seed=11)
     assert np.array_equal(seen, [first for first, _ in singles.first])
-    assert [MODE_NAMES[code] for code in info["mode"]] == [i["mode"] for _, i in singles.first]
+    assert [row_of(info, i) for i in range(n)] == [first for _, first in singles.first]
     for actions in swinging(n, steps):
         if mode is DISABLED and any(singles.ended):
             mask = np.array(singles.ended)
             seen, info = envs.reset(options={"reset_mask": mask})
             for i in np.flatnonzero(mask):
-                expected, mode_name = singles.reset(i)
+                expected, begun = singles.reset(i)
                 assert np.array_equal(seen[i], expected)
-                assert MODE_NAMES[info["mode"][i]] == mode_name
+                assert row_of(info, i) == begun
         seen, rewards, terminated, truncated, info = envs.step(actions)
         for i in range(n):
             if singles.ended[i]:  # left over from the last step: mode is NEXT
-                expected, mode_name = singles.reset(i)
+                expected, begun = singles.reset(i)
                 assert np.array_equal(seen[i], expected)
-                assert MODE_NAMES[info["mode"][i]] == mode_name
+                assert row_of(info, i) == begun
                 assert (rewards[i], terminated[i], truncated[i]) == (0.0, False, False)
-                assert info["elapsed"][i] == info["failure"][i] == 0
                 continue
             expected, *others, one = singles.step(i, actions[i])
             assert [rewards[i], terminated[i], truncated[i]] == others
@@ -81,8 +74,8 @@ def test_every_row_is_the_single_environment_to_the_last_bit(
                 assert info["_final_info"][i]
                 assert np.array_equal(info["final_obs"][i], expected)
                 transition = info["final_info"]
-                expected, mode_name = singles.reset(i)
-                assert MODE_NAMES[info["mode"][i]] == mode_name
+                expected, begun = singles.reset(i)
+                assert info["mode"][i] == begun["mode"]
             elif mode is SAME and "_final_obs" in info:
                 assert not info["_final_obs"][i]
                 assert not info["_final_info"][i]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -115,6 +116,12 @@ def test_a_snapshot_of_before_the_first_reset_leads_back_there(new: Callable[[],
     assert np.array_equal(other.reset(seed=0)[0], new().reset(seed=0)[0])
 
 
+def spoilt(state: dict[str, Any], name: str, wrong: float) -> dict[str, Any]:
+    array = state["fleet"][name].copy()
+    array[(0,) * array.ndim] = wrong
+    return changed(state, name, array)
+
+
 def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
     if name in state:
         return state | {name: value}
@@ -137,6 +144,15 @@ def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
         (lambda state: changed(state, "ended", np.zeros(1)), ValueError, "ended = .* of bool"),
         (lambda state: changed(state, "poles", np.zeros(7)), ValueError, "poles = "),
         (lambda state: changed(state, "held", np.zeros((9, 1))), ValueError, "held = "),
+        *(
+            (
+                lambda state, name=name, wrong=wrong: spoilt(state, name, wrong),
+                ValueError,
+                rf"state: {name}\[0.*\] = {wrong}: must be finite; give what get_state",
+            )
+            for name in ("memory", "held", "constants", "poles", "fields")
+            for wrong in (math.nan, math.inf, -math.inf)
+        ),
         (lambda state: changed(state, "generators", None), ValueError, "generators = None"),
         (lambda state: changed(state, "generators", []), ValueError, r"generators = \[\]"),
         (lambda state: changed(state, "generators", [{}]), ValueError, "generators: .*PCG64"),
@@ -186,3 +202,30 @@ def test_a_snapshot_of_other_rows_is_refused() -> None:
         make(3).set_state(envs.get_state())
     with pytest.raises(ValueError, match="value_of_distance"):
         make(2, task=Task(value_of_distance=1.0)).set_state(envs.get_state())
+
+
+def test_observations_in_a_snapshot_of_rows_are_finite_too() -> None:
+    envs = make(2)
+    envs.reset(seed=0)
+    state = envs.get_state()
+    state["seen"][1, 3] = math.nan
+    with pytest.raises(ValueError, match=r"state: seen\[1, 3\] = nan: must be finite"):
+        envs.set_state(state)
+
+
+def test_a_snapshot_can_be_taken_up_after_refused_actions_and_lost_motions() -> None:
+    envs = make(3, params=[{"voltage_limit": 1e7}, "PROTOTYPE", {"impact_law": "thesis"}])
+    backward = {"state": [PROTOTYPE.constants.a + 0.001, 0.0, -1.0, 0.0]}
+    envs.reset(seed=0, options=backward)
+    before = pickle.dumps(envs.get_state())
+    with pytest.raises(ValueError, match="NaN"):
+        envs.step(np.array([[0.5], [math.nan], [0.5]], np.float32))
+    assert pickle.dumps(envs.get_state()) == before
+    lost = 0
+    for actions in swinging(3, 50, hold=5):
+        try:
+            envs.step(actions)
+        except RuntimeError:
+            lost += 1
+        envs.set_state(envs.get_state())
+    assert lost > 0

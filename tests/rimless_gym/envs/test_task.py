@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.task import OBSERVATION_BOUND, Task, observe
-from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.hybrid import MAX_RATE, Failure
 from rimless_gym.kernel.stepping import STATE_SIZE
 
 P = THESIS_PHYSICAL
@@ -47,11 +47,11 @@ def test_an_episode_that_ends_beyond_the_fastest_rate_ends_within_the_observatio
     strong = P.replace(pendulum_length=0.0, pendulum_inertia=0.01, voltage_limit=400.0)
     env = RimlessWheelEnv(strong)
     env.reset(options={"state": [math.pi / 2, 0.0, 0.0, 0.0]})
-    info: dict[str, Any] = {"failure": None}
-    while info["failure"] is None:
+    info: dict[str, Any] = {"failure": 0}
+    while info["failure"] == 0:
         seen, _, _, _, info = env.step(np.ones(1, np.float32))
         assert env.observation_space.contains(seen)
-    assert info["failure"] == "rate_exceeded"
+    assert info["failure"] == Failure.RATE_EXCEEDED
     assert np.abs(env.state[2:4]).max() > MAX_RATE
 
 

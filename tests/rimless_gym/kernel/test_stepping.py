@@ -38,10 +38,13 @@ def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> 
     return states
 
 
-def walk(params: WheelParams, state: np.ndarray, voltages: np.ndarray) -> Ledger:
+def walk(
+    params: WheelParams, state: np.ndarray, voltages: np.ndarray, pull: float = math.inf
+) -> Ledger:
     total = np.zeros(row.N_ROWS)
     for voltage in voltages:
-        total += advance(params, state[None], np.array([voltage]), pull=math.inf)[0]
+        total += advance(params, state[None], np.array([voltage]), pull=pull)[0]
+    assert total[row.FAILURE] == OK
     return Ledger.from_rows(total, params)
 
 
@@ -124,6 +127,34 @@ def test_the_zeno_sequence_ends_in_double_stance_with_the_same_energy_booked(rat
     assert len(reference.touchdowns) > 3
     assert ledger.collision == pytest.approx(reference.ledger.collision, abs=1e-10)
     assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
+
+
+LIGHT = THESIS_PHYSICAL.replace(
+    leg_length=0.07, n_legs=4, pendulum_mass=0.3, wheel_inertia=0.001, impact_law="relabel"
+)
+
+
+@pytest.mark.parametrize("rate", [2e-3, 5e-3])
+@pytest.mark.parametrize("slope", [0.0, 0.05])
+def test_a_wheel_that_loses_nothing_in_touchdowns_rocks_itself_to_rest(rate, slope) -> None:
+    params = LIGHT.replace(slope=slope)
+    state = np.array([params.constants.a, slope + 0.01, rate, 0.05, SINGLE, 0])
+    reference = simulate(params, state[:4], np.zeros(20), 0.2, pull=0.0)
+    ledger = walk(params, state, np.zeros(20), pull=0.0)
+    assert reference.failure is None
+    assert MODE_NAMES[int(state[MODE])] == reference.final_mode == "double_stance"
+    assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
+    ours, theirs = dataclasses.asdict(ledger), dataclasses.asdict(reference.ledger)
+    assert ours == pytest.approx(theirs, rel=1e-4, abs=1e-9)
+    assert abs(ledger.residual) < 1e-12
+    assert abs(reference.ledger.residual) < 1e-12
+
+
+def test_rocking_that_is_slow_enough_goes_on_under_the_law_that_takes_nothing() -> None:
+    params = THESIS_PHYSICAL.replace(impact_law="relabel")
+    state = np.array([params.constants.a + 1e-3, 0.0, 0.0, 0.0, SINGLE, 0])
+    walk(params, state, np.zeros(100), pull=0.0)
+    assert state[MODE] == SINGLE
 
 
 @pytest.mark.parametrize("excess", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])

@@ -1,0 +1,58 @@
+"""Arguments as plain JSON values, and back: an environment's `spec` makes it again from text."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import enum
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+T = TypeVar("T")
+
+
+def plain(value: Any) -> Any:
+    """The value as JSON has it; what has no such form is left as it is."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return plain(dataclasses.asdict(value))
+    if isinstance(value, enum.Enum):
+        return plain(value.value)
+    if isinstance(value, (np.generic, np.ndarray)):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        return [plain(each) for each in value]
+    return value
+
+
+def made_of(kind: type[T], name: str, fields: Mapping[str, Any]) -> T:
+    """The `kind` of dataclass with these fields; errors call it `name`.
+
+    Raises:
+        TypeError: a field is of another type, or missing.
+        ValueError: there is no such field, or its value is out of range.
+    """
+    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    for field in fields:
+        if field not in known:
+            raise ValueError(f"{name}: {field!r} is not a field of it: choose from {known}")
+    return kind(**fields)
+
+
+def _get(env: Any) -> EnvSpec | None:
+    return env.__dict__.get("_spec")
+
+
+def _set(env: Any, spec: EnvSpec | None) -> None:
+    if spec is not None:
+        spec = copy.copy(spec)
+        spec.kwargs = plain(spec.kwargs)
+    env.__dict__["_spec"] = spec
+
+
+#: Of an environment: the `spec` that Gymnasium gives it, its arguments in plain JSON values.
+plain_spec = property(_get, _set)
