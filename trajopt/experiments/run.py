@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.params import WheelParams
+from trajopt.bounds import pair
 from trajopt.experiments.case import Case, Key
 from trajopt.experiments.cases import every_case
 from trajopt.experiments.verification import (
@@ -27,7 +28,7 @@ from trajopt.extremal import Extremal
 from trajopt.guesses import Guess, Waypoints
 from trajopt.mesh import Mesh
 from trajopt.optima import Outcome
-from trajopt.problem import Problem, pair
+from trajopt.problem import Problem
 from trajopt.processes import pool
 from trajopt.search import Search, multi_start
 from trajopt.solve import WARM_BARRIER, solve
