@@ -42,7 +42,7 @@ class Study:
             raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
         object.__setattr__(self, "front", tuple(self.front))
         for speed in self.front:
-            positive("front", speed)
+            positive("front: speed", speed)
         for name, least in (("steps", 1), ("timesteps", 0), ("starts", 0), ("seed", 0)):
             integer(name, getattr(self, name), least)
 

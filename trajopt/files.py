@@ -11,9 +11,10 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +41,22 @@ def write_arrays(
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
     entries[DIGEST] = np.array(digest(entries))
-    path = Path(path)
+    with _replacing(Path(path)) as file:
+        np.savez_compressed(file, **entries)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text; a file that was there is replaced as a whole."""
+    with _replacing(path) as file:
+        file.write(text.encode())
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A new file that takes its place when it is whole."""
     unfinished = path.with_name(path.name + ".part")
     with unfinished.open("wb") as file:
-        np.savez_compressed(file, **entries)
+        yield file
     os.replace(unfinished, path)
 
 

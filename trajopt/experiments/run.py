@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from types import MappingProxyType
 from typing import Any
@@ -253,7 +253,7 @@ def _duration(outcome: Outcome) -> float:
 
 def run(
     numbers: Sequence[int], workers: int = 1, known: Mapping[Key, Solved] = MappingProxyType({})
-) -> Iterator[Solved]:
+) -> Generator[Solved, None, None]:
     """Solve the cases of some experiments, and those that they continue; each as it is finished.
 
     Args:
