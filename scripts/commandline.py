@@ -69,9 +69,9 @@ class Parser(argparse.ArgumentParser):
 
     def require_file(self, path: Path) -> None:
         """See that a file can be written, and make the folder that it is to be in."""
-        if path.is_dir():
-            self.error(f"{path}: a folder; give a file in it")
-        self.require_folder(path.parent, path.name)
+        if not os.path.isdir(path):
+            self.require_folder(path.parent)
+        self._require_writable(path)
 
     def require_page(self, page: Path, marks: re.Pattern[str], wanted: str) -> None:
         """See that a page is there, can be written, and has the marks that something goes between.
@@ -81,8 +81,8 @@ class Parser(argparse.ArgumentParser):
             marks: what has to be found in it.
             wanted: the marks, in words.
         """
-        if not page.is_file():
-            self.error(f"{page}: {'a folder' if page.is_dir() else 'no such file'}; give a page")
+        if not os.path.isfile(page):
+            self.error(f"{page}: no such file; give a page of text")
         self._require_writable(page)
         try:
             text = page.read_text()
@@ -92,10 +92,16 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{page}: has no place to fill: put the lines {wanted} where it is to be")
 
     def _require_writable(self, path: Path) -> None:
-        if path.is_dir():
-            self.error(f"{path}: a folder where a file is to be written; move it")
-        if path.exists() and not os.access(path, os.W_OK):
-            self.error(f"{path}: cannot be written; change its permissions or give another place")
+        new = not os.path.lexists(path)
+        try:
+            with path.open("ab"):
+                pass
+            if new:
+                path.unlink()
+        except IsADirectoryError:
+            self.error(f"{path}: a folder where a file is to be written; give another place")
+        except OSError as error:
+            self.error(f"{path}: cannot be written ({_reason(error)}); give another place")
 
 
 def _reason(error: Exception) -> str:
