@@ -19,9 +19,11 @@ from agents.periods import TouchdownLog, steps_per_period
 from agents.policies import Floats, Policy
 from agents.rollout import draw_starts, rollout
 from rimless_gym import energy as row
+from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
+from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 
 _LARGEST = [row.FRICTION_DEMAND, row.IMPULSE_FRICTION_DEMAND]
@@ -41,7 +43,9 @@ class Protocol:
         alive: at its end, in which a walk must still take net forward steps (s).
 
     Raises:
-        ValueError: not 0 < alive <= window <= duration, or starts < 1.
+        TypeError: a number is of the wrong kind.
+        ValueError: not 0 < alive <= window <= duration, each a period of control at least, starts
+            < 1, or seed < 0.
     """
 
     starts: int = 128
@@ -51,9 +55,15 @@ class Protocol:
     alive: float = 10.0
 
     def __post_init__(self) -> None:
-        if self.starts < 1:
-            raise ValueError(f"starts = {self.starts}: must be at least 1")
-        if not 0 < self.alive <= self.window <= self.duration < math.inf:
+        integer("starts", self.starts, 1)
+        integer("seed", self.seed, 0)
+        for name in ("duration", "window", "alive"):
+            seconds = real(name, getattr(self, name))
+            if 0.0 < seconds < CONTROL_PERIOD:
+                raise ValueError(
+                    f"{name} = {seconds} s: must be at least {CONTROL_PERIOD} s, a control period"
+                )
+        if not 0 < self.alive <= self.window <= self.duration:
             raise ValueError(
                 f"alive = {self.alive} s, window = {self.window} s, duration = {self.duration} s: "
                 "must be positive and grow in this order"
@@ -138,10 +148,19 @@ def evaluate(
         progress: whether to show a progress bar.
 
     Raises:
-        ValueError: the policy gives NaN or the wrong shape.
+        TypeError: an argument is of the wrong kind.
+        ValueError: the policy gives NaN or the wrong shape, or `starts` are of another shape or not
+            finite.
     """
+    require_callable("policy", policy)
+    require_kind("params", params, WheelParams)
+    require_kind("protocol", protocol, Protocol)
+    if task is not None:
+        require_kind("task", task, Task)
+    progress = flag("progress", progress)
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
+    starts = _checked_starts(starts)
     n = len(starts)
     n_intervals = round(protocol.duration / CONTROL_PERIOD)
     first = n_intervals - round(protocol.window / CONTROL_PERIOD)
@@ -170,6 +189,16 @@ def evaluate(
     periods = np.array([steps_per_period(points) for points in log.points()])
     periods[~walking] = 0
     return _summary(params, protocol, task or Task(), totals, walking, fallen, periods)
+
+
+def _checked_starts(starts: Any) -> Floats:
+    """States to start from."""
+    states = real_array("starts", starts)
+    if states.ndim != 2 or not len(states) or states.shape[1] != STATE_SIZE:
+        raise ValueError(f"starts: of shape {states.shape}, not (1 or more, {STATE_SIZE})")
+    if not np.isfinite(states).all():
+        raise ValueError("starts: must all be finite")
+    return states.astype(np.float64, copy=False)
 
 
 def _summary(

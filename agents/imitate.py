@@ -21,6 +21,7 @@ from tqdm import tqdm
 from agents.policies import Controller, Floats, Policy, controller_policy, model_policy
 from agents.rollout import draw_starts, rollout
 from agents.trees import from_arrays, to_arrays
+from rimless_gym.checks import integer, positive, real
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.files import read_arrays, write_arrays
@@ -55,6 +56,10 @@ class Cloning:
         learning_rate: at the beginning; it falls to 0 along a cosine over all rounds.
         log_std: natural logarithm of the cloned policy's exploration noise.
         held_out: share of the walks kept for measuring the error.
+
+    Raises:
+        TypeError: a number is of the wrong kind.
+        ValueError: a number is out of its range.
     """
 
     rounds: int = 4
@@ -73,9 +78,18 @@ class Cloning:
 
     def __post_init__(self) -> None:
         for name in ("rounds", "expert_starts", "starts", "gait_starts", "batch_size"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be greater than 0")
-        if not 0 < self.held_out < 1:
+            integer(name, getattr(self, name), 1)
+        for name in ("labels", "gait_labels", "gradient_steps"):
+            integer(name, getattr(self, name), 0)
+        for name in ("seconds", "learning_rate", "huber"):
+            positive(name, getattr(self, name))
+        if self.seconds < 2 * CONTROL_PERIOD:
+            raise ValueError(
+                f"seconds = {self.seconds}: must be at least two periods of control, "
+                f"{2 * CONTROL_PERIOD} s"
+            )
+        real("log_std", self.log_std)
+        if not 0 < real("held_out", self.held_out) < 1:
             raise ValueError(f"held_out = {self.held_out}: must lie strictly between 0 and 1")
 
 

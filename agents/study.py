@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
+from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.params import WheelParams, preset
 
 
@@ -20,6 +20,10 @@ class Study:
         timesteps: control intervals of fine-tuning, and of training from scratch.
         starts: random starts of the search for the gait, beside the shipped guess.
         front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
+
+    Raises:
+        TypeError: a value is of the wrong kind.
+        ValueError: there is no such preset, or a number is out of its range.
     """
 
     preset: str = "THESIS_PHYSICAL"
@@ -31,12 +35,16 @@ class Study:
     front: tuple[float, ...] = (0.40, 0.45, 0.50, 0.525, 0.55, 0.57, 0.58, 0.59, 0.60)
 
     def __post_init__(self) -> None:
-        for speed in (self.speed, *self.front):
-            if not (math.isfinite(speed) and speed > 0):
-                raise ValueError(f"speed = {speed}: must be finite and greater than 0 m/s")
+        require_kind("preset", self.preset, str)
+        preset(self.preset)
+        positive("speed", self.speed)
+        if not isinstance(self.front, (tuple, list)) or not self.front:
+            raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
+        object.__setattr__(self, "front", tuple(self.front))
+        for speed in self.front:
+            positive("front: speed", speed)
         for name, least in (("steps", 1), ("timesteps", 0), ("starts", 0), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be at least {least}")
+            integer(name, getattr(self, name), least)
 
     @property
     def params(self) -> WheelParams:

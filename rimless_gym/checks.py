@@ -56,6 +56,27 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def require_kind(name: str, value: Any, kind: type) -> None:
+    """Refuse what is no `kind`.
+
+    Raises:
+        TypeError: `value` is something else.
+    """
+    if not isinstance(value, kind):
+        module = kind.__module__.split(".")[0]
+        raise TypeError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
+
+
+def require_callable(name: str, value: Any) -> None:
+    """Refuse what cannot be called.
+
+    Raises:
+        TypeError: `value` is no function.
+    """
+    if not callable(value):
+        raise TypeError(f"{name} = {value!r}: must be a function")
+
+
 def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     """The integer `value`: Python's, NumPy's or an array of shape () of one.
 

@@ -8,11 +8,11 @@ run on the machine meanwhile.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from scripts.benchmarks.cases import CASES
 from scripts.benchmarks.driver import measure_all
 from scripts.benchmarks.page import page
 from scripts.benchmarks.quote import quoted
+from scripts.commandline import Parser, more_than_zero, whole
 from trajopt.provenance import provenance
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,14 +32,12 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "runs" / "bench"
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     keys = [case.key for case in CASES]
-    parser.add_argument("--rounds", type=int, default=7, help="rounds over all rows")
-    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
+    parser.add_argument("--rounds", type=whole(1), default=7, help="rounds over all rows")
+    parser.add_argument("--seconds", type=more_than_zero, default=1.0, help="of each measurement")
     parser.add_argument(
         "--only", nargs="+", metavar="ROW", choices=keys, help=f"of {', '.join(keys)}; None: all"
     )
@@ -50,26 +49,27 @@ def main() -> int:
         "README beside that folder then quotes the new figures",
     )
     parser.add_argument("--json", action="store_true", help="print everything, as JSON")
-    arguments = parser.parse_args()
-    if arguments.rounds < 1 or not arguments.seconds > 0:
-        parser.error("--rounds must be at least 1 and --seconds greater than 0")
-    cases = [case for case in CASES if arguments.only is None or case.key in arguments.only]
+    options = parser.parse_args(arguments)
+    readme = options.out.parent / "README.md"
+    parser.require_folder(options.out, "benchmark.json", "benchmark.md")
+    parser.require_folder(KEPT)
+    if readme.exists():
+        parser.require_file(readme)
+    cases = [case for case in CASES if options.only is None or case.key in options.only]
     run = {
-        "rounds": arguments.rounds,
-        "seconds": arguments.seconds,
+        "rounds": options.rounds,
+        "seconds": options.seconds,
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "machine": machine(),
         **provenance(),
     }
-    run["results"] = measure_all(cases, arguments.rounds, arguments.seconds, KEPT)
+    run["results"] = measure_all(cases, options.rounds, options.seconds, KEPT)
     text = page(run)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "benchmark.json").write_text(json.dumps(run, indent=1) + "\n")
-    (arguments.out / "benchmark.md").write_text(text)
-    readme = arguments.out.parent / "README.md"
+    (options.out / "benchmark.json").write_text(json.dumps(run, indent=1) + "\n")
+    (options.out / "benchmark.md").write_text(text)
     if readme.exists():
         readme.write_text(quoted(readme.read_text(), run))
-    print(json.dumps(run, indent=1) if arguments.json else text)
+    print(json.dumps(run, indent=1) if options.json else text)
     return 0
 
 

@@ -7,19 +7,23 @@ interquartile mean and its 95 % bootstrap interval.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import torch
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.checkpoint import PRETRAINED, load_policy
 from agents.evaluate import PROTOCOL, Evaluation, evaluate
 from agents.policies import model_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.params import PRESETS, preset
+from scripts.commandline import Parser
 from trajopt.provenance import provenance
 
 COLUMNS = (
@@ -34,11 +38,9 @@ COLUMNS = (
 )
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     parser.add_argument(
         "policies",
         nargs="+",
@@ -59,25 +61,24 @@ def main() -> int:
         choices=sorted(PRESETS),
         help="machine that the policies must be for; None: whatever each was trained on",
     )
-    arguments = parser.parse_args()
+    options = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    params = preset(arguments.preset) if arguments.preset else None
-    evaluations = []
-    for path in arguments.policies:
-        try:
-            loaded = load_policy(path, params, trust_pickle=arguments.trust_pickle)
-        except ValueError as error:
-            parser.exit(2, f"error: {error}\n")
-        policy = model_policy(loaded.model)
-        evaluations.append(
-            evaluate(policy, loaded.params, PROTOCOL, task=loaded.task, progress=True)
-        )
-    summary = over_seeds(evaluations) if arguments.seeds else {}
-    if arguments.json:
-        results = dict(zip(arguments.policies, (e.to_dict() for e in evaluations), strict=True))
+    params = preset(options.preset) if options.preset else None
+    with parser.refusing():  # all of them, before the first is measured
+        policies = [
+            load_policy(path, params, trust_pickle=options.trust_pickle)
+            for path in options.policies
+        ]
+    evaluations = [
+        evaluate(model_policy(p.model), p.params, PROTOCOL, task=p.task, progress=True)
+        for p in policies
+    ]
+    summary = over_seeds(evaluations) if options.seeds else {}
+    if options.json:
+        results = dict(zip(options.policies, (e.to_dict() for e in evaluations), strict=True))
         print(json.dumps({"policies": results, "over_seeds": summary, **provenance()}, indent=1))
     else:
-        print_table(arguments.policies, evaluations, summary)
+        print_table(options.policies, evaluations, summary)
     return 0
 
 

@@ -7,9 +7,9 @@ folder. A test compares the documents with numbers.json, and numbers.json with t
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,13 @@ from matplotlib.figure import Figure
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rimless_gym.params import PRESETS
+from scripts.commandline import Parser
 from scripts.documents import accuracy, drawings, errata, integrator, machines, plots
 from scripts.documents.tables import filled, tables
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")
+
+FIGURES = ("coordinates.png", "modes.png", "convergence.png", "rest.png", "impact.png")
 
 
 def numbers() -> dict[str, Any]:
@@ -46,37 +49,58 @@ def numbers() -> dict[str, Any]:
 def figures(results: dict[str, Any]) -> dict[str, Figure]:
     """Every figure by file name."""
     plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
-    return {
-        "coordinates.png": drawings.coordinates_figure(),
-        "modes.png": drawings.modes_figure(),
-        "convergence.png": plots.convergence_figure(results["convergence"]),
-        "rest.png": plots.rest_figure(results["coming_to_rest"]),
-        "impact.png": plots.impact_figure(),
-    }
-
-
-def main() -> int:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    drawn = (
+        drawings.coordinates_figure(),
+        drawings.modes_figure(),
+        plots.convergence_figure(results["convergence"]),
+        plots.rest_figure(results["coming_to_rest"]),
+        plots.impact_figure(),
     )
+    return dict(zip(FIGURES, drawn, strict=True))
+
+
+def _recorded(path: Path) -> dict[str, Any]:
+    """The numbers of an earlier run.
+
+    Raises:
+        FileNotFoundError: there are none.
+        ValueError: they are damaged, or of another version.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; leave out --keep-numbers once")
+    try:
+        results = json.loads(path.read_text())
+        tables(results)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f"{path}: damaged, or of another version ({error!r}); leave out --keep-numbers once"
+        ) from error
+    return dict(results)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = Parser(__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder to write to")
     parser.add_argument(
         "--keep-numbers", action="store_true", help="draw from the numbers.json that is there"
     )
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / "numbers.json"
-    if arguments.keep_numbers:
-        results = json.loads(path.read_text())
+    options = parser.parse_args(arguments)
+    path = options.out / "numbers.json"
+    pages = [page for name in DOCUMENTS if (page := options.out.parent / name).exists()]
+    parser.require_folder(options.out, "numbers.json", *FIGURES)
+    for page in pages:
+        parser.require_file(page)
+    if options.keep_numbers:
+        with parser.refusing():
+            results = _recorded(path)
     else:
         results = numbers()
         path.write_text(json.dumps(results, indent=1) + "\n")
     for name, figure in figures(results).items():
-        plots.save(figure, arguments.out / name)
-    for page in (arguments.out.parent / name for name in DOCUMENTS):
-        if page.exists():
-            page.write_text(filled(page.read_text(), results))
+        plots.save(figure, options.out / name)
+    for page in pages:
+        page.write_text(filled(page.read_text(), results))
     for name, text in tables(results).items():
         print(f"\n{name}\n\n{text}")
     return 0

@@ -13,47 +13,52 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
 from trajopt.extremal import Extremal
-from trajopt.guesses import Waves, Waypoints
+from trajopt.guesses import Family, Waves, Waypoints
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
 from trajopt.problem import Problem
 from trajopt.search import DEGREE, ELEMENTS, Search, best_of, multi_start
 
-FAMILIES = {"waves": Waves, "waypoints": Waypoints}
+FAMILIES: dict[str, type[Family]] = {"waves": Waves, "waypoints": Waypoints}
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if the best optimum was verified, 1 if not, 2 if none was found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     parser.add_argument(
         "problem", nargs="?", default="trajopt.textbook:cart_pole", help="module:function"
     )
     parser.add_argument("--family", choices=FAMILIES, default="waypoints", help="of the guesses")
-    parser.add_argument("--starts", type=int, default=200, help="how many")
-    parser.add_argument("--seed", type=int, default=0, help="of the guesses")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--elements", type=int, default=ELEMENTS, help="per phase, of the search")
-    parser.add_argument("--degree", type=int, default=DEGREE, help="of the elements")
-    parser.add_argument("--best", type=int, default=2, help="how many to refine and verify")
+    parser.add_argument("--starts", type=whole(1), default=200, help="how many")
+    parser.add_argument("--seed", type=whole(0), default=0, help="of the guesses")
+    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
+    parser.add_argument("--elements", type=whole(1), default=ELEMENTS, help="per phase")
+    parser.add_argument("--degree", type=whole(1), default=DEGREE, help="of the elements")
+    parser.add_argument("--best", type=whole(0), default=2, help="how many to refine and verify")
     parser.add_argument(
         "--out", type=Path, default=Path("runs/multi_start"), help="folder for the results"
     )
-    options = parser.parse_args()
-    module, _, function = options.problem.partition(":")
-    problem: Problem = getattr(importlib.import_module(module), function)()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args(arguments)
+    parser.require_folder(options.out, "search.npz", "report.txt")
+    with parser.refusing():
+        problem = _problem(options.problem)
+        mesh = Mesh.uniform(problem, options.elements, options.degree)
+        family = FAMILIES[options.family](problem)
+        path = options.out / "search.npz"
+        known = Search.load(path, problem, family) if path.exists() else None
     try:
-        search = _searched(problem, options)
+        with parser.refusing(), terminated_like_ctrl_c():
+            search = _searched(family, mesh, known, options)
     except KeyboardInterrupt:
         print("\ninterrupted: the same command goes on from here", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     print(search.report())
     best = best_of(search, options.best)
     _write(search, best, options.out)
@@ -63,20 +68,37 @@ def main() -> int:
     return 0 if best[0].converged else 1
 
 
-def _searched(problem: Problem, options: argparse.Namespace) -> Search:
+def _problem(name: str) -> Problem:
+    """What a function of a module, module:function, returns.
+
+    Raises:
+        ValueError: there is no such thing, or it returns something else.
+    """
+    module, _, function = name.partition(":")
+    try:
+        make = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"{name!r}: no such module:function can be imported ({error})") from error
+    problem = make() if callable(make) else make
+    if not isinstance(problem, Problem):
+        raise ValueError(f"{name!r}: gives {type(problem).__name__}, not a trajopt.Problem")
+    return problem
+
+
+def _searched(
+    family: Family, mesh: Mesh, known: Search | None, options: argparse.Namespace
+) -> Search:
     """The search, from where an earlier one in the same folder was interrupted."""
     path = options.out / "search.npz"
-    family = FAMILIES[options.family](problem)
-    known = Search.load(path, problem, family) if path.exists() else None
     begin = time.perf_counter()
     try:
         search = multi_start(
-            problem,
+            family.problem,
             family,
             options.starts,
             seed=options.seed,
             workers=options.workers,
-            mesh=Mesh.uniform(problem, options.elements, options.degree),
+            mesh=mesh,
             known=known,
             progress=True,
         )

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.commandline import Parser
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIES = {
@@ -20,23 +24,23 @@ COPIES = {
 TABLE = re.compile(r"(<!-- table: .*? -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
-    study = parser.parse_args().study
-    table = study / "table.md"
-    if not table.exists():
-        parser.exit(2, f"error: {table} is missing: run make compare to its end first\n")
-    for source, target in COPIES.items():
-        (ROOT / target).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(study / source, ROOT / target)
-    readme = ROOT / "README.md"
-    text, found = TABLE.subn(lambda m: m[1] + table.read_text() + m[2], readme.read_text())
+    study = parser.parse_args(arguments).study
+    for source in ("table.md", *COPIES):
+        if not (study / source).is_file():
+            parser.error(f"{study / source} is missing: run make compare to its end first")
+    readme, table = ROOT / "README.md", (study / "table.md").read_text()
+    parser.require_page(readme, TABLE, "<!-- table: ... --> and <!-- end of table -->")
+    text, found = TABLE.subn(lambda m: m[1] + table + m[2], readme.read_text())
     if found != 1:
-        parser.exit(2, f"error: {readme} has {found} marked tables, not 1\n")
+        parser.error(f"{readme}: has {found} marked tables, not 1; leave one of them")
+    for target in COPIES.values():
+        parser.require_file(ROOT / target)
+    for source, target in COPIES.items():
+        shutil.copyfile(study / source, ROOT / target)
     readme.write_text(text)
     return 0
 

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from scripts.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
 from trajopt.mesh import SCHEMES
 from trajopt.textbook import EXAMPLES, Example
@@ -36,21 +37,21 @@ def row(example: Example, found: Extremal) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if all converged, 1 if not."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     names = [example.problem.__name__ for example in EXAMPLES]
     parser.add_argument("problems", nargs="*", help=f"of {', '.join(names)}; all by default")
     parser.add_argument("--scheme", choices=SCHEMES, default="radau", help="transcription")
-    parser.add_argument("--elements", type=int, default=10, help="per phase, to begin with")
-    parser.add_argument("--degree", type=int, default=4, help="of radau, to begin with")
-    parser.add_argument("--tolerance", type=float, default=1e-7, help="of the states' error")
-    options = parser.parse_args()
+    parser.add_argument("--elements", type=whole(1), default=10, help="per phase, to begin with")
+    parser.add_argument("--degree", type=whole(1), default=4, help="of radau, to begin with")
+    parser.add_argument("--tolerance", type=more_than_zero, default=1e-7, help="of the mesh")
+    options = parser.parse_args(arguments)
     unknown = set(options.problems) - set(names)
     if unknown:
         parser.error(f"unknown problems: {', '.join(sorted(unknown))}")
+    with parser.refusing():
+        Mesh.uniform(1, options.elements, options.degree, options.scheme)
     print(HEADER)
     converged = True
     for example in EXAMPLES:

@@ -1,16 +1,17 @@
 #!/usr/bin/env python
 """Solve the thesis's six experiments; write results.json and a report with its figures redrawn.
 
-With --prototype, settle instead whether the machine as built can walk: it takes half an hour, shows
-how far it is, and when it is interrupted goes on from there the next time.
+With --prototype, settle instead whether the machine as built can walk: it takes half an hour, and
+shows how far it is. What was interrupted goes on from there with the same command.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
@@ -18,9 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tqdm import tqdm
 
-from trajopt.experiments import document, report
-from trajopt.experiments.cases import EXPERIMENTS, every_case
-from trajopt.experiments.run import Solved, run
+from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
+from trajopt.experiments import document, kept, report
+from trajopt.experiments.cases import EXPERIMENTS
+from trajopt.experiments.run import Solved, needed, run
 from trajopt.prototype import page
 from trajopt.prototype.study import Point, ends, improved, shared, study
 from trajopt.prototype.variant import SCALES, VARIANTS
@@ -29,11 +31,9 @@ from trajopt.prototype.variant import SCALES, VARIANTS
 SWEEPS = 2
 
 
-def main() -> int:
-    """Run the command line; 0 if every case converged, 1 if not."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 0 if every case converged, 1 if not, 130 after Ctrl-C or SIGTERM."""
+    parser = Parser(__doc__)
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
         "--experiment", type=int, choices=EXPERIMENTS, help="one of them; all by default"
@@ -42,33 +42,68 @@ def main() -> int:
         "--prototype", action="store_true", help="the machine as built, in place of the experiments"
     )
     parser.add_argument("--out", type=Path, default=Path("runs/thesis"), help="folder to write to")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
     parser.add_argument(
         "--docs", type=Path, help="a page, docs/thesis.md, to put the table and figures into"
     )
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
+    folder = options.out / ("prototype" if options.prototype else "unfinished")
     if options.prototype:
-        return _prototype(options.out / "prototype", options.workers, options.docs)
-    numbers = [options.experiment] if options.experiment else list(EXPERIMENTS)
-    begin = time.perf_counter()
-    solutions = _solutions(numbers, options.workers)
-    report.write(solutions, options.out)
+        parser.require_folder(folder, "results.json", "prototype.png")
+    else:
+        parser.require_folder(options.out, "results.json", "report.html")
+        parser.require_folder(folder)
     if options.docs:
-        document.refresh(options.docs, solutions)
+        place = page if options.prototype else document
+        parser.require_page(options.docs, place.MARKS, place.WANTED)
+        parser.require_folder(place.figures_of(options.docs), "results.json")
+    numbers = [options.experiment] if options.experiment else list(EXPERIMENTS)
+    try:
+        with terminated_like_ctrl_c():
+            if options.prototype:
+                return _prototype(folder, options.workers, options.docs)
+            return _experiments(numbers, options.out, folder, options.workers, options.docs)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted: what was found is in {folder}; the same command goes on from there")
+        return INTERRUPTED
+
+
+def _experiments(
+    numbers: Sequence[int], out: Path, unfinished: Path, workers: int, docs: Path | None
+) -> int:
+    """Solve them, or go on solving them."""
+    begin = time.perf_counter()
+    solutions = _solutions(numbers, unfinished, workers)
+    report.write(solutions, out)
+    if docs:
+        document.refresh(docs, solutions)
+    kept.forget(unfinished, needed(numbers))
     for solution in solutions:
         print(_line(solution))
     seconds = time.perf_counter() - begin
-    print(f"{len(solutions)} problems in {seconds:.0f} s: see {options.out / 'report.html'}")
+    print(f"{len(solutions)} problems in {seconds:.0f} s: see {out / 'report.html'}")
     return 0 if all(solution.converged for solution in solutions) else 1
 
 
+def _solutions(numbers: Sequence[int], unfinished: Path, workers: int) -> list[Solved]:
+    """In the order of the thesis; each is kept in a file as soon as it is there."""
+    cases = needed(numbers)
+    found = kept.recalled(unfinished, cases)
+    with (
+        tqdm(total=len(cases), initial=len(found), desc="problems") as bar,
+        closing(run(numbers, workers, found)) as solutions,
+    ):
+        for solution in solutions:
+            kept.store(unfinished, solution)
+            found[solution.key] = solution
+            bar.set_postfix_str(f"experiment {solution.key[0]}, {solution.key[1]}", refresh=False)
+            bar.update()
+    return [found[case.key] for case in cases if case.experiment in numbers]
+
+
 def _prototype(folder: Path, workers: int, docs: Path | None) -> int:
-    """Find the gaits, or go on finding them; 0 unless interrupted."""
-    try:
-        points = _points(folder, workers)
-    except KeyboardInterrupt:
-        print(f"\ninterrupted: what was found is in {folder}; the same command goes on from there")
-        return 130
+    """Find the gaits, or go on finding them."""
+    points = _points(folder, workers)
     found = page.results(points, ends(points))
     page.write(found, folder)
     if docs:
@@ -81,16 +116,22 @@ def _prototype(folder: Path, workers: int, docs: Path | None) -> int:
 def _points(folder: Path, workers: int) -> list[Point]:
     """Searched for from large pendulums down, then improved until nothing is."""
     points: list[Point] = []
-    with tqdm(total=len(VARIANTS) * len(SCALES), desc="searching") as bar:
-        for point in study(folder, workers=workers):
+    with (
+        tqdm(total=len(VARIANTS) * len(SCALES), desc="searching") as bar,
+        closing(study(folder, workers=workers)) as found,
+    ):
+        for point in found:
             points.append(point)
             bar.set_postfix_str(f"{point.variant.name}, scale {point.scale:g}", refresh=False)
             bar.update()
     for sweep in range(1, SWEEPS + 1):
         better = 0
-        with tqdm(total=len(points), desc=f"improving, sweep {sweep} of {SWEEPS}") as bar:
-            after = []
-            for point, changed in improved(folder, points, workers=workers):
+        after = []
+        with (
+            tqdm(total=len(points), desc=f"improving, sweep {sweep} of {SWEEPS}") as bar,
+            closing(improved(folder, points, workers=workers)) as others,
+        ):
+            for point, changed in others:
                 after.append(point)
                 better += changed
                 bar.set_postfix_str(f"{better} better", refresh=False)
@@ -100,18 +141,6 @@ def _points(folder: Path, workers: int) -> list[Point]:
             break
     order = {variant.name: i for i, variant in enumerate(VARIANTS)}
     return shared(sorted(points, key=lambda p: (order[p.variant.name], -p.scale)))
-
-
-def _solutions(numbers: list[int], workers: int) -> list[Solved]:
-    """In the order of the thesis."""
-    order = [case.key for case in every_case() if case.experiment in numbers]
-    solutions = []
-    with tqdm(total=len(order), desc="problems") as bar:
-        for solution in run(numbers, workers):
-            solutions.append(solution)
-            bar.set_postfix_str(f"experiment {solution.key[0]}, {solution.key[1]}", refresh=False)
-            bar.update()
-    return sorted(solutions, key=lambda solution: order.index(solution.key))
 
 
 def _line(solution: Solved) -> str:

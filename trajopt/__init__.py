@@ -1,5 +1,6 @@
 """Optimal control of hybrid systems, and the rimless wheel's gaits of least cost of transport."""
 
+from trajopt.bounds import InfeasibleBoundsError
 from trajopt.continuation import Curve, continued
 from trajopt.extremal import Extremal
 from trajopt.gaits.fronts import CotFront, cot_front
@@ -8,15 +9,7 @@ from trajopt.gaits.solution import Solution
 from trajopt.gaits.verify import Verification
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
-from trajopt.problem import (
-    Constraint,
-    InfeasibleBoundsError,
-    Linkage,
-    Phase,
-    Problem,
-    equal,
-    nonnegative,
-)
+from trajopt.problem import Constraint, Linkage, Phase, Problem, equal, nonnegative
 from trajopt.saved import ExtremalFileError, load_phases
 from trajopt.search import Search, best_of, multi_start
 from trajopt.solve import solve

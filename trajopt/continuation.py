@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from rimless_gym.checks import flag, positive, real, real_array, require_callable, require_kind
+from trajopt.bounds import InfeasibleBoundsError
 from trajopt.extremal import Extremal
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
 from trajopt.nlp import Transcription
-from trajopt.problem import Array, InfeasibleBoundsError, Problem
+from trajopt.problem import Array, Problem
 from trajopt.solve import WARM_BARRIER, solve
 from trajopt.trajectory import PhaseTrajectory
 
@@ -130,13 +132,19 @@ def continued(
 
     Raises:
         Interrupted: Ctrl-C was pressed; its `partial` is the curve so far.
-        ValueError: there are less than two values, or the step is not positive.
+        TypeError: an argument is of the wrong kind.
+        ValueError: there are less than two values, a number is out of its range, or IPOPT has no
+            such option.
     """
-    values = [float(value) for value in values]
+    require_callable("problem_at", problem_at)
+    values = [real("values", value) for value in real_array("values", values).ravel().tolist()]
     if len(values) < 2 or any(a == b for a, b in pairwise(values)):
         raise ValueError(f"values = {values}: give a start and a goal, or more, all different")
-    if step is not None and not step > 0.0:
-        raise ValueError(f"step = {step}: must be positive")
+    if step is not None:
+        step = positive("step", step)
+    leap, progress = positive("leap", leap), flag("progress", progress)
+    if mesh is not None:
+        require_kind("mesh", mesh, Mesh)
     follower = _Follower(problem_at, start, mesh, leap, settings)
     with tqdm(total=100, desc="continuation", unit="%", disable=not progress) as bar:
         try:
@@ -235,6 +243,7 @@ class _Follower:
             problem = self.problem_at(value)
         except InfeasibleBoundsError as error:
             return Obstacle(value, str(error), None)
+        require_kind(f"problem_at({value:g})", problem, Problem)
         guess = self._predicted(value)
         extremal = solve(
             problem,

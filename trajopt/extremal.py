@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rimless_gym.checks import real
 from trajopt.costates import Certificate
 from trajopt.mesh import Mesh
 from trajopt.minimum import largest
@@ -17,7 +17,7 @@ from trajopt.problem import Array, Problem
 from trajopt.provenance import provenance
 from trajopt.resimulation import Resimulation
 from trajopt.rows import Breach
-from trajopt.trajectory import PhaseTrajectory
+from trajopt.trajectory import PhaseTrajectory, require_side
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -217,9 +217,11 @@ class Extremal:
         return np.asarray(self.phases[phase].control(local, side)[0])
 
     def _locate(self, t: float, side: str) -> tuple[int, float]:
+        t = real("t", t)
+        require_side(side)
         ends = np.cumsum([phase.duration for phase in self.phases])
-        if not -1e-12 <= t <= ends[-1] * (1 + 1e-12) or math.isnan(t):
+        if not -1e-12 <= t <= ends[-1] * (1 + 1e-12):
             raise ValueError(f"t = {t}: must be from 0 to {ends[-1]} s")
-        index = int(np.searchsorted(ends, t, side="right" if side == "right" else "left"))
+        index = int(np.searchsorted(ends, t, side=side))  # type: ignore[call-overload]
         index = min(index, len(self.phases) - 1)
         return index, t - (ends[index] - self.phases[index].duration)

@@ -11,9 +11,10 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,11 +44,23 @@ def write_arrays(
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
     entries[DIGEST] = np.array(digest(entries))
-    path = Path(path)
+    with _replacing(Path(path)) as file:
+        np.savez_compressed(file, **entries)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text; a file that was there is replaced as a whole."""
+    with _replacing(path) as file:
+        file.write(text.encode())
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A new file that takes its place when it is whole."""
     unfinished = path.with_name(path.name + ".part")
     try:
         with unfinished.open("wb") as file:
-            np.savez_compressed(file, **entries)
+            yield file
             file.flush()
             os.fsync(file.fileno())  # or a power cut could leave the new name on an empty file
         os.replace(unfinished, path)
@@ -122,17 +135,54 @@ def phases_from_arrays(
     """The trajectory in arrays that `phases_to_arrays` named.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is none, or one of its arrays is missing, does not fit the others or is
+            none of finite floating-point numbers in order.
     """
     count = 0
     while f"{prefix}phase{count}_edges" in arrays:
         count += 1
     if not count:
         raise ValueError("it has no phases")
-    return tuple(
-        PhaseTrajectory(*(arrays[f"{prefix}phase{i}_{name}"] for name in _FIELDS))
-        for i in range(count)
-    )
+    return tuple(_phase_from_arrays(arrays, f"{prefix}phase{i}_") for i in range(count))
+
+
+def _phase_from_arrays(arrays: Mapping[str, NDArray[Any]], prefix: str) -> PhaseTrajectory:
+    own = [array_of(arrays, prefix + name) for name in _FIELDS]
+    try:
+        trajectory = PhaseTrajectory(*own)
+    except ValueError as error:
+        raise ValueError(f"{prefix}{error}") from None
+    trajectory.require_sound(prefix.removesuffix("_"))
+    return trajectory
+
+
+def array_of(
+    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...] | None = None
+) -> NDArray[np.float64]:
+    """An array of a file by name, of floating-point numbers, and of a shape if one is given.
+
+    Raises:
+        ValueError: it is missing, or another one.
+    """
+    if name not in arrays:
+        raise ValueError(f"{name} is missing")
+    array = arrays[name]
+    if array.dtype != np.float64:
+        raise ValueError(f"{name} is of type {array.dtype}, not float64")
+    if shape is not None and array.shape != shape:
+        raise ValueError(f"{name} is of shape {array.shape}, not {shape}")
+    return array
+
+
+def require_names(arrays: Mapping[str, NDArray[Any]], expected: Iterable[str]) -> None:
+    """Refuse arrays that a file of its kind does not have.
+
+    Raises:
+        ValueError: there are some.
+    """
+    unknown = sorted(set(arrays) - set(expected))
+    if unknown:
+        raise ValueError(f"{', '.join(unknown)}: no such arrays are known")
 
 
 def jsonable(value: Any) -> Any:

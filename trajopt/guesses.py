@@ -7,7 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from trajopt.problem import Array, Phase, Problem, pair
+from rimless_gym.checks import integer, positive, require_kind
+from trajopt.bounds import pair
+from trajopt.problem import Array, Phase, Problem
 from trajopt.trajectory import PhaseTrajectory
 
 #: One trajectory per phase, on any mesh.
@@ -48,6 +50,10 @@ class Family:
 
     problem: Problem
 
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        require_kind("problem", self.problem, Problem)
+
     def __call__(self, rng: np.random.Generator, index: int) -> Guess:
         """Guess number `index`."""
         lines = straight_lines(self.problem)
@@ -75,6 +81,12 @@ class Waves(Family):
 
     size: float = 1.0
     waves: int = 3
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        super().__post_init__()
+        positive("size", self.size)
+        integer("waves", self.waves, 1)
 
     def varied(
         self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
@@ -105,6 +117,12 @@ class Waypoints(Family):
 
     points: int = 3
     spread: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        super().__post_init__()
+        integer("points", self.points, 1)
+        positive("spread", self.spread)
 
     def varied(
         self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.bounds import pair
 from trajopt.element import powers
 from trajopt.mesh import Mesh
-from trajopt.problem import Array, Phase, Problem, pair
+from trajopt.problem import Array, Phase, Problem
 from trajopt.schemes import Scheme
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rimless_gym.checks import integer, real_array
 from trajopt.problem import Problem
 from trajopt.schemes import Scheme, hermite_simpson, radau, trapezoid
 
@@ -15,6 +16,13 @@ from trajopt.schemes import Scheme, hermite_simpson, radau, trapezoid
 FIXED_DEGREE = {"trapezoid": 2, "hermite-simpson": 3}
 
 SCHEMES = (*FIXED_DEGREE, "radau")
+
+#: The work of an element grows with the cube of its degree, and the error no longer falls: of
+#: degree 40 it takes a second to trace, of degree 200 minutes.
+MOST_DEGREE = 40
+
+#: In all phases together: a program of ten times as many takes hours and all memory.
+MOST_ELEMENTS = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,13 +45,28 @@ class Mesh:
         """Check that the edges are in order and that every element has a degree."""
         if self.scheme not in SCHEMES:
             raise ValueError(f"scheme = {self.scheme!r}: choose from {SCHEMES}")
+        for name in ("fractions", "degrees"):
+            rows = getattr(self, name)
+            if not isinstance(rows, Sequence) or not all(isinstance(r, Sequence) for r in rows):
+                raise TypeError(f"{name} = {rows!r}: must be a tuple of tuples, one per phase")
+        if len(self.fractions) != len(self.degrees):
+            raise ValueError(
+                f"fractions are given of {len(self.fractions)} phases, degrees of "
+                f"{len(self.degrees)}: give both of every phase"
+            )
         for edges, degrees in zip(self.fractions, self.degrees, strict=True):
-            if edges[0] != 0.0 or edges[-1] != 1.0 or min(np.diff(edges)) <= 0.0:
+            array = real_array("fractions", edges)
+            increasing = array.ndim == 1 and len(array) > 1 and (np.diff(array) > 0.0).all()
+            if not increasing or array[0] != 0.0 or array[-1] != 1.0:
                 raise ValueError(f"fractions = {edges}: must increase from 0 to 1")
-            if len(degrees) != len(edges) - 1 or min(degrees) < 1:
+            if len(degrees) != len(edges) - 1:
                 raise ValueError(
                     f"degrees = {degrees}: give each of the {len(edges) - 1} elements one, >= 1"
                 )
+            for degree in set(degrees):
+                integer("degrees", degree, 1, MOST_DEGREE)
+        if self.control_degree is not None:
+            integer("control_degree", self.control_degree, 1, MOST_DEGREE)
 
     @classmethod
     def uniform(
@@ -58,15 +81,31 @@ class Mesh:
 
         Args:
             phases: how many, or a problem that has them.
-            elements: per phase, one number for all or one each.
-            degree: of the state, for "radau".
+            elements: per phase, one number for all or one each; at most `MOST_ELEMENTS` in all.
+            degree: of the state, for "radau"; at most `MOST_DEGREE`.
             scheme: see `Mesh`.
             control_degree: see `Mesh`.
+
+        Raises:
+            TypeError: an argument is of the wrong kind.
+            ValueError: an argument is out of its range.
         """
-        count = phases if isinstance(phases, int) else len(phases.phases)
-        each = [elements] * count if isinstance(elements, int) else list(elements)
-        if len(each) != count or min(each) < 1:
+        if isinstance(phases, Problem):
+            count = len(phases.phases)
+        else:
+            count = integer("phases, neither a Problem nor their number", phases, 1)
+        several = isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str)
+        each = list(elements) if several else [elements] * count  # type: ignore[arg-type]
+        if len(each) != count:
             raise ValueError(f"elements = {elements}: give each of the {count} phases at least 1")
+        each = [integer("elements", n, 1, MOST_ELEMENTS) for n in each]
+        if sum(each) > MOST_ELEMENTS:
+            raise ValueError(
+                f"elements = {elements}: must be at most {MOST_ELEMENTS} in all phases together"
+            )
+        if scheme not in SCHEMES:
+            raise ValueError(f"scheme = {scheme!r}: choose from {SCHEMES}")
+        degree = integer("degree", degree, 1, MOST_DEGREE)
         edges = tuple(tuple(float(s) for s in np.linspace(0.0, 1.0, n + 1)) for n in each)
         degree = FIXED_DEGREE.get(scheme, degree)
         return cls(edges, tuple((degree,) * n for n in each), scheme, control_degree)

@@ -11,30 +11,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.checks import require_kind
+from trajopt.bounds import pair
 from trajopt.element import element, path_nodes, powers
 from trajopt.interrupted import heeded
 from trajopt.layout import Group, Layout, groups
 from trajopt.mesh import Mesh
+from trajopt.options import IPOPT, QUIET, require_options
 from trajopt.packing import pack, unpack
-from trajopt.problem import Array, Constraint, Linkage, Problem, pair
+from trajopt.problem import Array, Constraint, Linkage, Problem
 from trajopt.program import Block, assembled
 from trajopt.rows import Breach, Rows, breaches
 from trajopt.trajectory import PhaseTrajectory
-
-IPOPT = {
-    "print_level": 0,
-    "sb": "yes",
-    "tol": 1e-8,
-    "constr_viol_tol": 1e-10,
-    "compl_inf_tol": 1e-8,
-    "acceptable_iter": 0,
-    "max_iter": 500,
-    "mu_strategy": "monotone",
-    "bound_relax_factor": 0.0,
-    "honor_original_bounds": "yes",
-}
-
-QUIET = {"print_time": False, "error_on_fail": False}
 
 #: How IPOPT ends where the cost falls without bound.
 DIVERGING = "Diverging_Iterates"
@@ -88,6 +76,8 @@ class Transcription:
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
+        require_kind("problem", problem, Problem)
+        require_kind("mesh", mesh, Mesh)
         if len(mesh.degrees) != len(problem.phases):
             raise ValueError(
                 f"the mesh has {len(mesh.degrees)} phases, the problem {len(problem.phases)}: "
@@ -255,7 +245,8 @@ class Transcription:
         return twin
 
     def solver(self, **options: Any) -> ca.Function:
-        """IPOPT on this program, with options over `IPOPT`."""
+        """IPOPT on this program, with options over `trajopt.options.IPOPT`."""
+        require_options(options)
         key = tuple(sorted(options.items()))
         if key not in self._solvers:
             settings = self._derivatives | {"ipopt": IPOPT | options, **QUIET}
@@ -276,10 +267,12 @@ class Transcription:
             guess: one trajectory per phase, on any mesh.
             problem: one that differs in numbers from the one transcribed.
             parameters: guess of the static parameters; by default the middle of their bounds.
-            options: of IPOPT, over `IPOPT`.
+            options: of IPOPT, over `trajopt.options.IPOPT`.
 
         Raises:
-            ValueError: `problem` differs in more than numbers.
+            TypeError: the guess or an option is of the wrong kind.
+            ValueError: `problem` differs in more than numbers, the guess does not fit it or is not
+                finite, or IPOPT has no such option.
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.
         """
         problem = self.posed(problem or self.problem).problem
@@ -293,6 +286,11 @@ class Transcription:
         stats = solver.stats()
         if stats["return_status"] in INTERRUPTED:
             raise KeyboardInterrupt
+        if stats["return_status"] == "Invalid_Option":
+            raise ValueError(
+                f"{options}: IPOPT, as it is built here, cannot do this; leave out linear_solver "
+                "and what else needs other libraries"
+            )
         w = np.asarray(found["x"]).ravel()
         phases, values = unpack(self.layout, w), np.asarray(found["g"]).ravel()
         outside = np.maximum(np.maximum(bounds[0] - values, values - bounds[1]), 0.0)

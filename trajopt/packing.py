@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.checks import real_array
+from trajopt.bounds import pair
 from trajopt.layout import Group, Key, Layout, groups
-from trajopt.problem import Array, Phase, Problem, pair
+from trajopt.problem import Array, Phase, Problem
 from trajopt.schemes.polynomials import lagrange_matrix, radau_nodes
 from trajopt.trajectory import PhaseTrajectory
 
@@ -27,7 +29,7 @@ def pack(
     their bounds unless given.
     """
     _require_fit(problem, guess)
-    p = middle(problem) if parameters is None else np.asarray(parameters, dtype=float)
+    p = middle(problem) if parameters is None else _parameters(problem, parameters)
     parts: dict[Key, Array] = {(-1, "parameters", 0): p.reshape(-1, 1)}
     low, high = pair(problem.duration)
     total = sum(trajectory.duration for trajectory in guess)
@@ -45,7 +47,24 @@ def pack(
     return layout.join(parts)
 
 
+def _parameters(problem: Problem, values: Any) -> Array:
+    """A guess of the static parameters, checked."""
+    p, names = real_array("parameters", values), tuple(problem.parameters)
+    if p.shape != (len(names),):
+        raise ValueError(
+            f"parameters = {values!r}: of shape {p.shape}, while the problem has {len(names)}: "
+            f"{names}; give one number for each"
+        )
+    if not np.isfinite(p).all():
+        raise ValueError(f"parameters = {values!r}: must all be finite")
+    return p.astype(float)
+
+
 def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
+    if not isinstance(guess, Sequence) or not all(isinstance(t, PhaseTrajectory) for t in guess):
+        raise TypeError(
+            f"guess = {guess!r}: must be a sequence of trajopt.PhaseTrajectory, one per phase"
+        )
     if len(guess) != len(problem.phases):
         raise ValueError(
             f"the guess has {len(guess)} trajectories for the {len(problem.phases)} phases: "
@@ -58,6 +77,7 @@ def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
                 f"the guess of phase {phase.name!r}: {given[0]} states and {given[1]} controls "
                 f"for {phase.states} and {phase.controls}"
             )
+        trajectory.require_sound(f"the guess of phase {phase.name!r}")
 
 
 def _pack_group(

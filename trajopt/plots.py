@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from trajopt.bounds import pair
 from trajopt.costates import Certificate
 from trajopt.extremal import Extremal
-from trajopt.problem import Array, Phase, Problem, pair
+from trajopt.problem import Array, Phase, Problem
 from trajopt.resimulation import followed
 from trajopt.trajectory import PhaseTrajectory
 

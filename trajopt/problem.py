@@ -22,16 +22,22 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.tracing import trace, traced_phases
+from rimless_gym.checks import integer, real, real_array
+from trajopt.bounds import (
+    Bounds,
+    InfeasibleBoundsError,
+    names_in,
+    pair,
+    pair_in,
+    require_bounds,
+    require_room,
+)
+from trajopt.tracing import require_rows, require_scalar, trace, traced_phases
 
 Array = NDArray[np.float64]
 
 #: (x, u, p) -> a scalar, or a vector as a sequence; or the `casadi.Function` of it.
 Expression = Callable[..., Any]
-
-#: Bounds by name: a pair, or one number where both are equal; nothing where there are none.
-Bounds = Mapping[str, float | tuple[float, float]]
-
 
 #: By how much a phase's ends may lie outside the bounds all along: a guard and a margin to it.
 MARGIN = 1e-3
@@ -39,10 +45,6 @@ MARGIN = 1e-3
 
 #: Sums of bounds on durations that differ by less (relative) are equal.
 ROUNDING = 1e-12
-
-
-class InfeasibleBoundsError(ValueError):
-    """Bounds contradict each other: there is nothing to solve."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,10 +65,18 @@ class Constraint:
 
     def __post_init__(self) -> None:
         """Check that there is a bound for every name, and room between them."""
+        object.__setattr__(self, "names", names_in("constraint: names", self.names, least=1))
         for side in ("lower", "upper"):
-            values = np.broadcast_to(np.asarray(getattr(self, side), float), (len(self.names),))
+            values = real_array(f"constraint {self.names}: {side}", getattr(self, side))
+            if values.shape not in ((), (1,), (len(self.names),)):
+                raise ValueError(
+                    f"constraint {self.names}: {side} = {values}: give one number, or one for each "
+                    f"of its {len(self.names)} names"
+                )
+            values = np.broadcast_to(values.astype(float), (len(self.names),))
             object.__setattr__(self, side, values)
-        _require_room(dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True)))
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            require_room(name, low, high)
 
     def violation(self, values: Array) -> Array:
         """How far `values` (..., m) lie outside the bounds; 0 inside."""
@@ -81,7 +91,7 @@ def nonnegative(function: Expression, *names: str) -> Constraint:
 
 def equal(function: Expression, values: Sequence[float], *names: str) -> Constraint:
     """The constraint ``function(...) == values``, row by row."""
-    return Constraint(function, np.array(values), np.array(values), names)
+    return Constraint(function, values, values, names)  # type: ignore[arg-type]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,46 +134,42 @@ class Phase:
     duration: float | tuple[float, float] = (1e-3, math.inf)
 
     def __post_init__(self) -> None:
-        """Check names and bounds."""
-        for where in ("states", "controls"):
-            if isinstance(getattr(self, where), str):
-                raise ValueError(
-                    f"phase {self.name!r}: {where} = {getattr(self, where)!r}: give a tuple of "
-                    "names; that of a single one ends with a comma"
-                )
+        """Check names, kinds and bounds."""
+        if not isinstance(self.name, str):
+            raise TypeError(f"phase: name = {self.name!r}: must be text")
+        where = f"phase {self.name!r}"
+        for kind in ("states", "controls"):
+            object.__setattr__(self, kind, names_in(f"{where}: {kind}", getattr(self, kind)))
         names = self.states + self.controls
         if not self.states or len(set(names)) < len(names):
             raise ValueError(
-                f"phase {self.name!r}: states {self.states} and controls {self.controls}: name at "
+                f"{where}: states {self.states} and controls {self.controls}: name at "
                 "least one state, and everything differently"
             )
-        for where, known in (
+        for table, known in (
             ("bounds", self.states + self.controls),
             ("start", self.states),
             ("end", self.states),
         ):
-            table = getattr(self, where)
-            unknown = [name for name in table if name not in known]
-            if unknown:
-                raise ValueError(
-                    f"phase {self.name!r}: {where} names {unknown}, which are not among {known}"
-                )
-            _require_room({f"{self.name}: {where} of {n}": pair(b) for n, b in table.items()})
+            require_bounds(f"{where}: {table}", getattr(self, table), known)
+        for name in ("path", "integral", "at_start", "at_end"):
+            _require_constraint(f"{where}: {name}", getattr(self, name))
+        if self.floor != -math.inf:
+            real(f"{where}: floor", self.floor)
         along = self.state_bounds()
-        for where in ("start", "end"):
-            lower, upper = self.state_bounds(where)
+        for end in ("start", "end"):
+            lower, upper = self.state_bounds(end)
             gap = np.maximum(lower - along[1], along[0] - upper)
             for name, outside in zip(self.states, gap, strict=True):
                 if outside > MARGIN:
                     raise InfeasibleBoundsError(
-                        f"phase {self.name!r}: {name} is {getattr(self, where)[name]} at the "
-                        f"{where}, but bounded by {self.bounds[name]} all along: widen one of them"
+                        f"phase {self.name!r}: {name} is {getattr(self, end)[name]} at the "
+                        f"{end}, but bounded by {self.bounds[name]} all along: widen one of them"
                     )
-        low, high = pair(self.duration)
+        low, high = pair_in(f"{where}: duration", self.duration)
         if not 0.0 < low <= high or math.isinf(low):
             raise InfeasibleBoundsError(
-                f"phase {self.name!r}: duration = {self.duration} s: must be positive, "
-                "lower bound first"
+                f"{where}: duration = {self.duration} s: must be positive, lower bound first"
             )
 
     def state_bounds(self, where: str = "all along") -> tuple[Array, Array]:
@@ -192,6 +198,15 @@ class Linkage:
     map: Expression = lambda x, p: x
     offset: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Check kinds and numbers; whether such phases and states exist is the problem's to say."""
+        for side in ("source", "target"):
+            integer(f"linkage: {side}", getattr(self, side), 0)
+        if not isinstance(self.offset, Mapping):
+            raise TypeError(f"linkage: offset = {self.offset!r}: must be a mapping, name: number")
+        for name, value in self.offset.items():
+            real(f"linkage: offset of {name}", value)
+
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
@@ -214,15 +229,24 @@ class Problem:
     endpoint_cost: Expression | None = None
 
     def __post_init__(self) -> None:
-        """Check bounds and trace all expressions."""
+        """Check kinds and bounds, and trace all expressions."""
+        self._set("phases", _all_of("phases", self.phases, Phase))
+        self._set("linkages", _all_of("linkages", self.linkages, Linkage))
         if not self.phases:
             raise ValueError("phases: a problem has at least one")
+        require_bounds("parameters: bounds", self.parameters)
+        _require_constraint("boundary", self.boundary)
+        low, high = pair_in("duration", self.duration)
+        require_room("duration", low, high)
         n = len(self.parameters)
         object.__setattr__(self, "phases", tuple(traced_phases(self.phases, n)))
         object.__setattr__(self, "linkages", tuple(self._traced_linkage(k) for k in self.linkages))
         sizes = [len(p.states) for p in self.phases]
 
-        def at_ends(function: Expression) -> Expression:
+        def at_ends(name: str, function: Expression) -> Expression:
+            if not callable(function):
+                raise TypeError(f"{name} = {function!r}: must be a function")
+
             def split(starts: Any, ends: Any, durations: Any, p: Any) -> Any:
                 cuts = np.cumsum([0, *sizes]).tolist()
                 both = (ca.vertsplit(x, cuts) for x in (starts, ends))
@@ -232,16 +256,17 @@ class Problem:
 
         dimensions = (sum(sizes), sum(sizes), len(sizes), n)
         if self.boundary is not None and not isinstance(self.boundary.function, ca.Function):
-            traced = trace("boundary", at_ends(self.boundary.function), *dimensions)
+            traced = trace("boundary", at_ends("boundary", self.boundary.function), *dimensions)
+            require_rows("boundary", traced, self.boundary.names)
             self._set("boundary", dataclasses.replace(self.boundary, function=traced))
         if self.endpoint_cost is not None and not isinstance(self.endpoint_cost, ca.Function):
-            traced = trace("endpoint_cost", at_ends(self.endpoint_cost), *dimensions)
+            cost = at_ends("endpoint_cost", self.endpoint_cost)
+            traced = trace("endpoint_cost", cost, *dimensions)
+            require_scalar("endpoint_cost", traced)
             self._set("endpoint_cost", traced)
-        _require_room({f"parameter {n}": pair(b) for n, b in self.parameters.items()})
         least = sum(pair(p.duration)[0] for p in self.phases)
         most = sum(pair(p.duration)[1] for p in self.phases)
-        low, high = pair(self.duration)
-        if low > high or least > (1 + ROUNDING) * high or most < (1 - ROUNDING) * low:
+        if least > (1 + ROUNDING) * high or most < (1 - ROUNDING) * low:
             raise InfeasibleBoundsError(
                 f"duration = {self.duration} s, but the phases' own bounds add up to "
                 f"{least:g} to {most:g} s: widen one of them"
@@ -260,7 +285,8 @@ class Problem:
         unknown = [name for name in link.offset if name not in target.states]
         if unknown:
             raise ValueError(f"linkage: offset names {unknown}, not among {target.states}")
-        reset = trace("map", link.map, len(source.states), len(self.parameters))
+        where = f"linkage from {source.name!r} to {target.name!r}: map"
+        reset = trace(where, link.map, len(source.states), len(self.parameters))
         if reset.size1_out(0) != len(target.states):
             raise ValueError(
                 f"linkage from {source.name!r} to {target.name!r}: its map gives "
@@ -284,12 +310,6 @@ class Problem:
         return (*per_phase, *resets, boundary, self.endpoint_cost, tuple(self.parameters))
 
 
-def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
-    """(lower, upper) of a pair, or of one number for both."""
-    low, high = bounds if isinstance(bounds, Sequence) else (bounds, bounds)
-    return float(low), float(high)
-
-
 def _constraints(phase: Phase) -> tuple[Constraint | None, ...]:
     return phase.path, phase.integral, phase.at_start, phase.at_end
 
@@ -300,15 +320,18 @@ def _table(bounds: Bounds, names: Sequence[str]) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _require_room(bounds: Mapping[str, tuple[float, float]]) -> None:
-    for name, (low, high) in bounds.items():
-        if math.isnan(low) or math.isnan(high):
-            raise InfeasibleBoundsError(f"{name}: bounds ({low}, {high}): must be numbers, not NaN")
-        if low == math.inf or high == -math.inf:
-            raise InfeasibleBoundsError(
-                f"{name}: bounds ({low}, {high}): nothing lies between them; make them finite"
-            )
-        if low > high:
-            raise InfeasibleBoundsError(
-                f"{name}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
-            )
+def _all_of(where: str, items: Any, kind: type) -> tuple[Any, ...]:
+    """Items of one kind as a tuple."""
+    if not isinstance(items, Sequence) or not all(isinstance(item, kind) for item in items):
+        raise TypeError(
+            f"{where} = {items!r}: must be a tuple of {kind.__name__}s; that of a single one ends "
+            "with a comma"
+        )
+    return tuple(items)
+
+
+def _require_constraint(where: str, constraint: Any) -> None:
+    if constraint is not None and not isinstance(constraint, Constraint):
+        raise TypeError(
+            f"{where} = {constraint!r}: must be a Constraint; `equal` and `nonnegative` make some"
+        )

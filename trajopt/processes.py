@@ -44,12 +44,10 @@ def pool(
 
     try:
         yield submit
-    except BaseException:
-        alive.close()
-        raise
+        executor.shutdown()
     finally:
+        alive.close()  # at an exception the workers end at once
         executor.shutdown(cancel_futures=True)
-        alive.close()
         watched.close()
 
 

@@ -15,10 +15,12 @@ from trajopt.accuracy import audit
 from trajopt.costates import Certificate, hamiltonian
 from trajopt.extremal import Attempt, Extremal
 from trajopt.files import (
+    array_of,
     jsonable,
     phases_from_arrays,
     phases_to_arrays,
     read_arrays,
+    require_names,
     write_arrays,
 )
 from trajopt.mesh import Mesh
@@ -49,6 +51,10 @@ class ExtremalFileError(ValueError):
 
 def save(extremal: Extremal, path: str | Path) -> None:
     """Write a solution as `trajopt.files` does."""
+    write_arrays(path, FORMAT, _header(extremal), _arrays(extremal))
+
+
+def _arrays(extremal: Extremal) -> dict[str, Array]:
     certificate, arrays = extremal.certificate, phases_to_arrays(extremal.phases)
     for i, costates in enumerate(certificate.costates):
         arrays[f"phase{i}_costates"] = costates
@@ -56,7 +62,23 @@ def save(extremal: Extremal, path: str | Path) -> None:
         arrays[f"phase{i}_mean_hamiltonian"] = certificate.mean_hamiltonian[i]
     arrays["parameters"] = extremal.parameters
     arrays["duration_price"] = certificate.duration_price
-    write_arrays(path, FORMAT, _header(extremal), arrays)
+    return arrays
+
+
+def _certificate(arrays: dict[str, Any], phases: tuple[PhaseTrajectory, ...]) -> Certificate:
+    tables: list[list[Array]] = [[], [], []]
+    for i, phase in enumerate(phases):
+        elements = len(phase.edges) - 1
+        shapes = (elements + 1, phase.states.shape[-1]), (elements, 2), (elements,)
+        names = ("costates", "hamiltonian", "mean_hamiltonian")
+        for table, name, shape in zip(tables, names, shapes, strict=True):
+            table.append(array_of(arrays, f"phase{i}_{name}", shape))
+    costates, values, means = map(tuple, tables)
+    return Certificate(costates, values, means, array_of(arrays, "duration_price", (len(phases),)))
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return one.shape == other.shape and bool(np.allclose(one, other, rtol=1e-6, atol=1e-12))
 
 
 def load(path: str | Path, problem: Problem) -> Extremal:
@@ -71,29 +93,43 @@ def load(path: str | Path, problem: Problem) -> Extremal:
             of another problem.
     """
     header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
+    try:
+        return _from_file(path, header, arrays, problem)
+    except ExtremalFileError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
+
+
+def _from_file(
+    path: str | Path, header: dict[str, Any], arrays: dict[str, Any], problem: Problem
+) -> Extremal:
     if header["names"] != _names(problem):
         raise ExtremalFileError(
             f"{path}: a solution of a problem with {header['names']}, while the problem given has "
             f"{_names(problem)}; `load_phases` reads it as a guess"
         )
-    count = range(len(problem.phases))
+    phases, shape = phases_from_arrays(arrays), (len(problem.parameters),)
+    sizes = [(p.states.shape[-1], p.controls.shape[-1]) for p in phases]
+    if sizes != [(len(p.states), len(p.controls)) for p in problem.phases]:
+        raise ValueError(f"states and controls of its phases: {sizes}")
+    certificate = _certificate(arrays, phases)
     extremal = Extremal(
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
-        phases=phases_from_arrays(arrays),
-        parameters=arrays["parameters"],
-        certificate=Certificate(
-            tuple(arrays[f"phase{i}_costates"] for i in count),
-            tuple(arrays[f"phase{i}_hamiltonian"] for i in count),
-            tuple(arrays[f"phase{i}_mean_hamiltonian"] for i in count),
-            arrays["duration_price"],
-        ),
+        phases=phases,
+        parameters=array_of(arrays, "parameters", shape),
+        certificate=certificate,
         resimulation=_resimulation(header["resimulation"]),
         attempts=tuple(Attempt(**a) for a in header["attempts"]),
         breaches=tuple(Breach(**b) for b in header["breaches"]),
         audit=tuple(Breach(**b) for b in header["audit"]),
         **{name: header[name] for name in PLAIN},
     )
+    fitting = tuple(np.diff(t.edges) / t.duration for t in phases)
+    if not all(map(_alike, fitting, map(np.diff, extremal.mesh.fractions))):
+        raise ValueError("its mesh is not that of its trajectory")
+    require_names(arrays, _arrays(extremal))
     found = _difference(extremal)
     if found:
         raise ExtremalFileError(
@@ -110,7 +146,11 @@ def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
         FileNotFoundError: there is no such file.
         ExtremalFileError: it is not a solution saved by this version, or was edited or damaged.
     """
-    return phases_from_arrays(read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1])
+    arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1]
+    try:
+        return phases_from_arrays(arrays)
+    except ValueError as error:
+        raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
 
 
 def figures(extremal: Extremal) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
 from functools import cached_property, partial
@@ -20,13 +20,22 @@ from typing import Any, TypeAlias
 import numpy as np
 from tqdm import tqdm
 
+from rimless_gym.checks import flag, integer, require_callable, require_kind
 from trajopt.extremal import Extremal
-from trajopt.files import phases_from_arrays, phases_to_arrays, read_arrays, write_arrays
+from trajopt.files import (
+    array_of,
+    phases_from_arrays,
+    phases_to_arrays,
+    read_arrays,
+    require_names,
+    write_arrays,
+)
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
 from trajopt.minimum import minimum
 from trajopt.nlp import Transcription
 from trajopt.optima import Optimum, Outcome, Same, Start, StartFamily, distinct
+from trajopt.options import require_options
 from trajopt.problem import Problem
 from trajopt.processes import pool
 from trajopt.provenance import provenance
@@ -38,7 +47,7 @@ FORMAT = "trajopt search 1"
 #: Of the mesh that a problem's starts share, if no other is given.
 ELEMENTS, DEGREE = 14, 4
 
-#: IPOPT's, over `nlp.IPOPT`: a start that takes longer seldom leads anywhere.
+#: IPOPT's, over `options.IPOPT`: a start that takes longer seldom leads anywhere.
 OPTIONS = {"max_iter": 300}
 
 #: Starts that another process has at a time: the one that it solves, and the next.
@@ -59,7 +68,7 @@ class Search:
         starts: asked for.
         seed: of the family.
         mesh: that all starts share.
-        options: of IPOPT, over `nlp.IPOPT`.
+        options: of IPOPT, over `options.IPOPT`.
         outcomes: of the starts that are finished, by index.
         same: when two of them are one optimum.
         provenance: versions and git revision.
@@ -78,6 +87,8 @@ class Search:
     def start(self, index: int) -> Start:
         """Start number `index`: the same one whenever it is asked for."""
         drawn = self.family(np.random.default_rng([self.seed, index]), index)
+        if not isinstance(drawn, (Start, Sequence)):
+            raise TypeError(f"family: gives {drawn!r}; must be a Start, or a trajectory per phase")
         start = drawn if isinstance(drawn, Start) else Start(tuple(drawn))
         return dataclasses.replace(start, problems=start.problems or (self.problem,))
 
@@ -155,14 +166,32 @@ class Search:
         """
         remedy = "search again"
         header, arrays = read_arrays(path, FORMAT, SearchFileError, remedy)
-        outcomes = []
+        try:
+            return cls._from_file(header, arrays, problem, family, same)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise SearchFileError(f"{path}: no valid search ({error}); {remedy}") from error
+
+    @classmethod
+    def _from_file(
+        cls,
+        header: Mapping[str, Any],
+        arrays: Mapping[str, Any],
+        problem: Problem,
+        family: StartFamily,
+        same: Same,
+    ) -> Search:
+        outcomes, known = [], set[str]()
         for entry in header["outcomes"]:
-            prefix = f"start{entry['index']}_"
+            prefix = f"start{integer('index', entry['index'], 0)}_"
             phases = phases_from_arrays(arrays, prefix)
-            if [p.states.shape[-1] for p in phases] != [len(p.states) for p in problem.phases]:
-                raise SearchFileError(f"{path}: a search of another problem; {remedy}")
-            parameters = arrays[prefix + "parameters"]
+            sizes = [(p.states.shape[-1], p.controls.shape[-1]) for p in phases]
+            if sizes != [(len(p.states), len(p.controls)) for p in problem.phases]:
+                raise ValueError("a search of another problem")
+            shape = (len(problem.parameters),)
+            parameters = array_of(arrays, prefix + "parameters", shape)
             outcomes.append(Outcome(phases=phases, parameters=parameters, **entry))
+            known |= {*phases_to_arrays(phases, prefix), prefix + "parameters"}
+        require_names(arrays, known)
         return cls(
             problem=problem,
             family=family,
@@ -213,18 +242,30 @@ def multi_start(
 
     Raises:
         Interrupted: Ctrl-C was pressed; its `partial` is the search so far.
-        ValueError: `known` is another search.
+        TypeError: an argument is of the wrong kind.
+        ValueError: an argument is out of its range, `known` is another search, or IPOPT has no such
+            option.
     """
-    mesh = mesh or Mesh.uniform(problem, ELEMENTS, DEGREE)
+    require_kind("problem", problem, Problem)
+    starts, seed = integer("starts", starts, 0), integer("seed", seed, 0)
+    workers, progress = integer("workers", workers, 1), flag("progress", progress)
+    for name, function in (("family", family), ("same", same)):
+        require_callable(name, function)
+    require_options(options)
+    mesh = Mesh.uniform(problem, ELEMENTS, DEGREE) if mesh is None else mesh
+    require_kind("mesh", mesh, Mesh)
+    if known is not None:
+        require_kind("known", known, Search)
     search = Search(problem, family, starts, seed, mesh, OPTIONS | options, same=same)
     finished = {o.index: o for o in _outcomes(known, search) if o.index < starts}
-    missing = [index for index in range(starts) if index not in finished]
+    missing = (index for index in range(starts) if index not in finished)
+    left = starts - len(finished)
 
     def so_far() -> Search:
         outcomes = tuple(outcome for _, outcome in sorted(finished.items()))
         return dataclasses.replace(search, outcomes=outcomes)
 
-    run = _in_turn if workers == 1 or len(missing) < 2 else partial(_shared_out, workers)
+    run = _in_turn if workers == 1 or left < 2 else partial(_shared_out, min(workers, left))
     best = min((o.cost for o in finished.values() if not o.failure), default=math.inf)
     try:
         with (
@@ -249,7 +290,13 @@ def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, 
         search: what found them.
         count: how many, at most.
         settings: of `solve`, options of IPOPT included.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: an argument is out of its range.
     """
+    require_kind("search", search, Search)
+    count = integer("count", count, 0)
     settings = {"mu_init": WARM_BARRIER} | settings
     refined = []
     for optimum in search.optima[:count]:

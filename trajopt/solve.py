@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from rimless_gym.checks import flag, integer, positive, require_kind
 from trajopt.accuracy import Quality, assess, audit, cost_errors
 from trajopt.costates import certificate
 from trajopt.extremal import Attempt, Extremal
@@ -16,12 +17,13 @@ from trajopt.interrupted import heeded
 from trajopt.mesh import Mesh
 from trajopt.minimum import minimum
 from trajopt.nlp import Result, Transcription
+from trajopt.options import require_options
 from trajopt.problem import Array, Constraint, Problem
 from trajopt.refinement import certified, refined
 from trajopt.resimulation import resimulated
 from trajopt.trajectory import PhaseTrajectory
 
-#: What is tried, one after the other, where IPOPT fails: options over `nlp.IPOPT`.
+#: What is tried, one after the other, where IPOPT fails: options over `options.IPOPT`.
 LADDER: tuple[dict[str, Any], ...] = (
     {},
     {"mu_strategy": "adaptive"},
@@ -83,12 +85,31 @@ def solve(
 
     Returns:
         The solution, whether it converged or not: see `Extremal.converged` and `report`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        TypeError: an argument is of the wrong kind.
+        ValueError: an argument is out of its range, does not fit the problem, or is an option that
+            IPOPT does not have.
     """
+    require_kind("problem", problem, Problem)
+    for name, value in (
+        ("tolerance", tolerance),
+        ("cost_tolerance", cost_tolerance),
+        ("limit_tolerance", limit_tolerance),
+        ("hamiltonian_tolerance", hamiltonian_tolerance),
+    ):
+        positive(name, value)
+    passes, verify = integer("passes", passes, 0), flag("verify", verify)
+    _require_ladder(ladder, options)
+    if transcription is not None:
+        require_kind("transcription", transcription, Transcription)
     if isinstance(guess, Extremal):
         guess = guess.phases
     guess = straight_lines(problem) if guess is None else guess
     if transcription is None:
-        transcription = Transcription(problem, mesh or Mesh.uniform(problem))
+        mesh = Mesh.uniform(problem) if mesh is None else mesh
+        transcription = Transcription(problem, mesh)
     transcription, mesh = transcription.posed(problem), transcription.mesh
     attempts: list[Attempt] = []
     result = _climb(transcription, guess, parameters, ladder, attempts, options)
@@ -176,9 +197,18 @@ def _climb(
             return result
         if best is None or _violation(result) < (1 - EQUAL) * _violation(best):
             best = result
-    if best is None:
-        raise ValueError("ladder: give at least one set of options, such as {}")
+    assert best is not None  # the ladder has rungs
     return best
+
+
+def _require_ladder(ladder: Any, options: Mapping[str, Any]) -> None:
+    """Refuse what is no ladder of options that IPOPT has, and other options that it has not."""
+    if not isinstance(ladder, Sequence) or not all(isinstance(r, Mapping) for r in ladder):
+        raise TypeError(f"ladder = {ladder!r}: must be a sequence of options, such as ({{}},)")
+    if not ladder:
+        raise ValueError("ladder: give at least one set of options, such as {}")
+    for rung in (options, *ladder):
+        require_options(rung)
 
 
 def _again(

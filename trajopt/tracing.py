@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,19 @@ import numpy as np
 
 if TYPE_CHECKING:
     from trajopt.problem import Phase
+
+#: What functions are called with, by the number of arguments.
+ARGUMENTS = {2: ("x", "p"), 3: ("x", "u", "p"), 4: ("starts", "ends", "durations", "p")}
+
+#: What CasADi says of mistakes that are often made, and what to do about them.
+REMEDIES = {
+    "truth value": "branch with casadi.if_else, fmin or fmax, not with if, min or max",
+    "out of bounds": "indices count from 0 up to these sizes",
+    "SX_get": "indices are integers or slices",
+    "iterate": "casadi.vertsplit makes a list of a vector",
+    "positional argument": "it is called with these arguments",
+    "are free": "it may use symbols of its own arguments alone",
+}
 
 
 def traced_phases(phases: Sequence[Phase], parameters: int) -> Iterator[Phase]:
@@ -24,19 +38,17 @@ def traced_phases(phases: Sequence[Phase], parameters: int) -> Iterator[Phase]:
 
 def _traced_phase(phase: Phase, parameters: int) -> Phase:
     nx, nu = len(phase.states), len(phase.controls)
-    changes: dict[str, Any] = {}
+    where, changes = f"phase {phase.name!r}", dict[str, Any]()
     for name in ("flow", "cost", "powers"):
         if getattr(phase, name) is not None:
-            changes[name] = trace(name, getattr(phase, name), nx, nu, parameters)
+            changes[name] = trace(f"{where}: {name}", getattr(phase, name), *(nx, nu, parameters))
     if changes["flow"].size1_out(0) != nx:
         raise ValueError(
-            f"phase {phase.name!r}: flow gives {changes['flow'].size1_out(0)} rates for the "
+            f"{where}: flow gives {changes['flow'].size1_out(0)} rates for the "
             f"{nx} states {phase.states}"
         )
-    if "cost" in changes and changes["cost"].size1_out(0) != 1:
-        raise ValueError(
-            f"phase {phase.name!r}: cost gives {changes['cost'].size1_out(0)} numbers, not one"
-        )
+    if "cost" in changes:
+        require_scalar(f"{where}: cost", changes["cost"])
     for name, sizes in (
         ("path", (nx, nu, parameters)),
         ("integral", (nx, nu, parameters)),
@@ -46,38 +58,107 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
         constraint = getattr(phase, name)
         if constraint is None:
             continue
-        function = trace(name, constraint.function, *sizes)
-        if function.size1_out(0) != len(constraint.names):
-            raise ValueError(
-                f"phase {phase.name!r}: {name} gives {function.size1_out(0)} numbers for its "
-                f"{len(constraint.names)} names {constraint.names}"
-            )
+        function = trace(f"{where}: {name}", constraint.function, *sizes)
+        require_rows(f"{where}: {name}", function, constraint.names)
         changes[name] = dataclasses.replace(constraint, function=function)
     return dataclasses.replace(phase, **changes)
 
 
-def trace(name: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
+def require_scalar(where: str, function: ca.Function) -> None:
+    """Refuse what gives another number of numbers than one."""
+    if function.size1_out(0) != 1:
+        raise ValueError(f"{where} gives {function.size1_out(0)} numbers, not one: add them up")
+
+
+def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> None:
+    """Refuse a constraint's function that gives another number of numbers than it has names."""
+    if function.size1_out(0) != len(names):
+        raise ValueError(
+            f"{where} gives {function.size1_out(0)} numbers for its {len(names)} names {names}"
+        )
+
+
+def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
     """The function of vectors of these sizes; one that is traced already is only checked.
 
+    Args:
+        where: what it is, for messages; its last word names it.
+        function: what to trace.
+        sizes: of its arguments.
+
     Raises:
-        ValueError: it takes other sizes, or gives NaN whatever it is given.
+        TypeError: it is no function.
+        ValueError: it takes other sizes, fails, gives something else than real numbers and
+            expressions, or NaN whatever it is given.
     """
     if isinstance(function, ca.Function):
         given = tuple(function.size1_in(i) for i in range(function.n_in()))
         if given != sizes:
             raise ValueError(
-                f"{name} was traced for inputs of sizes {given}, here they are {sizes}: parts of "
+                f"{where} was traced for inputs of sizes {given}, here they are {sizes}: parts of "
                 "another problem can be used in those with as many parameters"
             )
         return function
+    if not callable(function):
+        raise TypeError(f"{where} = {function!r}: must be a function")
     symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
-    out = function(*symbols)
-    column = ca.vertcat(*out) if isinstance(out, Sequence) else out
-    made = ca.Function(name, symbols, [ca.densify(ca.SX(column))])
+    try:
+        column = _column(where, function(*symbols))
+        made = ca.Function(where.split()[-1], symbols, [column])
+    except _NoNumbersError as error:
+        raise ValueError(str(error)) from None
+    except Exception as error:  # whatever a user's function raises
+        raise ValueError(_failure(where, error, sizes)) from error
     tried = [made(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
     if np.isnan(tried).all(axis=0).any():
         raise ValueError(
-            f"{name} is not a number, whatever its arguments: use CasADi's functions in it, such "
+            f"{where} is not a number, whatever its arguments: use CasADi's functions in it, such "
             "as casadi.sin; those of math make NaN of symbols"
         )
     return made
+
+
+class _NoNumbersError(Exception):
+    """A function gave something else than real numbers and expressions."""
+
+
+def _column(where: str, out: Any) -> ca.SX:
+    """What a function gave, as a dense column."""
+    if out is None:
+        raise _NoNumbersError(f"{where} gives None: end it with return")
+    if isinstance(out, np.ndarray):
+        out = list(np.atleast_1d(out))
+    entries = out if isinstance(out, Sequence) and not isinstance(out, (str, bytes)) else [out]
+    for entry in entries:
+        if isinstance(entry, (str, bytes, complex)) or not _is_numeric(entry):
+            raise _NoNumbersError(
+                f"{where} gives {entry!r}: must be real numbers or CasADi expressions, one or a "
+                "sequence of them"
+            )
+    column = ca.SX(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
+    if column.size2() != 1 and column.numel():
+        raise _NoNumbersError(
+            f"{where} gives a matrix of shape {column.shape}: must be one column; casadi.vec "
+            "makes one of it"
+        )
+    return ca.densify(column)
+
+
+def _is_numeric(entry: Any) -> bool:
+    try:
+        ca.SX(entry)
+    except (NotImplementedError, TypeError):
+        return False
+    return True
+
+
+def _failure(where: str, error: Exception, sizes: Sequence[int]) -> str:
+    inputs = zip(ARGUMENTS[len(sizes)], sizes, strict=True)
+    called = ", ".join(f"{name} ({size})" for name, size in inputs)
+    text = str(error).strip() or "no reason given"
+    said = re.sub(r"^\.\.\./\S+: ", "", text.splitlines()[-1].strip())
+    remedy = next((f"; {hint}" for sign, hint in REMEDIES.items() if sign in text), "")
+    return (
+        f"{where} cannot be traced with symbols of sizes {called}: "
+        f"{type(error).__name__}: {said}{remedy}"
+    )

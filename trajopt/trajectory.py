@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rimless_gym.checks import real_array
 from trajopt.schemes.polynomials import lagrange_matrix
 
 Array = NDArray[np.float64]
@@ -38,6 +39,44 @@ class PhaseTrajectory:
     control_nodes: Array
     controls: Array
 
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together; whether they are finite is asked where it matters."""
+        for field in dataclasses.fields(self):
+            array = real_array(field.name, getattr(self, field.name))
+            object.__setattr__(self, field.name, array.astype(np.float64, copy=False))
+        elements, nodes, knots = (
+            len(a) if a.ndim == 1 else 0 for a in (self.edges, self.nodes, self.control_nodes)
+        )
+        for name, least in (("edges", 2), ("nodes", 2), ("control_nodes", 1)):
+            array = getattr(self, name)
+            if array.ndim != 1 or len(array) < least:
+                raise ValueError(f"{name}: of shape {array.shape}, not ({least} or more,)")
+        for name, count in (("states", nodes), ("controls", knots)):
+            shape = getattr(self, name).shape
+            if len(shape) != 3 or shape[:2] != (elements - 1, count):
+                raise ValueError(
+                    f"{name}: of shape {shape}, not ({elements - 1}, {count}, any): {elements - 1} "
+                    f"elements between {elements} edges, {count} nodes"
+                )
+
+    def require_sound(self, where: str) -> None:
+        """Refuse what is no motion.
+
+        Raises:
+            ValueError: a number is not finite, or edges or nodes are not in order.
+        """
+        for field in dataclasses.fields(self):
+            if not np.isfinite(getattr(self, field.name)).all():
+                raise ValueError(f"{where}: {field.name}: must all be finite")
+        for name, array in (("edges", self.edges), ("nodes", self.nodes)):
+            if array[0] != 0.0 or not (np.diff(array) > 0.0).all():
+                raise ValueError(f"{where}: {name} = {array}: must increase from 0")
+        knots = self.control_nodes
+        if knots[0] < 0.0 or knots[-1] > 1.0 or not (np.diff(knots) > 0.0).all():
+            raise ValueError(f"{where}: control_nodes = {knots}: must increase within [0, 1]")
+        if self.nodes[-1] != 1.0:
+            raise ValueError(f"{where}: nodes = {self.nodes}: must end with 1")
+
     @property
     def duration(self) -> float:
         """Duration (s)."""
@@ -55,13 +94,13 @@ class PhaseTrajectory:
 
     def state(self, t: ArrayLike) -> Array:
         """State at times t (N,), shape (N, nx); extrapolated outside the phase."""
-        element, s = self._locate(np.atleast_1d(np.asarray(t, dtype=float)), "right")
+        element, s = self._locate(t, "right")
         basis = lagrange_matrix(self.nodes, s)
         return np.asarray(np.einsum("tn,tnx->tx", basis, self.states[element]))
 
     def control(self, t: ArrayLike, side: str = "right") -> Array:
-        """Control at times t (N,), shape (N, nu)."""
-        element, s = self._locate(np.atleast_1d(np.asarray(t, dtype=float)), side)
+        """Control at times t (N,), shape (N, nu); `side` "left" or "right" of jumps."""
+        element, s = self._locate(t, side)
         basis = lagrange_matrix(self.control_nodes, s)
         return np.asarray(np.einsum("tn,tnx->tx", basis, self.controls[element]))
 
@@ -70,8 +109,20 @@ class PhaseTrajectory:
         """Durations of the elements (s), shape (M,)."""
         return np.diff(self.edges)
 
-    def _locate(self, t: Array, side: str) -> tuple[NDArray[np.intp], Array]:
+    def _locate(self, times: ArrayLike, side: str) -> tuple[NDArray[np.intp], Array]:
+        t = np.atleast_1d(real_array("t", times))
+        require_side(side)
         past = t + SAME_TIME * self.duration if side == "right" else t - SAME_TIME * self.duration
         where = np.searchsorted(self.edges, past, side="right" if side == "right" else "left") - 1
         element = np.clip(where, 0, len(self.edges) - 2)
         return element, (t - self.edges[element]) / self.element_durations[element]
+
+
+def require_side(side: str) -> None:
+    """Refuse what is no side of a jump.
+
+    Raises:
+        ValueError: it is neither "left" nor "right".
+    """
+    if side not in ("left", "right"):
+        raise ValueError(f"side = {side!r}: choose 'left' or 'right'")

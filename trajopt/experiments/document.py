@@ -21,12 +21,22 @@ SHOWN = {
     "experiment_6": (6, "elastic, step 2"),
 }
 
-TABLE = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
+MARKS = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
+
+#: One of them at least, in words.
+WANTED = (
+    "<!-- table --> and <!-- end of table -->, or <!-- at 1 kHz --> and <!-- end of at 1 kHz -->"
+)
+
+
+def figures_of(page: Path) -> Path:
+    """The folder beside a page that figures and results are put into."""
+    return page.parent / "figures" / "thesis"
 
 
 def refresh(page: Path, solutions: Sequence[Solved]) -> None:
     """Put the table into a page, and its figures and results into ``figures/thesis`` beside it."""
-    folder = page.parent / "figures" / "thesis"
+    folder = figures_of(page)
     folder.mkdir(parents=True, exist_ok=True)
     rows = [row for solution in solutions for row in solution.rows()]
     (folder / "results.json").write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n")
@@ -42,7 +52,7 @@ def refresh(page: Path, solutions: Sequence[Solved]) -> None:
 def filled(text: str, rows: Sequence[dict[str, Any]]) -> str:
     """A page with the tables of results between their marks."""
     tables = {"table": table(rows), "at 1 kHz": verification_table(rows)}
-    return TABLE.sub(lambda marks: marks[1] + tables[marks[2]] + marks[3], text)
+    return MARKS.sub(lambda marks: marks[1] + tables[marks[2]] + marks[3], text)
 
 
 def verification_table(rows: Sequence[dict[str, Any]]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.params import WheelParams
+from trajopt.bounds import pair
 from trajopt.experiments.case import Case, Key
 from trajopt.experiments.cases import every_case
 from trajopt.experiments.verification import (
@@ -27,7 +28,7 @@ from trajopt.extremal import Extremal
 from trajopt.guesses import Guess, Waypoints
 from trajopt.mesh import Mesh
 from trajopt.optima import Outcome
-from trajopt.problem import Problem, pair
+from trajopt.problem import Problem
 from trajopt.processes import pool
 from trajopt.search import Search, multi_start
 from trajopt.solve import WARM_BARRIER, solve
@@ -253,7 +254,7 @@ def _duration(outcome: Outcome) -> float:
 
 def run(
     numbers: Sequence[int], workers: int = 1, known: Mapping[Key, Solved] = MappingProxyType({})
-) -> Iterator[Solved]:
+) -> Generator[Solved, None, None]:
     """Solve the cases of some experiments, and those that they continue; each as it is finished.
 
     Args:

@@ -10,9 +10,10 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
+from trajopt.bounds import Bounds
 from trajopt.experiments.tables import Table, Weights
 from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
-from trajopt.problem import Array, Bounds, Constraint, Phase, Problem
+from trajopt.problem import Array, Constraint, Phase, Problem
 
 #: m2 alone, the thesis's I2 being independent of it.
 PENDULUM_MASS = Design.of("pendulum_mass")

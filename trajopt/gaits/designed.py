@@ -7,8 +7,9 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
+from trajopt.bounds import Bounds
 from trajopt.gaits.stance import WheelPhases
-from trajopt.problem import Bounds, Problem
+from trajopt.problem import Problem
 
 
 def designed_gait(

@@ -6,13 +6,15 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from rimless_gym.checks import flag, integer, positive, real_array, require_kind
 from rimless_gym.params import WheelParams
-from trajopt.gaits.periodic import NoGaitError, periodic_gait
+from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
 from trajopt.problem import Array
@@ -48,7 +50,7 @@ class CotFront:
             ValueError: outside the speeds that were solved for.
         """
         speeds = np.array([s.speed for s in self.envelope])
-        wanted = np.asarray(speed, dtype=float)
+        wanted = real_array("speed", speed)
         inside = (wanted >= speeds[0] - 1e-9) & (wanted <= speeds[-1] + 1e-9)
         if not np.all(inside):
             raise ValueError(
@@ -80,7 +82,13 @@ def cot_front(
     Raises:
         NoGaitError: no gait was found at any speed.
         GaitFileError: a gait in `folder` is damaged.
+        TypeError: an argument is of the wrong kind.
+        ValueError: no speed or no number of steps is given, or one is out of its range.
     """
+    require_kind("params", params, WheelParams)
+    regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
+    speeds = [positive("speeds", speed) for speed in _row("speeds", speeds)]
+    steps = [integer("steps", count, 1, MOST_STEPS) for count in _row("steps", steps)]
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []
     bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
@@ -123,6 +131,14 @@ def _kept(
     gait = Solution.load(folder / front_file(steps, speed))
     same = (gait.params, gait.steps, gait.regeneration) == (params, steps, regeneration)
     return gait if same and abs(gait.speed - speed) < 1e-9 else None
+
+
+def _row(name: str, values: Any) -> list[Any]:
+    """One or more numbers."""
+    array = real_array(name, values)
+    if array.ndim != 1 or not len(array):
+        raise ValueError(f"{name} = {values!r}: give one or more, in a row")
+    return list(array.tolist())
 
 
 def _best_at(

@@ -7,18 +7,21 @@ from collections.abc import Mapping, Sequence
 from numbers import Real
 from typing import Any
 
+from rimless_gym.checks import flag, integer, require_kind
+from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from trajopt.extremal import Extremal
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Optimality, Optimum, Solution
-from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem
+from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP, gait_problem
 from trajopt.gaits.verify import polished, verify
 from trajopt.mesh import Mesh
 from trajopt.nlp import Transcription
 from trajopt.optima import Outcome, distinct
 from trajopt.problem import Problem
 from trajopt.provenance import provenance
+from trajopt.refinement import MAX_ELEMENTS
 from trajopt.rows import Breach
 from trajopt.solve import solve
 from trajopt.ties import least_first
@@ -32,6 +35,9 @@ DEFAULT_STARTS, REFINED = 24, 3
 
 #: Shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
+
+#: Of a stride: what a mesh has room for.
+MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
 #: Steps of continuation in speed (m/s), and by what share one may be longer: speeds of gaits and
 #: whole numbers of steps apart are so only to a solver's tolerance.
@@ -66,8 +72,8 @@ def periodic_gait(
 
     Args:
         params: the machine.
-        speed: mean speed (m/s), > 0, imposed exactly.
-        steps: touchdowns per stride, >= 1.
+        speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly.
+        steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
         starts: random starts; by default none where a guess of the same machine exists, else
             `DEFAULT_STARTS`.
@@ -82,8 +88,11 @@ def periodic_gait(
     Raises:
         NoGaitError: none was found at this speed, or the arguments admit none.
         TypeError: an argument is of the wrong kind.
+        ValueError: `seed` is negative, or there are no workers.
     """
     speed, steps, starts = _validate(params, speed, steps, starts, guess)
+    regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
+    seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
         known = any(lead.params == params for lead in leads)
@@ -210,8 +219,7 @@ def _validate(
     params: Any, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
     """Speed, steps and starts as plain numbers."""
-    if not isinstance(params, WheelParams):
-        raise TypeError(f"params = {params!r}: must be a rimless_gym.WheelParams")
+    require_kind("params", params, WheelParams)
     for name, value in (("speed", speed), ("steps", steps), ("starts", starts)):
         if value is None and name == "starts":
             continue
@@ -219,8 +227,19 @@ def _validate(
             raise TypeError(f"{name} = {value!r}: must be a number")
     if not (math.isfinite(speed) and speed > 0):
         raise NoGaitError(f"speed = {speed}: must be finite and greater than 0 m/s")
+    fastest = fastest_walk(params)
+    if speed > fastest:
+        raise NoGaitError(
+            f"speed = {speed}: must be at most {fastest:.4g} m/s, at which this machine's legs "
+            f"turn at {MAX_RATE:g} rad/s, the fastest that is considered"
+        )
     if not (math.isfinite(steps) and steps == int(steps) and steps >= 1):
         raise NoGaitError(f"steps = {steps}: must be a whole number; a stride has at least 1 step")
+    if steps > MOST_STEPS:
+        raise NoGaitError(
+            f"steps = {steps}: must be at most {MOST_STEPS}: a mesh has at most {MAX_ELEMENTS} "
+            f"elements, of which each step needs {ELEMENTS}; a shorter stride repeats itself"
+        )
     if starts is not None and not (math.isfinite(starts) and starts == int(starts) and starts >= 0):
         raise NoGaitError(f"starts = {starts}: must be a whole number of at least 0")
     if guess is not None and not isinstance(guess, Solution):
@@ -232,6 +251,12 @@ def _validate(
             f"steps = {steps}: the guess has {guess.steps} steps per stride; give one of as many"
         )
     return float(speed), int(steps), None if starts is None else int(starts)
+
+
+def fastest_walk(params: WheelParams) -> float:
+    """The highest mean speed (m/s) of steps that keep to the rates that are considered."""
+    c = params.constants
+    return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
 
 
 def _obstacle(status: str, breaches: Sequence[Breach], reached: float | None = None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rimless_gym.checks import flag, real_array
 from rimless_gym.params import WheelParams
 from trajopt.extremal import Extremal
 from trajopt.files import (
@@ -19,13 +20,14 @@ from trajopt.files import (
     phases_from_arrays,
     phases_to_arrays,
     read_arrays,
+    require_names,
     write_arrays,
 )
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.problem import Array
 from trajopt.provenance import provenance
-from trajopt.trajectory import PhaseTrajectory
+from trajopt.trajectory import PhaseTrajectory, require_side
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -163,9 +165,8 @@ class Solution:
         return np.append(np.concatenate([t + p.edges[:-1] for t, p in starts])[1:], self.duration)
 
     def _locate(self, t: ArrayLike, side: str) -> tuple[Array, Any, Array]:
-        if side not in ("left", "right"):
-            raise ValueError(f"side = {side!r}: choose 'left' or 'right'")
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        require_side(side)
+        times = np.atleast_1d(real_array("t", t))
         if not np.all(np.isfinite(times)):
             raise ValueError("t: every time must be finite")
         T, marks = self.duration, self.phase_times
@@ -317,17 +318,48 @@ class Solution:
 
     @classmethod
     def _from_file(cls, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Solution:
-        if not all(np.isfinite(values).all() for values in arrays.values()):
-            raise ValueError("its numbers are not all finite")
+        phases = phases_from_arrays(arrays)
+        require_names(arrays, phases_to_arrays(phases))
         verification = dict(header["verification"])
         failures = tuple(verification.pop("failures"))
+        params, checked = (
+            WheelParams(**header["params"]),
+            Verification(**verification, failures=failures),
+        )
+        _require_stride(params, phases, checked)
         return cls(
-            params=WheelParams(**header["params"]),
-            phases=phases_from_arrays(arrays),
-            theta_turns=header["theta_turns"],
-            regeneration=header["regeneration"],
-            verification=Verification(**verification, failures=failures),
+            params=params,
+            phases=phases,
+            theta_turns=_turns(header["theta_turns"]),
+            regeneration=flag("regeneration", header["regeneration"]),
+            verification=checked,
             optimality=Optimality(**header["optimality"]),
             optima=tuple(Optimum(**o) for o in header["optima"]),
             provenance=header["provenance"],
         )
+
+
+def _require_stride(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], verification: Verification
+) -> None:
+    """Refuse phases that are no stride of a wheel, or another one than was verified."""
+    for i, phase in enumerate(phases):
+        sizes = phase.states.shape[-1], phase.controls.shape[-1]
+        if sizes != (4, 1):
+            raise ValueError(f"phase{i}: {sizes[0]} states and {sizes[1]} controls, not 4 and 1")
+        if not np.array_equal(phase.control_nodes, phases[0].control_nodes):
+            raise ValueError(f"phase{i}: other control_nodes than phase0")
+        if not np.allclose(phase.states[1:, 0], phase.states[:-1, -1], rtol=0.0, atol=1e-6):
+            raise ValueError(f"phase{i}: its states jump between elements")
+    for name, own, verified in (
+        ("time", sum(phase.duration for phase in phases), verification.time),
+        ("distance", len(phases) * params.step_length, verification.distance),
+    ):
+        if not math.isclose(own, verified, rel_tol=1e-9):
+            raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
+
+
+def _turns(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"theta_turns = {value!r}: must be an integer")
+    return value

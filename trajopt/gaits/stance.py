@@ -29,6 +29,9 @@ MIN_NORMAL_FORCE = 0.05
 #: Least phi' just before and just after a touchdown (rad/s): the guard must be crossed.
 MIN_TOUCHDOWN_RATE = 0.01
 
+#: Of a phase (s): a tenth of the quickest step of any machine that walks.
+SHORTEST_STEP = 0.02
+
 #: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
 GUARD_MARGIN = 1e-6
 
@@ -88,7 +91,7 @@ class WheelPhases:
             bounds=_rates() | {"phi": (c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), "V": (-V, V)},
             start={"phi": c.a, "phi'": (0.0, MAX_RATE)},
             end={"phi": c.b, "phi'": (MIN_TOUCHDOWN_RATE, MAX_RATE)},
-            duration=(0.02, math.inf),
+            duration=(SHORTEST_STEP, math.inf),
         )
 
     def last_stance(self, name: str = "last stance") -> Phase:
@@ -119,7 +122,7 @@ class WheelPhases:
             floor=self._floor,
             path=Constraint(pressing, np.full(2, least), np.full(2, np.inf), names),
             bounds=_rates() | {"phi": c.a, "phi'": 0.0, "V": (-V, V)},
-            duration=(0.02, math.inf),
+            duration=(SHORTEST_STEP, math.inf),
         )
 
     def touchdown(self, source: int, target: int, theta_turns: int = 0) -> Linkage:

@@ -16,8 +16,16 @@ from trajopt.provenance import provenance
 
 MARKS = re.compile(r"(<!-- prototype -->\n).*?(<!-- end of prototype -->)", re.DOTALL)
 
+#: The same in words.
+WANTED = "<!-- prototype --> and <!-- end of prototype -->"
+
 #: Limits that a gait reaches for less than this share of its time are not named.
 LEAST_SHARE = 0.005
+
+
+def figures_of(page: Path) -> Path:
+    """The folder beside a page that figures, results and gaits are put into."""
+    return page.parent / "figures" / "prototype"
 
 
 def results(points: Sequence[Point], ends: Sequence[End]) -> dict[str, Any]:
@@ -49,7 +57,7 @@ def refresh(page: Path, found: dict[str, Any], points: Sequence[Point]) -> None:
 
     The gaits of the machine as built are there as files.
     """
-    folder = page.parent / "figures" / "prototype"
+    folder = figures_of(page)
     write(found, folder)
     for point in points:
         if point.gait is not None and point.scale == SCALES[-1]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
+from trajopt.files import write_text
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.processes import Submit, pool
@@ -101,7 +102,7 @@ def store(folder: Path, point: Point) -> None:
         point.gait.save(gait)
         nothing.unlink(missing_ok=True)
     else:
-        nothing.write_text(json.dumps({"reason": point.reason}) + "\n")
+        write_text(nothing, json.dumps({"reason": point.reason}) + "\n")
 
 
 def study(
@@ -110,7 +111,7 @@ def study(
     variants: Sequence[Variant] = VARIANTS,
     scales: Sequence[float] = SCALES,
     workers: int = 1,
-) -> Iterator[Point]:
+) -> Generator[Point, None, None]:
     """Every point, from the largest pendulum down; those in the folder come at once.
 
     Each scale's search starts from the gaits of the scales before it as well, the first one's from
@@ -174,7 +175,7 @@ class _Chain:
 
 def improved(
     folder: Path, points: Sequence[Point], *, workers: int = 1
-) -> Iterator[tuple[Point, bool]]:
+) -> Generator[tuple[Point, bool], None, None]:
     """Every point, and whether leading its neighbours' gaits to it made it cheaper.
 
     Neighbours are the next scales of the same supply, and the same scale of supplies whose gaits

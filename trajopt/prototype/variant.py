@@ -10,9 +10,10 @@ from typing import Any
 
 from rimless_gym.params import PROTOTYPE, WheelParams
 from rimless_gym.symbolic import Design
+from trajopt.bounds import pair
 from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.solution import Solution
-from trajopt.problem import Problem, pair
+from trajopt.problem import Problem
 
 #: Of the pendulum's mass and length, in those of the machine as built: 4 is Table 4.6's.
 SCALES = (4.0, 3.5, 3.0, 2.5, 2.0, 1.75, 1.6, 1.5, 1.4, 1.3, 1.2, 1.15, 1.1, 1.0)

@@ -11,11 +11,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from trajopt.bounds import pair
 from trajopt.guesses import Guess, Waves, Waypoints, straight_lines
 from trajopt.interrupted import Interrupted
 from trajopt.mesh import Mesh
 from trajopt.optima import Start
-from trajopt.problem import Phase, Problem, nonnegative, pair
+from trajopt.problem import Phase, Problem, nonnegative
 from trajopt.search import Search, SearchFileError, best_of, multi_start
 from trajopt.solve import solve
 

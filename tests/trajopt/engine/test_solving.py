@@ -160,7 +160,7 @@ def test_states_and_controls_are_found_by_time(swing: Extremal) -> None:
     assert ball.state(landing, "left")[3] == pytest.approx(-ball.phases[0].start[3], rel=1e-8)
     assert ball.state(landing, "right")[3] == pytest.approx(0.8 * ball.phases[0].start[3], rel=1e-8)
     for t in (-0.1, ball.duration + 0.1, math.nan):
-        with pytest.raises(ValueError, match="must be from 0 to"):
+        with pytest.raises(ValueError, match=r"must be (from 0 to|finite)"):
             ball.state(t)
 
 
@@ -196,7 +196,7 @@ def test_bounds_without_room_are_refused_before_anything_is_solved(
 def test_so_are_durations_parameters_and_constraints_without_room() -> None:
     with pytest.raises(InfeasibleBoundsError, match="own bounds add up to 1 to 1 s"):
         Problem((phase(),), duration=3.0)
-    with pytest.raises(InfeasibleBoundsError, match="parameter mass: the lower bound"):
+    with pytest.raises(InfeasibleBoundsError, match="bounds of mass: the lower bound"):
         Problem((phase(),), parameters={"mass": (2.0, 1.0)})
     with pytest.raises(InfeasibleBoundsError, match="tight: the lower bound"):
         Constraint(lambda x, u, p: u, np.ones(1), np.zeros(1), ("tight",))

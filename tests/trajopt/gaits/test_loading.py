@@ -97,7 +97,7 @@ def test_a_gait_that_is_not_finite_is_refused(path, name):
         array = data[name].copy()
     array.flat[-1] = np.nan
     rewrite(path, signed=True, **{name: array})
-    refused(path, "not all finite")
+    refused(path, f"{name[7:]}: must all be finite")
 
 
 @pytest.mark.parametrize(

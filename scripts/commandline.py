@@ -1,0 +1,143 @@
+"""What all command lines share: refusals in one line, before any work, with exit status 2.
+
+parser = Parser(__doc__)
+parser.add_argument("--workers", type=whole(1), default=1, help="processes")
+parser.add_argument("--out", type=Path, default=Path("runs/x"), help="folder")
+options = parser.parse_args(arguments)
+parser.require_folder(options.out, "results.json")
+with parser.refusing(): ...
+
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+from rimless_gym.checks import integer, positive
+
+#: What the shell reports of a command that Ctrl-C ended.
+INTERRUPTED = 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A command line whose mistakes are told in one line.
+
+    Args:
+        description: the script's docstring.
+    """
+
+    def __init__(self, description: str | None) -> None:
+        super().__init__(
+            description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """End with one line on stderr and status 2."""
+        self.exit(2, f"error: {' '.join(message.split())}\n")
+
+    @contextmanager
+    def refusing(self) -> Iterator[None]:
+        """Refusals of what was asked for, within, are told like those of the command line."""
+        try:
+            yield
+        except (ValueError, FileNotFoundError) as error:
+            self.error(str(error))
+
+    def require_folder(self, folder: Path, *names: str) -> None:
+        """Make a folder, unless it is there, and see that files of these names can be written."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except FileExistsError:
+            self.error(f"{folder}: a file; give a folder")
+        except NotADirectoryError:
+            self.error(f"{folder}: a part of this path is a file; give another folder")
+        except (OSError, ValueError) as error:
+            self.error(f"{folder}: nothing can be written there ({_reason(error)})")
+        for name in names:
+            self._require_writable(folder / name)
+
+    def require_file(self, path: Path) -> None:
+        """See that a file can be written, and make the folder that it is to be in."""
+        if not os.path.isdir(path):
+            self.require_folder(path.parent)
+        self._require_writable(path)
+
+    def require_page(self, page: Path, marks: re.Pattern[str], wanted: str) -> None:
+        """See that a page is there, can be written, and has the marks that something goes between.
+
+        Args:
+            page: of text.
+            marks: what has to be found in it.
+            wanted: the marks, in words.
+        """
+        if not os.path.isfile(page):
+            self.error(f"{page}: no such file; give a page of text")
+        self._require_writable(page)
+        try:
+            text = page.read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            self.error(f"{page}: cannot be read as text ({_reason(error)})")
+        if not marks.search(text):
+            self.error(f"{page}: has no place to fill: put the lines {wanted} where it is to be")
+
+    def _require_writable(self, path: Path) -> None:
+        new = not os.path.lexists(path)
+        try:
+            with path.open("ab"):
+                pass
+            if new:
+                path.unlink()
+        except IsADirectoryError:
+            self.error(f"{path}: a folder where a file is to be written; give another place")
+        except OSError as error:
+            self.error(f"{path}: cannot be written ({_reason(error)}); give another place")
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """The type of an argument that is an integer of at least `least`."""
+
+    def parsed(text: str) -> int:
+        try:
+            return integer("it", int(text), least)
+        except ValueError:
+            message = f"{text!r}: must be an integer of at least {least}"
+            raise argparse.ArgumentTypeError(message) from None
+
+    return parsed
+
+
+def more_than_zero(text: str) -> float:
+    """The type of an argument that is a finite number greater than 0."""
+    try:
+        return positive("it", float(text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a number greater than 0") from None
+
+
+@contextmanager
+def terminated_like_ctrl_c() -> Iterator[None]:
+    """SIGTERM, by which batch systems end a job, does within what Ctrl-C does."""
+
+    def press(number: int, frame: FrameType | None) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGTERM, press)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,191 @@
+"""Command lines refuse what cannot work in one line on stderr, with status 2, before any work."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scripts import benchmark, figures, multi_start, publish, solve_gait, textbook, thesis
+
+#: What each of them would begin with; it must not be reached.
+WORK: dict[str, tuple[Any, str]] = {
+    "benchmark": (benchmark, "measure_all"),
+    "evaluate": (None, "evaluate"),
+    "figures": (figures, "numbers"),
+    "multi_start": (multi_start, "multi_start"),
+    "publish": (publish.shutil, "copyfile"),
+    "solve_gait": (solve_gait, "periodic_gait"),
+    "textbook": (textbook, "solve"),
+    "thesis": (thesis, "run"),
+}
+
+
+def work(*arguments: Any, **settings: Any) -> None:
+    pytest.fail("the work was begun")
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable:
+    """Run a command line in this process; the one line that it ends with."""
+
+    def run(script: str, *arguments: object) -> str:
+        module = importlib.import_module(f"scripts.{script}")
+        owner, name = WORK[script]
+        monkeypatch.setattr(owner or module, name, work)
+        with pytest.raises(SystemExit) as ended:
+            module.main([str(argument) for argument in arguments])
+        told = capsys.readouterr()
+        assert ended.value.code == 2
+        assert told.out == ""
+        assert told.err.startswith("error: ")
+        assert told.err.count("\n") == 1
+        return told.err
+
+    return run
+
+
+@pytest.fixture
+def places(tmp_path: Path) -> dict[str, Path]:
+    """Places where nothing can be written."""
+    (tmp_path / "file").write_text("text")
+    (tmp_path / "folder").mkdir()
+    for name in ("search.npz", "results.json", "numbers.json", "benchmark.md"):
+        (tmp_path / "taken" / name).mkdir(parents=True)
+    return {
+        "a file": tmp_path / "file",
+        "below a file": tmp_path / "file" / "below",
+        "no folder can be made": Path("/proc/nothing/here"),
+        "a name that is too long": tmp_path / ("x" * 300),
+        "a folder": tmp_path / "folder",
+        "its files are folders": tmp_path / "taken",
+    }
+
+
+@pytest.mark.parametrize("script", ["benchmark", "figures", "multi_start", "thesis"])
+@pytest.mark.parametrize(
+    "place",
+    [
+        "a file",
+        "below a file",
+        "no folder can be made",
+        "a name that is too long",
+        "its files are folders",
+    ],
+)
+def test_folders_that_cannot_be_written_are_refused(
+    refused: Callable, places: dict[str, Path], script: str, place: str
+) -> None:
+    assert str(places[place]) in refused(script, "--out", places[place])
+
+
+@pytest.mark.parametrize(
+    "place", ["a folder", "below a file", "no folder can be made", "a name that is too long"]
+)
+def test_files_that_cannot_be_written_are_refused(
+    refused: Callable, places: dict[str, Path], place: str
+) -> None:
+    line = refused("solve_gait", "--out", places[place])
+    assert str(places[place]) in line or str(places[place].parent) in line
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
+def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    assert "Permission denied" in refused("thesis", "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "told"),
+    [
+        ("solve_gait", ["--workers", "0"], "--workers: '0': must be an integer of at least 1"),
+        ("solve_gait", ["--workers", "1.5"], "'1.5': must be an integer"),
+        ("solve_gait", ["--seed", "-1"], "--seed: '-1': must be an integer of at least 0"),
+        ("solve_gait", ["--speed", "nan"], "--speed: 'nan': must be a number greater than 0"),
+        ("solve_gait", ["--speed", "-1"], "must be a number greater than 0"),
+        ("solve_gait", ["--steps", "0"], "must be an integer of at least 1"),
+        ("solve_gait", ["--starts", "-1"], "must be an integer of at least 0"),
+        ("solve_gait", ["--preset", "x"], "invalid choice"),
+        ("thesis", ["--workers", "0"], "at least 1"),
+        ("thesis", ["--experiment", "7"], "invalid choice"),
+        ("thesis", ["--experiment", "1", "--prototype"], "not allowed with"),
+        ("multi_start", ["--workers", "0"], "at least 1"),
+        ("multi_start", ["--seed", "-3"], "at least 0"),
+        ("multi_start", ["--starts", "0"], "at least 1"),
+        ("multi_start", ["--elements", "x"], "at least 1"),
+        ("textbook", ["--elements", "0"], "at least 1"),
+        ("textbook", ["--degree", "200"], "at most 40"),
+        ("textbook", ["--tolerance", "nan"], "greater than 0"),
+        ("textbook", ["nonsense"], "unknown problems: nonsense"),
+        ("benchmark", ["--rounds", "0"], "at least 1"),
+        ("benchmark", ["--seconds", "inf"], "greater than 0"),
+        ("benchmark", ["--only", "x"], "invalid choice"),
+        ("evaluate", ["none.zip"], "none.zip"),
+        ("evaluate", ["--preset", "x", "none.zip"], "invalid choice"),
+        ("publish", ["--study", "nowhere"], "run make compare"),
+    ],
+)
+def test_numbers_and_names_that_make_no_sense_are_refused(
+    refused: Callable, script: str, arguments: list[str], told: str
+) -> None:
+    assert told in refused(script, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("problem", "told"),
+    [
+        ("nothing:here", "No module named 'nothing'"),
+        ("trajopt.textbook", "can be imported"),
+        ("trajopt.textbook:none", "none"),
+        ("trajopt.textbook:gear_ratio", "gives float, not a trajopt.Problem"),
+    ],
+)
+def test_what_is_no_problem_is_refused(
+    refused: Callable, tmp_path: Path, problem: str, told: str
+) -> None:
+    assert told in refused("multi_start", problem, "--out", tmp_path)
+
+
+def test_a_search_that_is_damaged_or_of_another_kind_is_refused(
+    refused: Callable, tmp_path: Path
+) -> None:
+    (tmp_path / "search.npz").write_text("no archive")
+    assert "search again" in refused("multi_start", "--out", tmp_path)
+
+
+def test_numbers_that_are_missing_or_damaged_are_refused(refused: Callable, tmp_path: Path) -> None:
+    assert "leave out" in refused("figures", "--keep-numbers", "--out", tmp_path)
+    for text in ("no JSON", "{}", "[]"):
+        (tmp_path / "numbers.json").write_text(text)
+        assert "damaged" in refused("figures", "--keep-numbers", "--out", tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["--prototype", "--experiment=1"])
+def test_a_page_without_marks_is_refused_with_the_marks_that_it_needs(
+    refused: Callable, tmp_path: Path, kind: str
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Nothing to fill\n")
+    line = refused("thesis", kind, "--out", tmp_path / "out", "--docs", page)
+    assert "<!-- prototype -->" in line if kind == "--prototype" else "<!-- table -->" in line
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe\xff", "folder"])
+def test_a_page_that_is_none_is_refused(refused: Callable, tmp_path: Path, content: Any) -> None:
+    page = tmp_path / "page.md"
+    if content == "folder":
+        page.mkdir()
+    elif content is not None:
+        page.write_bytes(content)
+    assert "page.md" in refused("thesis", "--out", tmp_path / "out", "--docs", page)
+
+
+def test_a_study_of_which_something_is_missing_changes_nothing(
+    refused: Callable, tmp_path: Path
+) -> None:
+    (tmp_path / "table.md").write_text("| table |\n")
+    assert "imitation.gif is missing" in refused("publish", "--study", tmp_path)

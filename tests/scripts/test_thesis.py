@@ -1,0 +1,114 @@
+"""What thesis.py has solved is kept when it is interrupted, and the same command goes on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scripts import thesis
+from trajopt.experiments import kept, run
+from trajopt.experiments.case import Case, Effort
+from trajopt.experiments.cases import every_case, experiment_1
+from trajopt.experiments.run import Solved, needed
+
+QUICK = Effort(2, elements=10)
+
+
+def press(number: signal.Signals) -> None:
+    os.kill(os.getpid(), number)
+
+
+@pytest.fixture(scope="module")
+def one() -> Solved:
+    """A case, solved."""
+    return run.solved(experiment_1()[1])
+
+
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The variants that were begun, each with two starts alone."""
+    solved, variants = run.solved, list[str]()
+
+    def noted(case: Case, before: Solved | None = None) -> Solved:
+        variants.append(case.variant)
+        return solved(dataclasses.replace(case, effort=QUICK), before)
+
+    monkeypatch.setattr(run, "solved", noted)
+    return variants
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_experiment_goes_on_with_what_is_missing(
+    begun: list[str],
+    by: signal.Signals,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command = ["--experiment", "1", "--workers", "1", "--out", str(tmp_path)]
+    store = kept.store
+
+    def interrupted(folder: Path, solution: Solved) -> None:
+        store(folder, solution)
+        press(by)
+
+    monkeypatch.setattr(kept, "store", interrupted)
+    assert thesis.main(command) == 130
+    assert "the same command goes on" in capsys.readouterr().out
+    assert begun == ["cost 4.3"]
+    assert not (tmp_path / "results.json").exists()
+    monkeypatch.setattr(kept, "store", store)
+    assert thesis.main(command) == 0
+    assert begun == ["cost 4.3", "cost 4.4"]
+    rows = json.loads((tmp_path / "results.json").read_text())
+    assert [row["variant"] for row in rows] == ["cost 4.3", "cost 4.4"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "results.json"]
+
+
+def test_a_case_in_a_file_is_the_case_that_was_solved(one: Solved, tmp_path: Path) -> None:
+    kept.store(tmp_path, one)
+    again = kept.recalled(tmp_path, needed([1]))
+    assert list(again) == [one.key]
+    assert again[one.key].rows() == one.rows()
+    kept.forget(tmp_path, needed([1]))
+    assert not tmp_path.exists()
+
+
+def test_a_file_that_is_damaged_or_of_another_version_is_not_used(
+    one: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept.store(tmp_path, one)
+    path = kept.place(tmp_path, one.key)
+    content = path.read_bytes()
+    path.write_bytes(content[:100])
+    assert not kept.recalled(tmp_path, needed([1]))
+    path.write_bytes(content)
+    other: dict[str, Any] = {"versions": {}, "git_revision": "another"}
+    monkeypatch.setattr(kept, "provenance", lambda: other)
+    assert not kept.recalled(tmp_path, needed([1]))
+
+
+def test_every_case_has_a_file_of_its_own(tmp_path: Path) -> None:
+    places = {kept.place(tmp_path, case.key) for case in every_case()}
+    assert len(places) == len(every_case())
+
+
+def test_cases_that_others_continue_are_needed_too() -> None:
+    keys = [case.key for case in needed([6])]
+    assert keys[0] == (1, "cost 4.4")
+    for case in needed([6]):
+        assert case.after is None or case.after.key in keys[: keys.index(case.key)]
+
+
+def test_an_interrupted_prototype_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(thesis, "_points", lambda folder, workers: press(signal.SIGTERM))
+    assert thesis.main(["--prototype", "--out", str(tmp_path)]) == 130
+    assert "goes on" in capsys.readouterr().out

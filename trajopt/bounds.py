@@ -1,0 +1,90 @@
+"""Names and bounds as callers give them: refused in words where they are none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+#: Bounds by name: a pair, or one number where both are equal; nothing where there are none.
+Bounds = Mapping[str, float | tuple[float, float]]
+
+
+class InfeasibleBoundsError(ValueError):
+    """Bounds contradict each other: there is nothing to solve."""
+
+
+def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
+    """(lower, upper) of a pair, or of one number for both."""
+    low, high = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
+    return float(low), float(high)
+
+
+def pair_in(where: str, bounds: Any) -> tuple[float, float]:
+    """(lower, upper) of what is to be a pair, or one number for both.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
+    kinds = (int, float, np.integer, np.floating)
+    good = [isinstance(bound, kinds) and not isinstance(bound, bool) for bound in both]
+    if good != [True, True]:
+        raise TypeError(f"{where} = {bounds!r}: must be a real number, or (lower, upper)")
+    return pair(bounds)
+
+
+def require_room(where: str, low: float, high: float) -> None:
+    """Refuse bounds between which there is nothing.
+
+    Raises:
+        InfeasibleBoundsError: such are they.
+    """
+    if math.isnan(low) or math.isnan(high):
+        raise InfeasibleBoundsError(f"{where}: bounds ({low}, {high}): must be numbers, not NaN")
+    if low == math.inf or high == -math.inf:
+        raise InfeasibleBoundsError(
+            f"{where}: bounds ({low}, {high}): nothing lies between them; make them finite"
+        )
+    if low > high:
+        raise InfeasibleBoundsError(
+            f"{where}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
+        )
+
+
+def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -> None:
+    """Refuse a table of bounds in which one is none, or of a name that is not known.
+
+    Raises:
+        InfeasibleBoundsError: there is nothing between two of them.
+        TypeError: it is no table of pairs.
+        ValueError: it has other names.
+    """
+    if not isinstance(table, Mapping) or not all(isinstance(name, str) for name in table):
+        raise TypeError(f"{where} = {table!r}: must be a mapping, name: (lower, upper)")
+    unknown = [name for name in table if known is not None and name not in known]
+    if unknown:
+        raise ValueError(f"{where} names {unknown}, which are not among {known}")
+    for name, bounds in table.items():
+        require_room(f"{where} of {name}", *pair_in(f"{where} of {name}", bounds))
+
+
+def names_in(where: str, names: Any, least: int = 0) -> tuple[str, ...]:
+    """Names as a tuple.
+
+    Raises:
+        TypeError: they are something else.
+        ValueError: there are too few.
+    """
+    wanted = "give a tuple of names; that of a single one ends with a comma"
+    if (
+        isinstance(names, str)
+        or not isinstance(names, Sequence)
+        or not all(isinstance(name, str) for name in names)
+    ):
+        raise TypeError(f"{where} = {names!r}: {wanted}")
+    if len(names) < least:
+        raise ValueError(f"{where} = {names!r}: {wanted}")
+    return tuple(names)
