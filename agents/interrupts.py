@@ -6,9 +6,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+#: What Ctrl-C sends, and what batch systems, containers and `kill` send.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 #: The request that is no longer waited with.
 AT_ONCE = 3
@@ -67,31 +70,12 @@ def requests(place: str, loss: str) -> Iterator[StopRequest]:
     In another thread than the main one signals stay what they are.
     """
     request = StopRequest(place, loss)
-    with _handled((signal.SIGINT, signal.SIGTERM), request.make):
-        yield request
-
-
-@contextmanager
-def sigterm_is_ctrl_c() -> Iterator[None]:
-    """SIGTERM within is what Ctrl-C is, whatever that is."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        signal.raise_signal(signal.SIGINT)
-
-    with _handled((signal.SIGTERM,), interrupt):
-        yield
-
-
-@contextmanager
-def _handled(
-    numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
-) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield request
         return
-    former = {number: signal.signal(number, handler) for number in numbers}
+    former = {number: signal.signal(number, request.make) for number in SIGNALS}
     try:
-        yield
+        yield request
     finally:
         for number, before in former.items():
             signal.signal(number, before)

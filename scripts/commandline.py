@@ -52,6 +52,19 @@ class Parser(argparse.ArgumentParser):
         except (ValueError, FileNotFoundError) as error:
             self.error(str(error))
 
+    @contextmanager
+    def out_of_room(self, folder: Path) -> Iterator[None]:
+        """A full disk, and a folder that cannot be written, end what is within with a remedy."""
+        try:
+            yield
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            self.error(
+                f"{error.filename or folder}: {error.strerror or error}: make room, or choose "
+                "another --out; what was saved before is kept, and the same command goes on"
+            )
+
     def require_folder(self, folder: Path, *names: str) -> None:
         """Make a folder, unless it is there, and see that files of these names can be written."""
         try:

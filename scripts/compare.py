@@ -9,69 +9,67 @@ an animation. However it was stopped, the same command goes on, and ends with th
 
 from __future__ import annotations
 
-import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from agents.compare import Comparison
-from agents.interrupts import sigterm_is_ctrl_c
 from agents.report import format_table
 from agents.study import Study
 from rimless_gym.params import PRESETS
+from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    default = Study()
+    parser, default = Parser(__doc__), Study()
     parser.add_argument("--out", type=Path, default=Path("runs/compare"), help="results' folder")
     parser.add_argument(
         "--preset",
+        choices=sorted(PRESETS),
         default=default.preset,
-        help=f"one of {', '.join(PRESETS)}; gaits are shipped for the default only",
+        help="machine; gaits are shipped for the default only",
     )
-    parser.add_argument("--speed", type=float, default=default.speed, help="of the gait (m/s)")
-    parser.add_argument("--steps", type=int, default=default.steps, help="of the gait, per stride")
-    parser.add_argument("--seed", type=int, default=default.seed, help="of everything random")
+    parser.add_argument(
+        "--speed", type=more_than_zero, default=default.speed, help="of the gait (m/s)"
+    )
+    parser.add_argument(
+        "--steps", type=whole(1), default=default.steps, help="of the gait, per stride"
+    )
+    parser.add_argument("--seed", type=whole(0), default=default.seed, help="of everything random")
     parser.add_argument(
         "--timesteps",
-        type=int,
+        type=whole(0),
         default=default.timesteps,
         help="control intervals of fine-tuning, and of training from scratch",
     )
     parser.add_argument(
-        "--starts", type=int, default=default.starts, help="random starts of the gait's search"
+        "--starts", type=whole(0), default=default.starts, help="random starts of the gait's search"
     )
     parser.add_argument(
         "--front",
-        type=float,
+        type=more_than_zero,
         nargs="+",
         default=default.front,
         help="speeds of the optimal front (m/s)",
     )
-    arguments = parser.parse_args(argv)
-    settings = {name: value for name, value in vars(arguments).items() if name != "out"}
+    options = vars(parser.parse_args(arguments))
+    out = options.pop("out")
+    parser.require_folder(out, "results.json", "table.md")
     try:
-        study = Study(**(settings | {"front": tuple(arguments.front)}))
-        with sigterm_is_ctrl_c():
-            results = Comparison(study, arguments.out).run()
-    except ValueError as error:
-        parser.exit(2, f"error: {error}\n")
-    except OSError as error:
-        parser.exit(
-            2,
-            f"error: {error}: make room, or choose another --out; what was finished before is "
-            "kept, and the same command goes on from there\n",
-        )
+        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(out):
+            study = Study(**options | {"front": tuple(options["front"])})
+            results = Comparison(study, out).run()
     except KeyboardInterrupt:
         print(
-            f"\ninterrupted: what was finished is kept in {arguments.out}; the same command goes on"
+            f"\ninterrupted: what was finished is kept in {out}; the same command goes on",
+            file=sys.stderr,
         )
-        return 130
+        return INTERRUPTED
     print(format_table(results["table"]))
-    print(f"\nresults, plots and the animation are in {arguments.out}")
+    print(f"\nresults, plots and the animation are in {out}")
     return 0
 
 

@@ -8,61 +8,59 @@ was stopped, the same command goes on, and ends with the same policies.
 
 from __future__ import annotations
 
-import argparse
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.begin import INITS
-from agents.interrupts import sigterm_is_ctrl_c
 from agents.train import train
 from rimless_gym.params import PRESETS, preset
+from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(__doc__)
     parser.add_argument("--algo", choices=("ppo", "sac"), default="ppo", help="algorithm")
     parser.add_argument(
         "--init", default="scratch", help=f"{' or '.join(INITS)}, or a policy's file to start from"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of everything random")
-    parser.add_argument("--out", default="runs/train", help="folder of the results")
+    parser.add_argument("--seed", type=whole(0), default=0, help="of everything random")
+    parser.add_argument("--out", type=Path, default=Path("runs/train"), help="results' folder")
     parser.add_argument(
-        "--timesteps", type=int, help="control intervals in all; None: agents/hyperparams"
+        "--timesteps", type=whole(0), help="control intervals in all; None: agents/hyperparams"
     )
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default="THESIS_PHYSICAL", help="machine"
     )
-    arguments = parser.parse_args(argv)
+    options = parser.parse_args(arguments)
+    parser.require_folder(options.out)
     try:
-        with sigterm_is_ctrl_c():
+        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
             result = train(
-                arguments.algo,
-                arguments.init,
-                arguments.seed,
-                arguments.out,
-                timesteps=arguments.timesteps,
-                params=preset(arguments.preset),
+                options.algo,
+                options.init,
+                options.seed,
+                options.out,
+                timesteps=options.timesteps,
+                params=preset(options.preset),
             )
-    except ValueError as error:
-        parser.exit(2, f"error: {error}\n")
-    except OSError as error:
-        parser.exit(
-            2,
-            f"error: {error}: make room, or choose another --out; what was saved before is kept, "
-            "and the same command goes on from there\n",
-        )
     except KeyboardInterrupt:
-        print("\ninterrupted before the training began: the same command starts anew")
-        return 130
+        print(
+            "\ninterrupted before the training began: the same command starts it", file=sys.stderr
+        )
+        return INTERRUPTED
     if result.interrupted:
         print(
-            f"interrupted; {result.timesteps} steps are kept, the same command goes on from there"
+            f"interrupted: {result.timesteps} steps are kept; the same command goes on",
+            file=sys.stderr,
         )
-        return 130
-    over = "" if result.evaluations else f"{arguments.out} holds this training, which is over\n"
-    print(f"{over}best policy: {result.best}; measure it with scripts/evaluate.py {result.best}")
+        return INTERRUPTED
+    if not result.evaluations:
+        print(f"{options.out} holds this training, which is over")
+    print(f"best policy: {result.best}; measure it with scripts/evaluate.py {result.best}")
     return 0
 
 

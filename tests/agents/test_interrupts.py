@@ -2,7 +2,7 @@ import signal
 
 import pytest
 
-from agents.interrupts import requests, sigterm_is_ctrl_c
+from agents.interrupts import requests
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -37,11 +37,4 @@ def test_signals_mean_afterwards_what_they_meant_before():
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     with requests("", ""):
         pass
-    with sigterm_is_ctrl_c():
-        pass
     assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
-
-
-def test_sigterm_is_heeded_like_ctrl_c():
-    with sigterm_is_ctrl_c(), pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGTERM)

@@ -10,11 +10,22 @@ from typing import Any
 
 import pytest
 
-from scripts import benchmark, figures, multi_start, publish, solve_gait, textbook, thesis
+from scripts import (
+    benchmark,
+    compare,
+    figures,
+    multi_start,
+    publish,
+    solve_gait,
+    textbook,
+    thesis,
+    train,
+)
 
 #: What each of them would begin with; it must not be reached.
 WORK: dict[str, tuple[Any, str]] = {
     "benchmark": (benchmark, "measure_all"),
+    "compare": (compare.Comparison, "run"),
     "evaluate": (None, "evaluate"),
     "figures": (figures, "numbers"),
     "multi_start": (multi_start, "multi_start"),
@@ -22,6 +33,7 @@ WORK: dict[str, tuple[Any, str]] = {
     "solve_gait": (solve_gait, "periodic_gait"),
     "textbook": (textbook, "solve"),
     "thesis": (thesis, "run"),
+    "train": (train, "train"),
 }
 
 
@@ -66,16 +78,14 @@ def places(tmp_path: Path) -> dict[str, Path]:
     }
 
 
-@pytest.mark.parametrize("script", ["benchmark", "figures", "multi_start", "thesis"])
 @pytest.mark.parametrize(
-    "place",
+    ("script", "place"),
     [
-        "a file",
-        "below a file",
-        "no folder can be made",
-        "a name that is too long",
-        "its files are folders",
-    ],
+        (script, place)
+        for script in ("benchmark", "compare", "figures", "multi_start", "thesis", "train")
+        for place in ("a file", "below a file", "no folder can be made", "a name that is too long")
+    ]
+    + [(s, "its files are folders") for s in ("benchmark", "compare", "figures", "thesis")],
 )
 def test_folders_that_cannot_be_written_are_refused(
     refused: Callable, places: dict[str, Path], script: str, place: str
@@ -110,6 +120,13 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("solve_gait", ["--steps", "0"], "must be an integer of at least 1"),
         ("solve_gait", ["--starts", "-1"], "must be an integer of at least 0"),
         ("solve_gait", ["--preset", "x"], "invalid choice"),
+        ("train", ["--seed", "-1"], "--seed: '-1': must be an integer of at least 0"),
+        ("train", ["--timesteps", "many"], "at least 0"),
+        ("train", ["--algo", "td3"], "invalid choice"),
+        ("compare", ["--speed", "nan"], "must be a number greater than 0"),
+        ("compare", ["--front", "0.5", "-1"], "must be a number greater than 0"),
+        ("compare", ["--preset", "x"], "invalid choice"),
+        ("compare", ["--steps", "0"], "at least 1"),
         ("thesis", ["--workers", "0"], "at least 1"),
         ("thesis", ["--experiment", "7"], "invalid choice"),
         ("thesis", ["--experiment", "1", "--prototype"], "not allowed with"),
