@@ -40,12 +40,12 @@ def integer(name: str, value: Any, least: int) -> int:
         ValueError: it is less than `least`.
     """
     wanted = f"must be an integer of at least {least}"
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} = {value!r}: {wanted}")
     try:
         number = operator.index(value)
     except TypeError:
         raise TypeError(f"{name} = {value!r}: {wanted}") from None
-    if isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: {wanted}")
     if number < least:
         raise ValueError(f"{name} = {number}: {wanted}")
     return number
