@@ -87,12 +87,12 @@ def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     wanted = f"must be an integer of at least {least}"
     if most is not None:
         wanted += f" and at most {most}"
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} = {value!r}: {wanted}")
     try:
         number = operator.index(value)
     except TypeError:
         raise TypeError(f"{name} = {value!r}: {wanted}") from None
-    if isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: {wanted}")
     if number < least or (most is not None and number > most):
         raise ValueError(f"{name} = {number}: {wanted}")
     return number

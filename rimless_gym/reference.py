@@ -23,6 +23,7 @@ from rimless_gym.energy import Ledger
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES, SINGLE
 from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
+from rimless_gym.zeros import with_zeros
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
 SAMPLES = 8  # per step, on which guards are watched, and the tops between them
@@ -240,23 +241,15 @@ def _first_positive(
 
 
 def _add_work(motion: _Motion, params: WheelParams, voltage: Control, arc: Arc) -> None:
-    """Add max(V i, 0) and |T psi'| over an arc, piece by piece between their changes of sign.
-
-    An adaptive integrator would now and then not notice their kinks: it judges by few points.
-    """
+    """Add max(V i, 0) and |T psi'| over an arc, piece by piece between their changes of sign."""
 
     def factors(t: float) -> NDArray[np.float64]:
         y, p = arc.dense(t), params.constants
         u, rate = voltage(t, y), hybrid.relative_rate(y[2], y[3], p)
         return np.array([u, hybrid.motor_current(rate, u, p), rate])
 
-    times = np.linspace(arc.start, arc.end, SAMPLES + 1)
-    positive = np.array([factors(t) for t in times]) > 0
-    cuts = {arc.start, arc.end}
-    for i, k in np.argwhere(positive[1:] != positive[:-1]):
-        zero = brentq(lambda t, k=k: factors(t)[k], times[i], times[i + 1], xtol=1e-15)
-        cuts.add(float(zero))
-    work = np.diff([arc.dense(t)[[ELECTRICAL, SHAFT]] for t in sorted(cuts)], axis=0)
+    times = with_zeros(factors, np.linspace(arc.start, arc.end, SAMPLES + 1))
+    work = np.diff([arc.dense(t)[[ELECTRICAL, SHAFT]] for t in times], axis=0)
     motion.electrical_positive += float(np.maximum(work[:, 0], 0.0).sum())
     motion.shaft += float(np.abs(work[:, 1]).sum())
 

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from rimless_gym.zeros import with_zeros
 from trajopt.problem import Array, Phase, Problem
 from trajopt.trajectory import PhaseTrajectory
 
@@ -94,41 +97,67 @@ def followed(
 
     Infinite, and the last, where the integrator fails or takes more than `EFFORT`.
     """
-    nx, y = len(phase.states), np.append(start, 0.0)
-    effort = itertools.count()
+    nx, effort, paid = len(phase.states), itertools.count(), 0.0
+    surplus = _price(phase, start, trajectory.controls[0, 0], p)[1]
+    y = np.concatenate([start, [0.0], np.zeros_like(surplus)])
     coefficients = np.linalg.solve(
         np.vander(trajectory.control_nodes), trajectory.controls
     )  # (M, m, nu)
     for e, (begin, end) in enumerate(zip(trajectory.edges, trajectory.edges[1:], strict=False)):
-        powers, h = coefficients[e], end - begin
+        control = _polynomial(coefficients[e], begin, end - begin)
 
-        def rates(
-            t: float, y: Array, powers: Array = powers, begin: float = begin, h: float = h
-        ) -> Array:
+        def rates(t: float, y: Array, control: _Control = control) -> Array:
             if next(effort) > EFFORT:
                 raise _TooStiffError
-            u = powers[0]
-            for c in powers[1:]:
-                u = u * ((t - begin) / h) + c
-            flow = phase.flow(y[:nx], u, p).full().ravel()
-            return np.append(flow, paid_rate(phase, y[:nx], u, p))
+            x, u = y[:nx], control(t)
+            flow = phase.flow(x, u, p).full().ravel()
+            return np.concatenate([flow, *np.atleast_1d(*_price(phase, x, u, p))])
 
-        times = begin + h * np.linspace(0.0, 1.0, 9)
+        times = begin + (end - begin) * np.linspace(0.0, 1.0, 9)
         times[-1] = end
+        settings: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True}
         try:
-            run = solve_ivp(rates, (begin, end), y, "DOP853", times, rtol=rtol, atol=atol)
+            run = solve_ivp(rates, (begin, end), y, "DOP853", **settings)
         except _TooStiffError:
             run = None
         if run is None or not run.success:
             yield times, np.full((9, nx + 1), np.inf)
             return
-        yield times, run.y.T
-        y = run.y[:, -1]
+
+        def excess(t: float, control: _Control = control, at: _Control = run.sol) -> Array:
+            return _price(phase, at(t)[:nx], control(t), p)[1]
+
+        marks = with_zeros(excess, np.union1d(times, run.t))
+        work = np.maximum(np.diff(run.sol(marks)[nx + 1 :]), 0.0).sum(axis=0)
+        drawn = np.interp(times, marks, np.append(0.0, np.cumsum(work)))
+        values = run.sol(times).T[:, : nx + 1]
+        values[:, nx] += paid + drawn
+        yield times, values
+        paid, y = paid + drawn[-1], run.y[:, -1]
 
 
-def paid_rate(phase: Phase, x: Array, u: Array, p: Array) -> float:
-    """Running cost and powers at one point."""
+_Control: TypeAlias = Callable[[float], Array]
+
+
+def _polynomial(coefficients: Array, begin: float, h: float) -> _Control:
+    def control(t: float) -> Array:
+        u = coefficients[0]
+        for c in coefficients[1:]:
+            u = u * ((t - begin) / h) + c
+        return np.asarray(u)
+
+    return control
+
+
+def _price(phase: Phase, x: Array, u: Array, p: Array) -> tuple[float, Array]:
+    """What is paid per second at one point, and what is added to it where that is positive, (k,).
+
+    Both are smooth: powers that have a floor cost that, and their excess, if there is one.
+    """
     paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
-    if phase.powers is not None:
-        paid += float(np.maximum(phase.powers(x, u, p).full(), phase.floor).sum())
-    return paid
+    if phase.powers is None:
+        return paid, np.zeros(0)
+    powers = phase.powers(x, u, p).full().ravel()
+    if math.isinf(phase.floor):
+        return paid + float(powers.sum()), np.zeros(0)
+    return paid + phase.floor * len(powers), powers - phase.floor

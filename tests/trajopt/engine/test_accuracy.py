@@ -101,6 +101,30 @@ def test_playing_back_finds_the_exact_cost_of_a_wrong_quadrature() -> None:
     assert abs(coarse.cost - coarse.transcribed_cost) > 0.1
 
 
+@pytest.mark.parametrize("floor", [0.0, 0.3, -math.inf])
+def test_playing_back_finds_the_exact_cost_of_a_power_that_passes_its_floor(floor: float) -> None:
+    """v' = u and u linear in time, one second long: u v is cubic, and so are all its pieces."""
+    flow, power = (lambda x, u, p: (u[0],)), (lambda x, u, p: u[0] * x[0])
+    phase = Phase("push", ("v",), flow, ("u",), powers=power, floor=floor)
+    (phase,) = Problem((phase,)).phases
+    rng, nodes = np.random.default_rng(1), np.array([0.0, 0.5, 1.0])
+    for _ in range(30):
+        u = np.polynomial.Polynomial(rng.uniform([-2.0, 3.0], [-1.0, 5.0]))
+        v = u.integ() + rng.uniform(-1.0, 1.0)
+        trajectory = PhaseTrajectory(
+            *(np.array([0.0, 1.0]), nodes, v(nodes)[None, :, None]),
+            *(nodes[::2], u(nodes[::2])[None, :, None]),
+        )
+        excess = u * v - (0.0 if math.isinf(floor) else floor)
+        roots = excess.roots()
+        inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
+        pieces = np.diff(excess.integ()(np.array([0.0, *np.sort(inside), 1.0])))
+        exact = pieces.sum() if math.isinf(floor) else floor + pieces[pieces > 0].sum()
+        error, _, paid = played(phase, trajectory, trajectory.start, NONE)
+        assert error < 1e-12
+        assert paid == pytest.approx(exact, abs=1e-13)
+
+
 def test_the_error_of_the_cost_is_what_its_quadrature_misses() -> None:
     problem = textbook.least_effort_move()
     transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
