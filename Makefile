@@ -1,4 +1,4 @@
-# make install | compare | test | test-slow | test-peers | bench | lint | format | clean
+# make install | compare | test | test-slow | test-peers | fuzz | bench | lint | format | clean
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -12,7 +12,7 @@ CHECKED := rimless_gym trajopt agents scripts
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare test test-slow test-peers bench lint format clean
+.PHONY: help install compare test test-slow test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
@@ -20,6 +20,7 @@ help:
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-peers  comparison with Drake; rl-zoo3, TorchRL, RLlib train; installs them"
+	@echo "make fuzz        random machines, every step checked (some minutes); FUZZ='--minutes 5'"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
@@ -59,6 +60,9 @@ test-slow: $(INSTALLED)
 
 test-peers: $(PEERS)
 	$(PYTEST) -m peers
+
+fuzz: $(INSTALLED)
+	$(BIN)/python scripts/fuzz.py $(FUZZ)
 
 bench: $(INSTALLED)
 	$(BIN)/python scripts/benchmark.py --out docs
