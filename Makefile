@@ -1,4 +1,4 @@
-# make install | compare | test | test-slow | test-cpus | test-peers | bench | lint | format | clean
+# make install | compare | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -15,7 +15,7 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare test test-slow test-cpus test-peers bench lint format clean
+.PHONY: help install compare test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
@@ -23,7 +23,8 @@ help:
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
-	@echo "make test-peers  comparison with Drake; rl-zoo3, TorchRL, RLlib train; installs them"
+	@echo "make test-peers  Drake, rl-zoo3, TorchRL, RLlib, Minari and video wrappers; installs them"
+	@echo "make fuzz        random machines, every step checked (some minutes); FUZZ='--minutes 5'"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
@@ -39,7 +40,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(PEERS): $(INSTALLED)
-	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib) into $(VENV)"
+	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, Minari) into $(VENV)"
 	@$(PIP) install -c constraints.txt -e ".[test,peers]"
 	@touch $@
 
@@ -66,6 +67,9 @@ test-cpus: $(INSTALLED)
 
 test-peers: $(PEERS)
 	$(PYTEST) -m peers
+
+fuzz: $(INSTALLED)
+	$(BIN)/python scripts/fuzz.py $(FUZZ)
 
 bench: $(INSTALLED)
 	$(BIN)/python scripts/benchmark.py --out docs

@@ -34,9 +34,9 @@ from rimless_gym.kernel.integration import find_sines, rk8
 from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, one_copy
 from rimless_gym.kernel.work import split_at_current, split_work
 
-#: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy
-#: balances to 1e-9 relative over an interval at any rate, and to 1e-11 on a gait. Angles then turn
-#: well below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
+#: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy balances
+#: to 1e-8 relative over an interval of any machine, and to 1e-11 on a gait. Angles then turn well
+#: below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 #: Narrowest peak of the accelerations (rad) that steps still follow; balances get worse beyond.

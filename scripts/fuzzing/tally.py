@@ -43,7 +43,7 @@ class Tally:
         ends: episodes that ended early.
         residual: the largest of a ledger, as a share of the energies in it.
         reintegrated: intervals compared with the reference simulator.
-        borderline: those of them in which a start nearer than a nanometre or so decides.
+        borderline: those of them that go another way from a start next to theirs.
         difference: the largest in those that are not, see `scripts.fuzzing.reintegration`.
         twinned: steps of rows compared with the single environment.
         cases: in which something was wrong.

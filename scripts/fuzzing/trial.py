@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from typing import Any
 
@@ -18,6 +19,7 @@ from scripts.fuzzing.tally import Case, Tally
 from scripts.fuzzing.twin import Twin
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 LENGTH = 250  # intervals
 ROWS = (1, 2, 7, 16, 64, 64, 64, 64, 64, 600)
@@ -36,6 +38,41 @@ def warm_up() -> None:
     envs.step(np.zeros((1, 1), dtype=np.float32))
 
 
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One step of the vector environment.
+
+    Attributes:
+        number: of the trial's.
+        machines: of the rows.
+        before: hybrid states (N, STATE_SIZE).
+        actions: (N, 1).
+        seen: what `step` returned.
+        after: hybrid states, of rows begun anew those of their new episodes.
+        begun: rows that did nothing but begin anew.
+    """
+
+    number: int
+    machines: tuple[WheelParams, ...]
+    before: Floats
+    actions: NDArray[np.float32]
+    seen: Any
+    after: Floats
+    begun: Bools
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Of the step."""
+        info: dict[str, Any] = self.seen[4]
+        return info
+
+    @property
+    def ended(self) -> Bools:
+        """Rows whose episode ended."""
+        ended: Bools = self.seen[2] | self.seen[3]
+        return ended
+
+
 class Trial:
     """A vector environment of random machines under random voltages, checked at every step.
 
@@ -51,14 +88,14 @@ class Trial:
         self._rng = rng = np.random.default_rng(seed)
         n = int(rng.choice(ROWS))
         self._machines = self._draw_machines(n)
-        settings: dict[str, Any] = {}
+        settings: dict[str, Any] = {"max_episode_steps": int(rng.integers(5, 2 * LENGTH))}
         if rng.random() < 0.4:
             settings["disturbances"] = draws.disturbances(rng, self._machines[0])
-        if n <= 16 and rng.random() < 0.5:
+        self._ranged = n <= 16 and rng.random() < 0.5
+        if self._ranged:
             settings["ranges"] = draws.ranges(rng, self._machines[0])
             self._machines = [self._machines[0]] * n
-        self._plain = not settings
-        settings["max_episode_steps"] = int(rng.integers(5, 2 * LENGTH))
+        self._plain = not self._ranged and "disturbances" not in settings
         self._mode = AutoresetMode(rng.choice([mode.value for mode in AutoresetMode]))
         self._settings = settings
         self._tally = Tally(seeds=1)
@@ -84,7 +121,7 @@ class Trial:
             **self._settings,
         )
         try:
-            self._step_through(envs)
+            self._step_through(envs, self._begin(envs))
         except RuntimeError as error:
             if "no start found" not in str(error):
                 raise
@@ -92,141 +129,125 @@ class Trial:
             envs.close()
         return self._tally + Tally(cases=tuple(self._cases))
 
-    def _step_through(self, envs: RimlessWheelVectorEnv) -> None:
+    def _begin(self, envs: RimlessWheelVectorEnv) -> Twin:
+        """Begin all episodes, most of them in states of our own; one row gets a twin."""
         rng, n = self._rng, envs.num_envs
-        envs.reset(seed=self._seed)
-        starts = [
-            draws.start(rng, machine) if rng.random() < 0.7 else None for machine in envs.params
-        ]
-        if "ranges" in self._settings:  # which draw other machines in every episode
-            starts = [None] * n
+        first, _ = envs.reset(seed=self._seed)
+        starts: list[Any] = [None] * n
+        if not self._ranged:  # ranges draw other machines in every episode
+            starts = [draws.start(rng, m) if rng.random() < 0.7 else None for m in envs.params]
         given = np.array([start is not None for start in starts])
         if given.any():
             chosen = [start for start in starts if start is not None]
-            options = {name: [start[name] for start in chosen] for name in chosen[0]}
-            envs.reset(options={**options, "reset_mask": given})
-        twin: Twin | None = self._twin(int(rng.integers(n)), starts)
-        voltages = draws.Voltages(rng, list(envs.params))
-        rules, resting = Rules(envs.params), np.zeros(n, dtype=bool)
+            options = {name: [start[name] for start in chosen] for name in ("state", "mode")}
+            first, _ = envs.reset(options={**options, "reset_mask": given})
+        row = int(rng.integers(n))
+        settings = self._settings | {"params": self._machines[row]}
+        twin = Twin(self._mode, settings, row, self._seed, starts[row])
+        if not np.array_equal(twin.first, first[row]):
+            self._note("the first observation is another alone", 0, row, envs.params[row])
+        return twin
+
+    def _step_through(self, envs: RimlessWheelVectorEnv, first_twin: Twin) -> None:
+        rng, n = self._rng, envs.num_envs
+        twin: Twin | None = first_twin
+        machines, begun = envs.params, np.zeros(n, dtype=np.bool_)
+        voltages, rules = draws.Voltages(rng, list(machines)), Rules(machines)
         anew = set(rng.choice(LENGTH, ANEW, replace=False).tolist()) if self._plain else set()
-        for step in range(LENGTH):
+        for number in range(LENGTH):
             before = envs.states
             actions = voltages.next(before)
-            began = time.process_time()
+            clock = time.process_time()
             try:
                 seen = envs.step(actions)
             except RuntimeError as error:
                 if "left the model's range" not in str(error):
                     raise
                 # The rows have been stepped, but nothing of it can be seen.
-                self._tally += Tally(steps=int(n - resting.sum()), ends=1)
+                self._tally += Tally(steps=int(n - begun.sum()), ends=1)
                 envs.reset()
-                resting[:], twin, rules = False, None, Rules(envs.params)
+                machines, begun, twin = envs.params, np.zeros(n, dtype=np.bool_), None
+                rules = Rules(machines)
                 continue
-            seconds = time.process_time() - began
+            seconds = time.process_time() - clock
             if seconds > n * SLOWEST_ROW + SLOWEST_CALL:
-                self._note(f"a step took {seconds:.1f} s", step)
-            after = envs.states
-            ended = seen[2] | seen[3]
-            self._check(step, envs, rules, before, after, actions, seen, resting)
+                self._note(f"a step took {seconds:.1f} s", number)
+            step = Step(number, machines, before, actions, seen, envs.states, begun)
+            self._check(step, rules)
             if twin is not None:
-                self._compare(step, twin, actions, seen)
-            if step in anew:
-                self._integrate_anew(step, before, after, actions, seen, resting)
-            if self._mode is AutoresetMode.NEXT_STEP:
-                resting = ended
-            elif self._mode is AutoresetMode.DISABLED and ended.any():
-                observations, _ = envs.reset(options={"reset_mask": ended})
-                if twin is not None and ended[twin.row]:
+                self._compare(step, twin)
+            if number in anew:
+                self._integrate_anew(step)
+            if self._mode is AutoresetMode.DISABLED and step.ended.any():
+                observations, _ = envs.reset(options={"reset_mask": step.ended})
+                if twin is not None and step.ended[twin.row]:
                     self._tell(twin.begin(observations[twin.row]), step, twin.row)
-            if "ranges" in self._settings and (ended.any() or resting.any()):
-                rules = Rules(envs.params)
+            if self._ranged and (step.ended.any() or begun.any()):
+                machines = envs.params
+                rules = Rules(machines)
+            begun = step.ended if self._mode is AutoresetMode.NEXT_STEP else np.zeros_like(begun)
 
-    def _twin(self, row: int, starts: list[Any]) -> Twin:
-        settings = self._settings | {"params": self._machines[row]}
-        return Twin(self._mode, settings, row, self._seed, starts[row])
-
-    def _check(
-        self,
-        step: int,
-        envs: RimlessWheelVectorEnv,
-        rules: Rules,
-        before: Floats,
-        after: Floats,
-        actions: Any,
-        seen: Any,
-        resting: Any,
-    ) -> None:
-        """Look at the rules; rows that were begun anew in this step are not looked at."""
-        observations, rewards, terminated, truncated, info = seen
-        ended = terminated | truncated
-        of = self._settings
-        if "ranges" in of and self._mode is AutoresetMode.SAME_STEP:
-            resting = resting | ended  # they have another machine by now
-        stepped = ~resting
-        broken = rules.broken(before, after, stepped & ~ended, observations, rewards, info)
+    def _check(self, step: Step, rules: Rules) -> None:
+        """Look at the rules."""
+        stepped = ~step.begun
+        observations, rewards, terminated, _, info = step.seen
+        running = stepped & ~step.ended
+        broken = rules.broken(step.before, step.after, running, observations, rewards, info)
         for trouble, rows in broken:
-            rows = rows & stepped
-            if rows.any():
-                row = int(np.flatnonzero(rows)[0])
-                self._note(trouble, step, row, before[row], actions[row, 0])
-        residual = float(rules.residuals(before, info)[stepped].max(initial=0.0))
+            if (rows & stepped).any():
+                self._tell(trouble, step, int(np.flatnonzero(rows & stepped)[0]))
+        residuals = rules.residuals(step.before, info)[stepped]
         self._tally += Tally(
-            steps=int(stepped.sum()), ends=int(terminated.sum()), residual=residual
+            steps=int(stepped.sum()),
+            ends=int(terminated.sum()),
+            residual=float(residuals.max(initial=0.0)),
         )
 
-    def _compare(self, step: int, twin: Twin, actions: Any, seen: Any) -> None:
-        self._tell(twin.trouble(actions[twin.row], seen), step, twin.row)
+    def _compare(self, step: Step, twin: Twin) -> None:
+        self._tell(twin.trouble(step.actions[twin.row], step.seen), step, twin.row)
         self._tally += Tally(twinned=1)
 
-    def _integrate_anew(
-        self, step: int, before: Floats, after: Floats, actions: Any, seen: Any, resting: Any
-    ) -> None:
-        _, _, terminated, truncated, info = seen
-        rows = np.flatnonzero(~resting & (info["elapsed"] > 0.0))
-        if not len(rows):
+    def _integrate_anew(self, step: Step) -> None:
+        """One row's interval, but for one whose end is unknown as the row was begun anew."""
+        _, _, terminated, truncated, info = step.seen
+        rows = ~step.begun & (info["elapsed"] > 0.0)
+        if self._mode is AutoresetMode.SAME_STEP:
+            rows &= terminated | ~truncated
+        if not rows.any():
             return
-        i = int(self._rng.choice(rows))
-        params = self._machines[i]
-        unseen = terminated[i] or (truncated[i] and self._mode is AutoresetMode.SAME_STEP)
-        voltage = params.voltage_limit * float(np.clip(np.float64(actions[i, 0]), -1.0, 1.0))
-        if truncated[i] and unseen and not terminated[i]:
-            return
-        amounts = [float(info[name][i]) for name in ("elapsed", "electrical", "distance")]
-        apart, borderline = difference(
-            Interval(params, before[i], voltage, None if unseen else after[i], *amounts)
+        i = int(self._rng.choice(np.flatnonzero(rows)))
+        command = float(np.clip(np.float64(step.actions[i, 0]), -1.0, 1.0))
+        interval = Interval(
+            params=step.machines[i],
+            before=step.before[i],
+            voltage=step.machines[i].voltage_limit * command,
+            after=None if terminated[i] else step.after[i],
+            **{name: float(info[name][i]) for name in ("elapsed", "electrical", "distance")},
         )
+        apart, borderline = difference(interval)
         if np.isnan(apart):
             return
         if apart > DIFFERENCE and not borderline:
-            self._note(f"{apart:.3g} from the reference", step, i, before[i], actions[i, 0])
+            self._tell(f"{apart:.3g} from the reference", step, i)
         self._tally += Tally(
-            reintegrated=1,
-            borderline=int(borderline),
-            difference=0.0 if borderline else apart,
+            reintegrated=1, borderline=int(borderline), difference=0.0 if borderline else apart
         )
 
-    def _tell(self, trouble: str | None, step: int, row: int) -> None:
+    def _tell(self, trouble: str | None, step: Step, row: int) -> None:
+        """Note a trouble with a row, if there is one."""
         if trouble is not None:
-            self._note(trouble, step, row)
+            state, voltage = step.before[row].tolist(), float(step.actions[row, 0])
+            self._note(trouble, step.number, row, step.machines[row], state, voltage)
 
     def _note(
         self,
         trouble: str,
         step: int,
         row: int | None = None,
-        state: Any = None,
-        voltage: Any = None,
+        machine: WheelParams | None = None,
+        state: list[float] | None = None,
+        voltage: float | None = None,
     ) -> None:
         if len(self._cases) < MOST_CASES:
-            self._cases.append(
-                Case(
-                    self._seed,
-                    trouble,
-                    step,
-                    row,
-                    None if row is None else self._machines[row].to_dict(),
-                    None if state is None else [float(x) for x in state],
-                    None if voltage is None else float(voltage),
-                )
-            )
+            params = None if machine is None else machine.to_dict()
+            self._cases.append(Case(self._seed, trouble, step, row, params, state, voltage))

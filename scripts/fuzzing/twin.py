@@ -14,14 +14,17 @@ NUMBERS = [name for name in INFO_NAMES if name != "failure"]
 
 
 class Twin:
-    """The single environment that row i of `envs` is.
+    """The single environment that row i is.
 
     Args:
-        envs: a vector environment, not begun.
+        mode: of the vector environment's resets.
         settings: what it was made with, `num_envs` apart, and the machine `params` of this row.
         row: i.
         seed: of the vector environment.
         start: reset options of the row's first episode, after a first reset without; or None.
+
+    Attributes:
+        first: the first observation.
     """
 
     def __init__(

@@ -42,7 +42,7 @@ def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
     assert tally.steps > 50_000
     assert tally.reintegrated > 20
     assert tally.twinned > 500
-    assert 0.0 < tally.residual < 1e-9
+    assert 0.0 < tally.residual < 1e-8
     assert 0.0 < tally.difference < 1e-8
 
 
@@ -94,13 +94,16 @@ class Sunken(RimlessWheelVectorEnv):
 
 
 class Heavier(RimlessWheelVectorEnv):
-    """Its equations are those of machines in slightly stronger gravity."""
+    """Its equations are those of machines in slightly stronger gravity than it says."""
 
     def __init__(self, n: int, params: Any, **settings: Any) -> None:
-        several = params if isinstance(params, list) else [params] * n
-        super().__init__(
-            n, [p.replace(gravity=p.gravity * (1 + 1e-5)) for p in several], **settings
-        )
+        self.said = tuple(params if isinstance(params, list) else [params] * n)
+        real = [machine.replace(gravity=machine.gravity * (1 + 1e-5)) for machine in self.said]
+        super().__init__(n, real, **settings)
+
+    @property
+    def params(self) -> Any:
+        return self.said
 
 
 @pytest.mark.parametrize(

@@ -212,24 +212,41 @@ def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> flo
     return float(np.max(np.abs(residual) / (scale + params.weight * params.leg_length)))
 
 
-@pytest.mark.parametrize("pendulum_length", [0.085, 0.34, 1.2])
-@pytest.mark.parametrize("wheel_inertia", [1e-1, 1e-2, 1e-3])
-def test_energy_balances_however_light_the_wheel_that_carries_the_pendulum(
-    wheel_inertia: float, pendulum_length: float
+@pytest.mark.parametrize("wheel_inertia", [1.0, 0.1, 0.01])
+def test_energy_balances_however_light_the_wheel_that_carries_a_heavy_pendulum(
+    wheel_inertia: float,
 ) -> None:
-    params = THESIS_PHYSICAL.replace(
+    params = WheelParams(
         wheel_mass=0.0,
         wheel_inertia=wheel_inertia,
-        pendulum_length=pendulum_length,
-        pendulum_inertia=1e-3,
+        leg_length=1.5,
+        pendulum_mass=60.0,
+        pendulum_inertia=0.0,
+        pendulum_length=3.0,
+        motor_constant=0.0,
     )
     rng = np.random.default_rng(15)
-    assert imbalance(params, random_states(params, rng, 300), rng.uniform(-20, 20, 300)) < 1e-9
+    states = random_states(params, rng, 300)
+    states[:150, 1] = math.pi / 2 - states[:150, 0] + rng.uniform(-0.05, 0.05, 150)  # in line
+    assert imbalance(params, states, np.zeros(300)) < 1e-11
 
 
-@pytest.mark.parametrize("drag", [0.1, 3.0, 10.0])
-def test_energy_balances_where_the_air_brakes_a_wheel_that_is_thrown(drag: float) -> None:
-    params = THESIS_PHYSICAL.replace(wheel_mass=0.02, wheel_inertia=1e-4, pendulum_mass=0.01)
-    params = params.replace(drag=drag, leg_length=0.05, pendulum_length=1e-3, pendulum_inertia=0.1)
+@pytest.mark.parametrize("drag", [1.0, 3.0, 8.0])
+def test_energy_balances_where_the_air_brakes_a_wheel_that_its_motor_throws(drag: float) -> None:
+    params = WheelParams(
+        wheel_mass=0.0,
+        wheel_inertia=9e-5,
+        leg_length=0.06,
+        n_legs=3,
+        pendulum_mass=0.022,
+        pendulum_inertia=0.036,
+        pendulum_length=1.3,
+        motor_constant=0.2,
+        gear_ratio=39.0,
+        armature_resistance=78.0,
+        drag=drag,
+        motor_mount="frame",
+    )
     rng = np.random.default_rng(16)
-    assert imbalance(params, random_states(params, rng, 300), rng.uniform(-20, 20, 300)) < 1e-9
+    states = random_states(params, rng, 300)
+    assert imbalance(params, states, rng.uniform(-180, 180, 300)) < 1e-9
