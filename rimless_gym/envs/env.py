@@ -101,8 +101,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     it diverge) is a `RuntimeError`, after which the environment wants a `reset`.
 
     ## Arguments
-    - `params`: the machine, default `THESIS_PHYSICAL`.
-    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`.
+    - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
+      name such as `"PROTOTYPE"`, or a dictionary of some fields, the others being the default's.
+    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`, or a
+      dictionary of some of its fields.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
       `gymnasium.utils.play.play(env)` hands the wheel to the arrow keys.
     - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
@@ -110,7 +112,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `env.unwrapped.params` is what was drawn.
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
-      `actuator_delay`, in steps or a range of them.
+      `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
+
+    Whatever they are, `env.spec` holds them in plain JSON values:
+    `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the environment again.
 
     `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
     drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
@@ -156,7 +161,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._fleet = fleet_of(machines_of(as_params(params), 1), self.task, ranges, disturbances)
         self._block = np.zeros((BLOCK_SIZE, 1))
         self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
-        self._ended, self._lazy = True, True
+        self._ended = True
+        self._watched = render_mode == "human"
         self._window: Any = None
         self._bind()
 
@@ -200,7 +206,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
         fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
-        self._ended, self._lazy = False, serves_all()
+        self._ended = False
+        self._watched = self.render_mode == "human" or not serves_all()
         if self.render_mode == "human":
             self.render()
         return observation, begun(int(fleet.memory[MODE, 0]))
@@ -226,10 +233,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._advance():
             info["failure"] = self._end()
         info.source = entries, self._values.tobytes()
+        if self._watched:
+            info = self._show(info)
+        return self._observation.copy(), self._values[REWARD], self._ended, False, info
+
+    def _show(self, info: LazyInfo) -> Any:
+        """Show a step to whom it may concern; its info in a form that they understand."""
         if self.render_mode == "human":
             self.render()
-        given = info if self._lazy else info.copy()
-        return self._observation.copy(), self._values[REWARD], self._ended, False, given
+        return info if serves_all() else info.copy()
 
     def _end(self) -> int:
         """End the episode and return why, or raise if it is not for the model to end it."""

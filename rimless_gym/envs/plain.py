@@ -44,14 +44,14 @@ def made_of(kind: type[T], name: str, fields: Mapping[str, Any]) -> T:
 
 
 def _get(env: Any) -> EnvSpec | None:
-    return env.__dict__.get("_spec")
+    return getattr(env, "_spec", None)
 
 
 def _set(env: Any, spec: EnvSpec | None) -> None:
     if spec is not None:
         spec = copy.copy(spec)
         spec.kwargs = plain(spec.kwargs)
-    env.__dict__["_spec"] = spec
+    env._spec = spec  # by its name: to ask for __dict__ would slow every attribute down
 
 
 #: Of an environment: the `spec` that Gymnasium gives it, its arguments in plain JSON values.

@@ -92,7 +92,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
     ## Arguments
     - `num_envs`: N.
-    - `params`: the machine of all rows, or a list of one per row.
+    - `params`: the machine of all rows, or a list of one per row; each as in the single
+      environment.
     - `task`: as in the single environment.
     - `max_episode_steps`: default 2000 (20 s); None for no limit.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
@@ -100,6 +101,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, which is what Gymnasium's
       `RecordVideo` and `HumanRendering` for vectors take.
     - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
+
+    Whatever they are, `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes them again.
 
     `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
     of rows that end in it too (`mode` alone is that of the state observed, after a reset).
