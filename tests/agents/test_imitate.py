@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -100,3 +101,21 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
     assert result.speed == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"rounds": 1.5}, TypeError, "rounds = 1.5"),
+        ({"labels": -1}, ValueError, "labels = -1"),
+        ({"seconds": math.nan}, ValueError, "seconds = nan"),
+        ({"seconds": 0.01}, ValueError, "at least two periods"),
+        ({"learning_rate": 0.0}, ValueError, "learning_rate = 0.0"),
+        ({"log_std": math.inf}, ValueError, "log_std = inf"),
+        ({"held_out": math.nan}, ValueError, "held_out = nan"),
+        ({"huber": "x"}, TypeError, "huber = 'x'"),
+    ],
+)
+def test_clonings_of_other_numbers_are_refused(settings: dict, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        Cloning(**settings)
