@@ -27,13 +27,17 @@ def pair_in(where: str, bounds: Any) -> tuple[float, float]:
 
     Raises:
         TypeError: it is neither.
+        ValueError: an integer is too large for a floating-point number.
     """
     both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
     kinds = (int, float, np.integer, np.floating)
     good = [isinstance(bound, kinds) and not isinstance(bound, bool) for bound in both]
     if good != [True, True]:
         raise TypeError(f"{where} = {bounds!r}: must be a real number, or (lower, upper)")
-    return pair(bounds)
+    try:
+        return pair(bounds)
+    except OverflowError:  # an integer of hundreds of digits
+        raise ValueError(f"{where}: must be finite, or math.inf where there is no bound") from None
 
 
 def require_room(where: str, low: float, high: float) -> None:

@@ -43,8 +43,7 @@ class Mesh:
 
     def __post_init__(self) -> None:
         """Check that the edges are in order and that every element has a degree."""
-        if self.scheme not in SCHEMES:
-            raise ValueError(f"scheme = {self.scheme!r}: choose from {SCHEMES}")
+        _require_scheme(self.scheme)
         for name in ("fractions", "degrees"):
             rows = getattr(self, name)
             if not isinstance(rows, Sequence) or not all(isinstance(r, Sequence) for r in rows):
@@ -63,7 +62,7 @@ class Mesh:
                 raise ValueError(
                     f"degrees = {degrees}: give each of the {len(edges) - 1} elements one, >= 1"
                 )
-            for degree in set(degrees):
+            for degree in degrees:
                 integer("degrees", degree, 1, MOST_DEGREE)
         if self.control_degree is not None:
             integer("control_degree", self.control_degree, 1, MOST_DEGREE)
@@ -93,7 +92,7 @@ class Mesh:
         if isinstance(phases, Problem):
             count = len(phases.phases)
         else:
-            count = integer("phases, neither a Problem nor their number", phases, 1)
+            count = integer("phases, neither a Problem nor their number", phases, 1, MOST_ELEMENTS)
         several = isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str)
         each = list(elements) if several else [elements] * count  # type: ignore[arg-type]
         if len(each) != count:
@@ -103,8 +102,7 @@ class Mesh:
             raise ValueError(
                 f"elements = {elements}: must be at most {MOST_ELEMENTS} in all phases together"
             )
-        if scheme not in SCHEMES:
-            raise ValueError(f"scheme = {scheme!r}: choose from {SCHEMES}")
+        _require_scheme(scheme)
         degree = integer("degree", degree, 1, MOST_DEGREE)
         edges = tuple(tuple(float(s) for s in np.linspace(0.0, 1.0, n + 1)) for n in each)
         degree = FIXED_DEGREE.get(scheme, degree)
@@ -126,3 +124,8 @@ class Mesh:
     def elements(self) -> int:
         """How many there are in all phases together."""
         return sum(map(len, self.degrees))
+
+
+def _require_scheme(scheme: Any) -> None:
+    if not isinstance(scheme, str) or scheme not in SCHEMES:
+        raise ValueError(f"scheme = {scheme!r}: choose from {SCHEMES}")

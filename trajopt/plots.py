@@ -39,7 +39,7 @@ def plotted(extremal: Extremal, path: str | Path | None = None) -> Figure:
         extremal.certificate,
     )
     if path is not None:
-        figure.savefig(path)
+        figure.savefig(Path(path))
     return figure
 
 

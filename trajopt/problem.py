@@ -154,7 +154,7 @@ class Phase:
             require_bounds(f"{where}: {table}", getattr(self, table), known)
         for name in ("path", "integral", "at_start", "at_end"):
             _require_constraint(f"{where}: {name}", getattr(self, name))
-        if self.floor != -math.inf:
+        if not (isinstance(self.floor, float) and self.floor == -math.inf):
             real(f"{where}: floor", self.floor)
         along = self.state_bounds()
         for end in ("start", "end"):

@@ -8,10 +8,12 @@ not. (CasADi lets other threads run while it solves, so that the watch is never 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -33,6 +35,9 @@ def pool(
         workers: how many, at least 1; they begin when there is something to do.
         begin: called with `arguments` in each of them, before anything else.
         arguments: of `begin`; to be pickled.
+
+    Raises:
+        RuntimeError: a worker ended by itself.
     """
     context = get_context("spawn")
     watched, alive = context.Pipe(duplex=False)
@@ -45,10 +50,31 @@ def pool(
     try:
         yield submit
         executor.shutdown()
+    except BrokenProcessPool as error:
+        raise RuntimeError(
+            "a worker process ended before its work did: in a script, what uses workers must stand "
+            'below `if __name__ == "__main__":`; otherwise it was killed or ran out of memory, and '
+            "fewer workers help"
+        ) from error
     finally:
         alive.close()  # at an exception the workers end at once
         executor.shutdown(cancel_futures=True)
         watched.close()
+
+
+def require_picklable(name: str, value: Any) -> None:
+    """Refuse what cannot be sent to other processes.
+
+    Raises:
+        TypeError: `value` cannot.
+    """
+    try:
+        pickle.dumps(value)
+    except Exception as error:  # pickle raises almost anything
+        raise TypeError(
+            f"{name} = {value!r}: cannot be sent to other processes ({error}); define it at the "
+            "top of a module, or use one worker"
+        ) from None
 
 
 @contextmanager

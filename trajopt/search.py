@@ -37,7 +37,7 @@ from trajopt.nlp import Transcription
 from trajopt.optima import Optimum, Outcome, Same, Start, StartFamily, distinct
 from trajopt.options import require_options
 from trajopt.problem import Problem
-from trajopt.processes import pool
+from trajopt.processes import pool, require_picklable
 from trajopt.provenance import provenance
 from trajopt.solve import WARM_BARRIER, solve
 from trajopt.ties import least_first
@@ -116,6 +116,7 @@ class Search:
 
     def report(self, most: int = 10) -> str:
         """The `most` best optima and the reasons of failure, as text."""
+        most = integer("most", most, 0)
         done, optima = len(self.outcomes), self.optima
         lines = [f"Multi-start, {done} of {self.starts} starts (seed {self.seed})"]
         for optimum in optima[:most]:
@@ -265,6 +266,8 @@ def multi_start(
         outcomes = tuple(outcome for _, outcome in sorted(finished.items()))
         return dataclasses.replace(search, outcomes=outcomes)
 
+    if workers > 1:
+        require_picklable("family", family)
     run = _in_turn if workers == 1 or left < 2 else partial(_shared_out, min(workers, left))
     best = min((o.cost for o in finished.values() if not o.failure), default=math.inf)
     try:

@@ -40,13 +40,15 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
     nx, nu = len(phase.states), len(phase.controls)
     where, changes = f"phase {phase.name!r}", dict[str, Any]()
     for name in ("flow", "cost", "powers"):
-        if getattr(phase, name) is not None:
+        if name == "flow" or getattr(phase, name) is not None:
             changes[name] = trace(f"{where}: {name}", getattr(phase, name), *(nx, nu, parameters))
     if changes["flow"].size1_out(0) != nx:
         raise ValueError(
             f"{where}: flow gives {changes['flow'].size1_out(0)} rates for the "
             f"{nx} states {phase.states}"
         )
+    if "powers" in changes and not changes["powers"].size1_out(0):
+        raise ValueError(f"{where}: powers gives no numbers: leave it out")
     if "cost" in changes:
         require_scalar(f"{where}: cost", changes["cost"])
     for name, sizes in (
@@ -89,7 +91,7 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
     Raises:
         TypeError: it is no function.
         ValueError: it takes other sizes, fails, gives something else than real numbers and
-            expressions, or NaN whatever it is given.
+            expressions, or nothing finite whatever it is given.
     """
     if isinstance(function, ca.Function):
         given = tuple(function.size1_in(i) for i in range(function.n_in()))
@@ -110,10 +112,10 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
     except Exception as error:  # whatever a user's function raises
         raise ValueError(_failure(where, error, sizes)) from error
     tried = [made(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
-    if np.isnan(tried).all(axis=0).any():
+    if not np.isfinite(tried).any(axis=0).all():
         raise ValueError(
-            f"{where} is not a number, whatever its arguments: use CasADi's functions in it, such "
-            "as casadi.sin; those of math make NaN of symbols"
+            f"{where} is not a finite number, whatever its arguments: use CasADi's functions in "
+            "it, such as casadi.sin; those of math make NaN of symbols"
         )
     return made
 

@@ -124,5 +124,5 @@ def require_side(side: str) -> None:
     Raises:
         ValueError: it is neither "left" nor "right".
     """
-    if side not in ("left", "right"):
+    if not isinstance(side, str) or side not in ("left", "right"):
         raise ValueError(f"side = {side!r}: choose 'left' or 'right'")

@@ -198,3 +198,37 @@ def test_controllers_are_clipped_to_the_voltage_limit():
 def test_a_protocol_whose_window_is_longer_than_its_walks_is_refused():
     with pytest.raises(ValueError, match="window"):
         Protocol(duration=10.0, window=20.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"starts": math.nan}, TypeError, "starts = nan: must be an integer"),
+        ({"starts": 0}, ValueError, "starts = 0"),
+        ({"seed": -1}, ValueError, "seed = -1"),
+        ({"duration": math.inf}, ValueError, "duration = inf"),
+        ({"window": math.nan}, ValueError, "window = nan"),
+        ({"alive": "x"}, TypeError, "alive = 'x'"),
+        ({"alive": 1e-3}, ValueError, "alive = 0.001 s: must be at least 0.01 s"),
+    ],
+)
+def test_protocols_of_other_numbers_are_refused(settings, error, message):
+    with pytest.raises(error, match=message):
+        Protocol(**settings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"policy": 3}, TypeError, "policy = 3: must be a function"),
+        ({"params": None}, TypeError, "params = None"),
+        ({"protocol": 10}, TypeError, "protocol = 10"),
+        ({"task": "walk"}, TypeError, "task = 'walk'"),
+        ({"progress": "yes"}, TypeError, "progress = 'yes'"),
+        ({"starts": np.zeros(4)}, ValueError, "starts: of shape"),
+        ({"starts": np.full((2, 6), math.nan)}, ValueError, "starts: must all be finite"),
+    ],
+)
+def test_evaluations_of_other_things_are_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        evaluate(**({"policy": lambda states, observations: np.zeros(len(states))} | arguments))

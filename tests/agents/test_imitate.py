@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +134,21 @@ def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_model, swing,
         clone(new_model(), swing, THESIS_PHYSICAL, dataclasses.replace(QUICK, rounds=1), kept=kept)
     with pytest.raises(CloningError, match=r"of another cloning.*delete it"):
         clone(new_model(), swing, THESIS_PHYSICAL, QUICK, kept=kept)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"rounds": 1.5}, TypeError, "rounds = 1.5"),
+        ({"labels": -1}, ValueError, "labels = -1"),
+        ({"seconds": math.nan}, ValueError, "seconds = nan"),
+        ({"seconds": 0.01}, ValueError, "at least two periods"),
+        ({"learning_rate": 0.0}, ValueError, "learning_rate = 0.0"),
+        ({"log_std": math.inf}, ValueError, "log_std = inf"),
+        ({"held_out": math.nan}, ValueError, "held_out = nan"),
+        ({"huber": "x"}, TypeError, "huber = 'x'"),
+    ],
+)
+def test_clonings_of_other_numbers_are_refused(settings: dict, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        Cloning(**settings)

@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym import energy as row
+from rimless_gym.checks import positive, real_array, require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, SINGLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance, advance_batch, machine_arrays, scratch
 from rimless_gym.params import WheelParams
@@ -73,7 +74,13 @@ class LimitCycleLqr:
             effort: price of a volt squared against a squared deviation of one standard
                 deviation of the gait's own motion.
             near: distance, in such standard deviations, up to which the LQR is trusted alone.
+
+        Raises:
+            TypeError: an argument is of the wrong kind.
+            ValueError: a number is not finite and positive.
         """
+        require_kind("solution", solution, Solution)
+        effort, near = positive("effort", effort), positive("near", near)
         params, n = solution.params, max(8, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
         t: Array = period * np.arange(0.5, n)
@@ -97,9 +104,23 @@ class LimitCycleLqr:
 
         Returns:
             Volts within the limit, shape (N,) or ().
+
+        Raises:
+            TypeError: states or modes are no numbers.
+            ValueError: they are of another shape.
         """
-        batch = np.ascontiguousarray(np.atleast_2d(np.asarray(x, dtype=np.float64)))
-        modes = np.broadcast_to(np.asarray(mode, dtype=np.int64), len(batch))
+        batch = np.atleast_2d(real_array("x", x))
+        if batch.ndim != 2 or batch.shape[1] != 4:
+            raise ValueError(f"x: of shape {np.shape(x)}, not (4,) or (N, 4)")
+        modes = real_array("mode", mode)
+        if modes.shape not in ((), (1,), (len(batch),)):
+            raise ValueError(f"mode: of shape {modes.shape}, not () or ({len(batch)},)")
+        if not np.isin(modes, (SINGLE, DOUBLE)).all():
+            raise ValueError(
+                f"mode = {mode!r}: must be {SINGLE} or {DOUBLE}, single or double stance"
+            )
+        batch = np.ascontiguousarray(batch, dtype=np.float64)
+        modes = np.broadcast_to(modes.astype(np.int64), len(batch))
         volts = _law(
             *(batch, modes, self.states, self.voltages, self.gains, self.metric),
             *(self.near, self.candidates, self.hold, self.horizon),

@@ -167,6 +167,8 @@ class Solution:
     def _locate(self, t: ArrayLike, side: str) -> tuple[Array, Any, Array]:
         require_side(side)
         times = np.atleast_1d(real_array("t", t))
+        if times.ndim != 1:
+            raise ValueError(f"t: of shape {times.shape}; give one time, or a row of them")
         if not np.all(np.isfinite(times)):
             raise ValueError("t: every time must be finite")
         T, marks = self.duration, self.phase_times
@@ -286,7 +288,7 @@ class Solution:
         )
         figure = drawn(problem, self.phases, np.empty(0), str(self))
         if path is not None:
-            figure.savefig(path)
+            figure.savefig(Path(path))
         return figure
 
     def save(self, path: str | Path) -> None:

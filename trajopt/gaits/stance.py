@@ -12,10 +12,12 @@ import casadi as ca
 import numpy as np
 
 from rimless_gym import hybrid
+from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt.problem import Constraint, Linkage, Phase, Problem
+from trajopt.refinement import MAX_ELEMENTS
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)
@@ -31,6 +33,9 @@ MIN_TOUCHDOWN_RATE = 0.01
 
 #: Of a phase (s): a tenth of the quickest step of any machine that walks.
 SHORTEST_STEP = 0.02
+
+#: Of theta in a stride, either way; more than the fastest whirls make in a minute.
+MOST_TURNS = 600
 
 #: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
 GUARD_MARGIN = 1e-6
@@ -183,7 +188,16 @@ def gait_problem(
         steps: touchdowns per stride.
         theta_turns: whole turns that theta gains in a stride.
         regeneration: whether the battery takes energy back.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: a number is out of its range.
     """
+    require_kind("params", params, WheelParams)
+    positive("speed", speed)
+    integer("steps", steps, 1, MAX_ELEMENTS)
+    integer("theta_turns", theta_turns, -MOST_TURNS, MOST_TURNS)
+    flag("regeneration", regeneration)
     return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
 
 

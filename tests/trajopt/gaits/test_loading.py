@@ -120,6 +120,51 @@ def test_a_header_that_is_no_object_is_refused(path, text):
     refused(path, "not a file of format 'rimless-gym gait")
 
 
+ARRAYS = ["edges", "nodes", "states", "control_nodes", "controls"]
+CHANGES = {
+    "cut short": lambda a: a[:-1],
+    "empty": lambda a: a[:0],
+    "with one more": lambda a: np.concatenate([a, a[-1:]]),
+    "of another shape": lambda a: a.reshape(len(a), -1, 1, 1),
+    "a number": lambda a: a.ravel()[0],
+    "of less precision": lambda a: a.astype(np.float32),
+    "of integers": lambda a: a.astype(np.int64),
+    "complex": lambda a: a.astype(complex),
+    "text": lambda a: a.astype(str),
+    "not a number": lambda a: np.where(np.arange(a.size).reshape(a.shape) == 1, np.nan, a),
+    "missing": lambda a: None,
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_that_do_not_fit_are_refused_by_name_whoever_signed_them(path, name, change):
+    with np.load(path) as data:
+        changed = CHANGES[change](data[f"phase0_{name}"])
+    rewrite(path, signed=True, **{f"phase0_{name}": changed})
+    missing = (name, change) == ("edges", "missing")
+    refused(path, "no phases" if missing else r"phase0.*(shape|type|finite|missing|increase|end)")
+
+
+def test_a_stride_cut_short_as_a_whole_is_refused(path):
+    with np.load(path) as data:
+        cut = {f"phase0_{name}": data[f"phase0_{name}"][:-1] for name in ("edges", "states")}
+        cut["phase0_controls"] = data["phase0_controls"][:-1]
+    rewrite(path, signed=True, **cut)
+    refused(path, "its time is .* was verified")
+
+
+def test_states_that_jump_and_arrays_that_nobody_knows_are_refused(path):
+    content = path.read_bytes()
+    with np.load(path) as data:
+        swapped = data["phase0_states"][::-1]
+    rewrite(path, signed=True, phase0_states=swapped)
+    refused(path, "jump between elements")
+    path.write_bytes(content)
+    rewrite(path, signed=True, phase7_edges=np.linspace(0.0, 1.0, 3))
+    refused(path, "phase7_edges: no such arrays are known")
+
+
 def test_a_gait_without_phases_is_refused(path):
     with np.load(path) as data:
         none = {name: None for name in data.files if name.startswith("phase")}
@@ -205,6 +250,14 @@ def test_verification_from_scratch_sees_a_changed_machine():
         ({"starts": "many"}, TypeError, "starts = 'many'"),
         ({"guess": "x"}, TypeError, "guess = 'x'.*Solution"),
         ({"params": None}, TypeError, "params = None.*WheelParams"),
+        ({"speed": 1e6}, NoGaitError, r"speed = 1000000.0: must be at most 21.05 m/s.*60 rad/s"),
+        ({"speed": 23}, NoGaitError, "speed = 23: must be at most 21.05 m/s"),
+        ({"steps": 10**9}, NoGaitError, "steps = 1000000000: must be at most 25.*shorter stride"),
+        ({"seed": -1}, ValueError, "seed = -1"),
+        ({"workers": 0}, ValueError, "workers = 0"),
+        ({"workers": 1.5}, TypeError, "workers = 1.5"),
+        ({"regeneration": "yes"}, TypeError, "regeneration = 'yes': must be True or False"),
+        ({"progress": 1}, TypeError, "progress = 1: must be True or False"),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_named(arguments, error, message):
