@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.env import RimlessWheelEnv
     from rimless_gym.envs.task import Task
     from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
+    from rimless_gym.hybrid import Failure
     from rimless_gym.reference import simulate
     from rimless_gym.trajectory import Trajectory
 
@@ -25,6 +26,7 @@ __all__ = [
     "THESIS_NOMINAL",
     "THESIS_PHYSICAL",
     "Disturbances",
+    "Failure",
     "Pushes",
     "Ranges",
     "RimlessWheelEnv",
@@ -42,6 +44,7 @@ __all__ = [
 # their modules need, take longer to import than everything else.
 _MODULES = {
     "Disturbances": "envs.disturbances",
+    "Failure": "hybrid",
     "Pushes": "envs.disturbances",
     "Ranges": "envs.disturbances",
     "RimlessWheelEnv": "envs.env",

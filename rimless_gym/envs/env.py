@@ -123,7 +123,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     -1: none); the ground reaction at the end of the step and its extremes (N), two feet of which
     one lets go at once being no stance; the pendulum's `clearance` (m); `elapsed` time in this step
     (s); the stance `mode`, 0 on one foot and 1 on two; `failure`, 0 or what ended the episode, a
-    `rimless_gym.hybrid.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force or
+    `rimless_gym.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force or
     an impulse asked for more friction than `params.friction` offers (the model's foot holds all the
     same). Each entry is of one type in every step. `reset` gives the same ones, 0 but for the mode.
     In a step it is a dictionary that makes its entries when it is read.
