@@ -27,6 +27,7 @@ from rimless_gym.zeros import with_zeros
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
 SAMPLES = 8  # per step, on which guards are watched, and the tops between them
+RECORDED = 4  # per step, of which the largest forces and the like are taken
 GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
@@ -183,6 +184,8 @@ def _advance(
             motion.arcs.append(Arc(solver.t_old, end, motion.mode, motion.foot, dense))
             _add_work(motion, params, voltage, motion.arcs[-1])
             motion.y = np.array(solver.y if event is None else dense(end))
+            for time in np.linspace(solver.t_old, end, RECORDED + 1)[1:-1]:
+                _sample(motion, float(time), dense(time), voltage(time, dense(time)))
             _sample(motion, end, motion.y, voltage(end, motion.y))
         t = t1 if event is None else event[1]
         if event is not None:

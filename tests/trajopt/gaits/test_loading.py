@@ -207,9 +207,11 @@ def check_from_scratch(name):
     assert found.failures == gait.verification.failures == ()
     assert found.state_error < 1e-6
     sums, extremes = ("electrical_positive", "electrical"), ("min_normal_force", "clearance")
-    for figure in (*sums, *extremes):  # extremes are sampled
+    # Extremes are sampled. Those stored are of the ends of the simulator's steps alone, which moved
+    # when it ceased to crowd them round changes of sign: 3.8e-4 m of a clearance are theirs.
+    for figure in (*sums, *extremes):
         stored = getattr(gait.verification, figure)
-        close = pytest.approx(stored, rel=1e-5 if figure in sums else 1e-3, abs=1e-6)
+        close = pytest.approx(stored, rel=1e-5 if figure in sums else 2e-3, abs=1e-6)
         assert getattr(found, figure) == close, figure
 
 
