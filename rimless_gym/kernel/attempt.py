@@ -113,11 +113,13 @@ def too_fast(tile, lane):
 
 @inner
 def lift_off(tile, lane, pull):
-    """From two feet to one."""
+    """From two feet to one, or to none."""
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
     phi, shift = after_lift_off(y[1], y[3], u, p)
     after = (phi, y[1], 0.0, y[3])
-    restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, after, pull)
+    fy = restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, after, pull)
+    if -pull - fy > 0.0:
+        tile[of.FAILURE + lane] = CONTACT_LOST
 
 
 @inner

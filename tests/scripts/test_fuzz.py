@@ -35,13 +35,13 @@ def _compiled() -> None:
     trial.warm_up()
 
 
-@pytest.mark.parametrize("seeds", [range(8), range(100, 108)])
+@pytest.mark.parametrize("seeds", [range(5), range(100, 104)])
 def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
     tally = sum((Trial(seed).run() for seed in seeds), Tally())
     assert tally.cases == ()
-    assert tally.steps > 50_000
+    assert tally.steps > 20_000
     assert tally.reintegrated > 20
-    assert tally.twinned > 500
+    assert tally.twinned > 400
     assert 0.0 < tally.residual < 1e-8
     assert 0.0 < tally.difference < 1e-8
 
