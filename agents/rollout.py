@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.policies import Floats, Policy
 from rimless_gym import energy as row
+from rimless_gym.checks import real_array
 from rimless_gym.envs.task import draw_start, observe
 from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
@@ -54,6 +55,7 @@ def rollout(
     """Control intervals of a policy from `starts` (N, STATE_SIZE), each ending where it falls.
 
     Raises:
+        TypeError: the policy gives no real numbers.
         ValueError: the policy gives NaN or the wrong shape.
     """
     state = np.array(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
@@ -63,7 +65,8 @@ def rollout(
             return
         observations = observe(params, state)
         # Copies: a policy may well scale its inputs in place.
-        actions = np.clip(policy(state.copy(), observations.copy()), -1.0, 1.0)
+        actions = real_array("the policy's actions", policy(state.copy(), observations.copy()))
+        actions = np.clip(actions, -1.0, 1.0)
         if actions.shape != (len(running),) or np.isnan(actions).any():
             raise ValueError(
                 f"the policy gave shape {actions.shape} with {np.isnan(actions).sum()} NaN for "

@@ -149,8 +149,11 @@ def terminated_like_ctrl_c() -> Iterator[None]:
     def press(number: int, frame: FrameType | None) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    before = signal.signal(signal.SIGTERM, press)
+    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, press)}
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what ends with &
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -187,6 +187,8 @@ def test_a_policy_that_gives_nan_or_a_wrong_shape_is_refused():
     for bad in (lambda s, o: np.full(len(s), np.nan), lambda s, o: np.zeros((len(s), 1))):
         with pytest.raises(ValueError, match="one number in"):
             evaluate(bad, protocol=SMALL)
+    with pytest.raises(TypeError, match=r"policy's actions = None: must be real numbers"):
+        evaluate(lambda states, observations: None, protocol=SMALL)
 
 
 def test_controllers_are_clipped_to_the_voltage_limit():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from scripts import (
     thesis,
     train,
 )
+from scripts.commandline import terminated_like_ctrl_c
 
 #: What each of them would begin with; it must not be reached.
 WORK: dict[str, tuple[Any, str]] = {
@@ -179,6 +181,17 @@ def test_numbers_that_are_missing_or_damaged_are_refused(refused: Callable, tmp_
     for text in ("no JSON", "{}", "[]"):
         (tmp_path / "numbers.json").write_text(text)
         assert "damaged" in refused("figures", "--keep-numbers", "--out", tmp_path)
+
+
+@pytest.mark.parametrize("heeded", [signal.default_int_handler, signal.SIG_IGN])
+def test_sigterm_does_what_ctrl_c_does_even_in_the_background_of_a_shell(heeded: Any) -> None:
+    before = signal.signal(signal.SIGINT, heeded)
+    try:
+        with pytest.raises(KeyboardInterrupt), terminated_like_ctrl_c():
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert signal.getsignal(signal.SIGINT) == heeded
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("kind", ["--prototype", "--experiment=1"])
