@@ -17,7 +17,10 @@ import numpy as np
 from rimless_gym.jit import inlined
 
 _ROUND = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, which its low bits hold
-_REST = 6.123233995736766e-17  # pi/2 - math.pi / 2
+# pi / 2 in two parts, of which k times the first is exact up to k = 2^20: x - k pi / 2 must be as
+# right on processors that do not multiply and subtract in one operation.
+_HALF_PI = 1.5707963267341256
+_REST = 6.077100506506192e-11
 _S = (
     *(-0.166666666666666, 0.008333333333316487, -0.0001984126982593771, 2.7557312545727262e-06),
     *(-2.505060035578361e-08, 1.588859139818359e-10),
@@ -33,7 +36,7 @@ def _reduced(x):
     """(k as bits, sin r, cos r)."""
     rounded = x * (2 / math.pi) + _ROUND
     k = rounded - _ROUND
-    r = (x - k * (math.pi / 2)) - k * _REST
+    r = (x - k * _HALF_PI) - k * _REST
     z = r * r
     s = r + r * z * (_S[0] + z * (_S[1] + z * (_S[2] + z * (_S[3] + z * (_S[4] + z * _S[5])))))
     c = 1.0 - 0.5 * z + z * z * (_C[0] + z * (_C[1] + z * (_C[2] + z * (_C[3] + z * _C[4]))))
