@@ -116,6 +116,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    closed = True  # nothing to close until it is made
 
     def __init__(
         self,
@@ -150,6 +151,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)
+        self.closed = False
 
     spec = plain_spec
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import sys
 from typing import Any
 
 import gymnasium as gym
@@ -154,3 +156,12 @@ def test_rendering_gives_the_single_environments_frame_of_each_row() -> None:
     assert isinstance(second, tuple)
     assert len(second) == 3
     assert not np.array_equal(first[0], second[0])
+
+
+def test_refused_arguments_leave_nothing_to_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    ignored: list[Any] = []
+    monkeypatch.setattr(sys, "unraisablehook", ignored.append)
+    with pytest.raises(ValueError, match="num_envs = 0"):
+        RimlessWheelVectorEnv(0)
+    gc.collect()
+    assert not ignored
