@@ -116,7 +116,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    closed = True  # nothing to close until it is made
+    closed = True  # until it is made: Gymnasium 1.2 closes whatever it deletes
 
     def __init__(
         self,
