@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from agents.interrupts import requests
 from agents.logs import event_log
 from agents.policies import Controller
 from agents.resumption import load_state, restore, save_state
+from rimless_gym.checks import integer
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 
@@ -121,8 +121,8 @@ def train(
     torch.set_num_threads(1)
     out, task = Path(out), task or Task()
     settings = hyperparameters(algo, imitation=str(init) != "scratch")
-    seed = _integer("seed", seed, MAX_SEED)
-    total = settings.n_timesteps if timesteps is None else _integer("timesteps", timesteps)
+    seed = integer("seed", seed, 0, MAX_SEED)
+    total = settings.n_timesteps if timesteps is None else integer("timesteps", timesteps, 0)
     silent = int(settings.algorithm.get("learning_starts", 0))
     if 0 < total <= silent:
         raise ValueError(
@@ -220,17 +220,3 @@ def _learned(
         interrupted=interrupted,
         evaluations=tuple(keeper.history),
     )
-
-
-def _integer(name: str, value: Any, largest: float = math.inf) -> int:
-    """The value as a plain int from 0 to `largest`, which JSON can hold."""
-    try:
-        number = index(value)
-    except TypeError:
-        number = None
-    if number is None or isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: must be an integer")
-    if not 0 <= number <= largest:
-        upper = f" and at most {largest}" if math.isfinite(largest) else ""
-        raise ValueError(f"{name} = {value}: must be at least 0{upper}")
-    return number

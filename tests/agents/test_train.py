@@ -303,7 +303,11 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"seed": -1}, ValueError, "seed = -1: must be at least 0 and at most 4294967295"),
+        (
+            {"seed": -1},
+            ValueError,
+            "seed = -1: must be an integer of at least 0 and at most 4294967295",
+        ),
         ({"seed": np.int64(-3)}, ValueError, "seed = -3"),
         ({"seed": 2**32}, ValueError, "seed = 4294967296"),
         ({"seed": 1.0}, TypeError, r"seed = 1\.0: must be an integer"),
