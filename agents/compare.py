@@ -24,7 +24,7 @@ from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
-from agents.folder import BEST, CLONE, LAST, sole_user
+from agents.folder import BEST, CLONE, LAST, make_folder, sole_user
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
@@ -32,9 +32,11 @@ from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.files import jsonable, write_text
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.shipped import leads_for
 from trajopt.provenance import provenance
+from trajopt.ties import tied
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
@@ -64,8 +66,7 @@ class Comparison:
         self.params = study.params
         wanted = json.loads(json.dumps(dataclasses.asdict(study)))
         written = out / "study.json"
-        if out.exists() and not out.is_dir():
-            raise ValueError(f"{out} is a file: choose a folder as --out")
+        make_folder(out)
         if written.exists():
             has = _read_json(written).get("study", {})
             differing = {
@@ -75,7 +76,6 @@ class Comparison:
                 raise ValueError(
                     f"{out} holds another study: {differing}; choose another --out, or remove it"
                 )
-        out.mkdir(parents=True, exist_ok=True)
         _write_json(written, {"study": wanted} | provenance())
 
     def run(self) -> dict[str, Any]:
@@ -224,7 +224,8 @@ class Comparison:
                 "why; choose a speed between those that were found"
             )
         lowest = min(s.cot for s in at_speed)
-        return min((s for s in at_speed if s.cot < 1.0001 * lowest), key=lambda s: s.steps)
+        as_good = [s for s in at_speed if tied(s.cot, lowest, 1e-4)]
+        return min(as_good, key=lambda s: s.steps)
 
     @cached_property
     def expert(self) -> Guarded:
@@ -245,7 +246,7 @@ class Comparison:
         results = {"study": dataclasses.asdict(self.study), "table": rows, "stages": done}
         results |= provenance()
         _write_json(self.out / "results.json", results)
-        (self.out / "table.md").write_text(format_table(rows) + "\n")
+        write_text(self.out / "table.md", format_table(rows) + "\n")
         self._draw(rows)
         return results
 
@@ -311,14 +312,4 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _write_json(path: Path, values: Any) -> None:
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(values, indent=1, default=_plain) + "\n")
-    os.replace(part, path)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{value!r} is not a JSON value")
+    write_text(path, json.dumps(jsonable(values), indent=1) + "\n")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from trajopt.files import write_text
 from trajopt.provenance import provenance
 
 #: What a training leaves in its folder, besides TensorBoard's events.
@@ -19,6 +19,18 @@ NOTES, CLONE, BEST, LAST, STATE = (
     *("train.json", "clone.zip", "best.zip", "last.zip"),
     "state.npz",
 )
+
+
+def make_folder(out: Path) -> None:
+    """Make a folder if there is none.
+
+    Raises:
+        ValueError: it is a file.
+        OSError: it cannot be made.
+    """
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is a file: choose a folder as --out")
+    out.mkdir(parents=True, exist_ok=True)
 
 
 @contextmanager
@@ -31,9 +43,7 @@ def sole_user(out: Path) -> Iterator[None]:
         ValueError: it is a file, or another process works in it.
         OSError: it cannot be written.
     """
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"{out} is a file: choose a folder as --out")
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     try:
         with FileLock(out / ".lock", timeout=0):
             yield
@@ -64,9 +74,7 @@ def claim(out: Path, identity: dict[str, Any]) -> None:
             f"{out} holds {' and '.join(held)} but no {NOTES}: move them away, or choose another "
             "--out"
         )
-    part = notes.with_name(NOTES + ".part")
-    part.write_text(json.dumps(identity | provenance(), indent=1) + "\n")
-    os.replace(part, notes)
+    write_text(notes, json.dumps(identity | provenance(), indent=1) + "\n")
 
 
 def origin(init: str | Path) -> str:
