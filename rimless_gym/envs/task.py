@@ -11,7 +11,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
-from rimless_gym.checks import real
+from rimless_gym.checks import not_negative
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
@@ -57,9 +57,7 @@ class Task:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            object.__setattr__(self, name, real(name, value))
-            if value < 0:
-                raise ValueError(f"{name} = {value}: must be at least 0")
+            object.__setattr__(self, name, not_negative(name, value))
 
     def reward_terms(
         self, params: WheelParams, distance: Any, energy: Any, failed: Any
