@@ -1,8 +1,8 @@
 """The headline: learned against optimal cost of transport, on one model, at equal speed.
 
 A study runs in stages, each of which leaves its result in the study's folder. However it was
-stopped, the same study goes on: finished stages are kept, and so are the gaits and the states of
-the training in the unfinished one. The table is the same as without a stop.
+stopped, the same study goes on: finished stages are kept, and so are the gaits and training states
+of the unfinished one. The table is the same as without a stop.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from trajopt.ties import tied
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
 
-#: What is written into each stage's file, last.
+#: What each stage's file holds besides its result.
 _STAMP = frozenset({"wall_time_s", "git_revision"})
 
 #: Where the trainings leave the policies that are shown.
@@ -79,10 +79,10 @@ class Comparison:
         _write_json(written, {"study": wanted} | provenance())
 
     def run(self) -> dict[str, Any]:
-        """Run what is not done yet; the results, which also stand in results.json.
+        """Run what is not done yet; return the results, which are also written to results.json.
 
         Raises:
-            ValueError: another process runs it, or what it left is damaged.
+            ValueError: another process is running it, or one of its files is damaged.
         """
         with sole_user(self.out):
             return self._run()
@@ -105,7 +105,7 @@ class Comparison:
         return self._report(done)
 
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The result of a stage, from its file if it has been run and what it made is there."""
+        """The result of a stage, from its file if it was run before and its files still exist."""
         file, made_by = self.out / f"{name}.json", provenance()
         result = _read_json(file) if file.exists() else None
         unstamped = _STAMP - (_STAMP if result is None else result.keys())

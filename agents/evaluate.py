@@ -193,7 +193,7 @@ def evaluate(
 
 
 def _checked_starts(starts: Any) -> Floats:
-    """States to start from."""
+    """`starts` as an array of states (N, STATE_SIZE)."""
     states = real_array("starts", starts)
     if states.ndim != 2 or not len(states) or states.shape[1] != STATE_SIZE:
         raise ValueError(f"starts: of shape {states.shape}, not (1 or more, {STATE_SIZE})")

@@ -42,8 +42,8 @@ class TrainResult:
     Attributes:
         best: the policy that did best in the periodic evaluations.
         last: the policy as it is now.
-        clone: the clone that it began from, if it did.
-        timesteps: environment steps that are kept; the same call goes on from there.
+        clone: the clone that it began from, if any.
+        timesteps: environment steps in the saved state, from which the same call goes on.
         interrupted: whether it was stopped before its end.
         evaluations: (timesteps, evaluation) pairs of this call, by the short protocol.
     """
@@ -58,13 +58,13 @@ class TrainResult:
 
 @dataclasses.dataclass
 class Standing:
-    """How far a training has come, besides what its model knows.
+    """How far a training has come, apart from the state of its model.
 
     Attributes:
         best: the best score so far.
         due: time steps at which the next evaluation is due; None: at the start.
-        over: time steps that had been asked for when it came to its end; None: it has not.
-        logged: figures that wait to be logged.
+        over: time steps that were asked for when it last came to its end; None if it never has.
+        logged: figures that are recorded but not yet written to the log.
     """
 
     best: float = -math.inf
@@ -92,16 +92,16 @@ def train(
 
     The same seed gives the same policy. The state of the training is written every half minute and
     after each evaluation. However it was stopped, the same call goes on from the last state and
-    ends with the same policy as without a stop. Ctrl-C and SIGTERM stop it after the roll-out
-    under way. torch runs on one thread, for sums depend on how they are split, and these networks
-    are too small for more to pay.
+    ends with the same policy as without a stop. Ctrl-C and SIGTERM stop it after the current
+    roll-out. torch runs on one thread: sums depend on how they are split among threads, and these
+    networks are too small to gain from more.
 
     Args:
         algo: "ppo" or "sac".
         init: "scratch", "imitation" (clone `expert` first), or a policy's file to start from.
         seed: of everything random, from 0 to 2**32 - 1.
-        out: folder; new, or of this very training.
-        timesteps: environment steps in all; default: hyperparams/*.yml. A training that is over
+        out: folder; new, or that of the same training.
+        timesteps: environment steps in all; default: hyperparams/*.yml. A finished training
             goes on if more are asked for.
         params: the machine.
         task: the reward, default `Task()`.
