@@ -42,7 +42,7 @@ from trajopt.ties import tied
 FRONT_STEPS = (1, 2, 3)
 
 #: What each stage's file holds besides its result.
-_STAMP = frozenset({"wall_time_s", "git_revision"})
+_STAMP = ("wall_time_s", "git_revision")
 
 #: Where the trainings leave the policies that are shown.
 CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
@@ -107,14 +107,8 @@ class Comparison:
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The result of a stage, from its file if it was run before and its files still exist."""
         file, made_by = self.out / f"{name}.json", provenance()
-        result = _read_json(file) if file.exists() else None
-        unstamped = _STAMP - (_STAMP if result is None else result.keys())
-        if unstamped:
-            raise ValueError(f"{file}: damaged: no {unstamped} in it; remove it")
-        missing = [f for f in (result or {}).get("files", ()) if not (self.out / f).exists()]
-        if result is None or missing:
-            if missing:
-                self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
+        result = self._finished(file)
+        if result is None:
             began = time.perf_counter()
             result = work() | {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
             _write_json(file, result)
@@ -126,6 +120,20 @@ class Comparison:
                 f"warning: {file} was made by revision {result['git_revision']}, this is "
                 f"{made_by['git_revision']}; remove {self.out} to make it anew"
             )
+        return result
+
+    def _finished(self, file: Path) -> dict[str, Any] | None:
+        """A stage's result from its file; None if it was not run or one of its files is missing."""
+        if not file.exists():
+            return None
+        result = _read_json(file)
+        for name in _STAMP:
+            if name not in result:
+                raise ValueError(f"{file}: damaged: no {name} in it; remove it")
+        missing = [name for name in result.get("files", ()) if not (self.out / name).exists()]
+        if missing:
+            self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
+            return None
         return result
 
     def _tell(self, text: str) -> None:
