@@ -122,7 +122,7 @@ def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
     start = np.empty(STATE_SIZE - 1)
     start[:4], start[MODE] = validated_start(params, x, mode, "state")
     limit = params.voltage_limit
-    force = max(normal_force(params, start, voltage) for voltage in (-limit, limit))
+    force = normal_force(params, start, limit)
     if force <= 0:
         raise ValueError(
             f"state = {x!r}: no voltage from {-limit:g} to {limit:g} V presses the foot on the "

@@ -184,12 +184,12 @@ def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
     )
 
 
-def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
-    """Fy (N) on the foot, or on both feet together, of a hybrid state (STATE_SIZE,)."""
-    return _force(params.constants_array, state, voltage)
+def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float = 0.0) -> float:
+    """The largest Fy (N) that a voltage from -limit to limit gives in a state (STATE_SIZE,)."""
+    return _force(params.constants_array, state, limit)
 
 
 @kept()
-def _force(constants, x, voltage):
+def _force(constants, x, limit):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    return foot_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
+    return greatest_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], limit, p)
