@@ -32,7 +32,7 @@ EXPERT_SPEED, EXPERT_STEPS = 0.5, 1
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """What is trained: these make the policy what it is.
+    """Everything that determines the trained policy.
 
     Attributes:
         algo: "ppo" or "sac".
@@ -52,7 +52,7 @@ class Training:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """It as plain JSON values.
+        """The training as plain JSON values, by which a folder is known to hold it.
 
         Raises:
             CheckpointError: the policy to start from cannot be read.
@@ -78,7 +78,7 @@ class Training:
         )
 
     def model(self, env: ScaledReward, policy_kwargs: dict[str, Any] | None = None) -> Any:
-        """A new model; its networks are those of the hyperparameters or of `architecture`."""
+        """A new model with the networks of the hyperparameters, or of `policy_kwargs` if given."""
         arguments = {"env": env, "seed": self.seed, **self.settings.algorithm}
         if policy_kwargs is None:
             return ALGORITHMS[self.algo](device="cpu", **arguments)

@@ -1,4 +1,4 @@
-"""What happens besides learning: logs, evaluations that keep the best, frozen parts, progress."""
+"""Callbacks during learning: logs, evaluations, saved states, frozen parts, a progress bar."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _ENERGIES = ("copper", "friction", "drag", "collision", "shaft", "idle", "electr
 _REWARDS = ("reward_distance", "reward_energy", "reward_end")
 _SUMMED = (*_ENERGIES, *_REWARDS, "electrical_positive", "distance", "steps", "elapsed")
 
-#: Seconds between two states of a training on the disk: as much is lost where it is killed.
+#: Seconds between two saved states of a training: as much is lost if it is killed.
 SAVE_INTERVAL = 30.0
 
-#: Control intervals over which what is logged is summed, at least.
+#: Fewest control intervals over which logged figures are summed.
 LOG_INTERVALS = 2000
 
 
@@ -81,7 +81,7 @@ class LogWalking(BaseCallback):
 
 
 class KeepBest(BaseCallback):
-    """Evaluates the deterministic policy now and then, and hands over the best so far.
+    """Evaluates the deterministic policy at intervals and passes each new best one to `keep`.
 
     Args:
         params: the machine.
@@ -91,7 +91,7 @@ class KeepBest(BaseCallback):
         protocol: of the evaluations.
 
     Attributes:
-        keep: called with an evaluation that beats all before it, and its score.
+        keep: called with each evaluation that beats all earlier ones, and its score.
         best: the best score so far.
         due: time steps at which the next evaluation is due; None: at the start.
         history: (time steps, evaluation) of each.
@@ -138,15 +138,15 @@ class KeepBest(BaseCallback):
 
 
 class SaveState(BaseCallback):
-    """Saves the training between roll-outs: now and then, after each evaluation, and to stop.
+    """Saves the training between roll-outs: at intervals, after each evaluation, before stopping.
 
     Args:
         write: writes its state.
         stop: the request to stop, which ends the training by KeyboardInterrupt once it is saved.
-        keeper: evaluates before this callback is called.
+        keeper: the callback that evaluates; it must come before this one.
 
     Attributes:
-        kept: time steps of the training that was saved last.
+        kept: time steps in the state that was saved last.
     """
 
     def __init__(self, write: Callable[[], None], stop: StopRequest, keeper: KeepBest) -> None:

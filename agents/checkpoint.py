@@ -1,8 +1,8 @@
-"""Policies in files: weights and a record of what they were trained for, nothing else.
+"""Policy files: weights and a record of what they were trained for, nothing else.
 
-A file is an archive of plain arrays with a JSON record, closed with a digest (`trajopt.files`).
-Nothing in it is executed when it is read: the loader builds the stable-baselines3 model itself and
-puts the weights in. Files of plain stable-baselines3 are pickles, which can run any code.
+A file is an archive of plain arrays with a JSON record and a digest (`trajopt.files`). Reading it
+executes nothing: the loader builds the stable-baselines3 model itself and puts the weights in.
+Files written by plain stable-baselines3 are pickles, which can run any code.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _REMEDY = "copy it again, or train it again with scripts/train.py"
 
 
 class CheckpointError(ValueError):
-    """A policy's file is missing, not ours, damaged, or made for something else."""
+    """A policy file is missing, damaged, in another format, or for another machine or layout."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Checkpoint:
         params: the machine that it was trained on.
         task: the reward that it was trained for.
         seed: of the training.
-        record: everything that was written beside the weights.
+        record: everything that was saved with the weights.
     """
 
     model: Any
@@ -78,7 +78,7 @@ class Checkpoint:
 def save_policy(
     path: str | Path, model: Any, params: WheelParams, task: Task, seed: int, **notes: Any
 ) -> Path:
-    """Write a model's weights with their record, whole or not at all.
+    """Write a model's weights with their record; the file is complete or left as it was.
 
     Args:
         path: of the file, .zip.
@@ -153,13 +153,13 @@ def _is_plain(value: Any) -> bool:
 
 
 def built(algo: str, policy_kwargs: dict[str, Any], env: Any, **arguments: Any) -> Any:
-    """A new model with the networks that `architecture` told.
+    """A new model with the networks that `architecture` described.
 
     Args:
         algo: "ppo" or "sac".
-        policy_kwargs: of `architecture`.
+        policy_kwargs: from `architecture`.
         env: to learn in.
-        arguments: further ones of the algorithm.
+        arguments: any others for the algorithm.
     """
     kwargs = dict(policy_kwargs)
     if "activation_fn" in kwargs:
@@ -172,7 +172,7 @@ def find_policy(path: str | Path) -> Path:
     """The file at `path`, or the one that comes with the package under that name.
 
     Raises:
-        CheckpointError: there is neither.
+        CheckpointError: neither exists.
     """
     found = Path(path)
     if found.is_file():
@@ -188,7 +188,7 @@ def find_policy(path: str | Path) -> Path:
 
 
 def read_record(path: str | Path) -> dict[str, Any]:
-    """The record of a policy's file; see `load_policy` for what is raised."""
+    """The record of a policy file; raises what `load_policy` raises."""
     return _read(find_policy(path))[0]
 
 
@@ -199,14 +199,14 @@ def load_policy(
 
     Args:
         path: of the file; or the name of a policy that comes with the package (`PRETRAINED`).
-        params: the machine to walk on; default: whatever the policy was trained on.
-        trust_pickle: read a file of plain stable-baselines3, too. Such a file is a pickle: reading
-            it runs whatever code its author put into it, with your rights. It does not say what
-            machine it is for: `params` does, the default machine if it is None.
+        params: the machine to walk on; default: the one the policy was trained on.
+        trust_pickle: also read files of plain stable-baselines3. Such a file is a pickle: reading
+            it runs any code that its author put into it, with your rights. It does not record its
+            machine, which is taken to be `params`, or the default machine if that is None.
 
     Raises:
-        CheckpointError: there is no such file, or it is damaged or none of ours; or observations
-            or `params` differ from the record's.
+        CheckpointError: there is no such file, it is damaged or in another format, or its
+            observations or machine differ from those wanted.
     """
     path = find_policy(path)
     if trust_pickle and _is_foreign(path):
@@ -241,8 +241,8 @@ def load_policy(
         model.num_timesteps = int(record["timesteps"])
     except Exception as error:  # torch and stable-baselines3 raise almost anything
         raise CheckpointError(
-            f"{path}: its record says {algo}, but its weights make no {algo} policy ({error!r}): "
-            f"edited or damaged; {_REMEDY}"
+            f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
+            f"({error!r}), so it was edited or damaged; {_REMEDY}"
         ) from error
     model.policy.set_training_mode(False)
     return Checkpoint(model, algo, trained_on, task, seed, record)
@@ -259,7 +259,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     record, weights = read_arrays(path, FORMAT, CheckpointError, _REMEDY)
     wrong = [name for name, w in weights.items() if w.dtype.kind != "f" or not np.isfinite(w).all()]
     if wrong:
-        raise CheckpointError(f"{path}: {wrong} are no finite numbers: edited; {_REMEDY}")
+        raise CheckpointError(
+            f"{path}: edited: the numbers in {wrong} are not all finite; {_REMEDY}"
+        )
     return record, weights
 
 
@@ -272,13 +274,13 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
-    """The model in a file of plain stable-baselines3, of whichever algorithm it is."""
+    """The model in a file of plain stable-baselines3, PPO or SAC."""
     env = training_env(1, params, Task(), seed=0)
     causes = []
     for algo, kind in ALGORITHMS.items():
         try:
             model = kind.load(path, env=env, device="cpu")
-        except Exception as error:  # whatever unpickling raises
+        except Exception as error:  # unpickling can raise anything
             causes.append(f"{algo}: {error!r}")
         else:
             return Checkpoint(model, algo, params, Task(), 0, {"algo": algo})

@@ -1,8 +1,8 @@
 """The headline: learned against optimal cost of transport, on one model, at equal speed.
 
 A study runs in stages, each of which leaves its result in the study's folder. However it was
-stopped, the same study goes on: finished stages are kept, and so are the gaits and the states of
-the training in the unfinished one. The table is the same as without a stop.
+stopped, the same study goes on: finished stages are kept, and so are the gaits and training states
+of the unfinished one. The table is the same as without a stop.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
-from agents.folder import BEST, CLONE, LAST, sole_user
+from agents.folder import BEST, CLONE, LAST, make_folder, sole_user
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
@@ -32,15 +32,17 @@ from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.files import jsonable, write_text
 from trajopt.gaits.fronts import CotFront, cot_front, front_file
 from trajopt.gaits.shipped import leads_for
 from trajopt.provenance import provenance
+from trajopt.ties import tied
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
 
-#: What is written into each stage's file, last.
-_STAMP = frozenset({"wall_time_s", "git_revision"})
+#: What each stage's file holds besides its result.
+_STAMP = ("wall_time_s", "git_revision")
 
 #: Where the trainings leave the policies that are shown.
 CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
@@ -64,8 +66,7 @@ class Comparison:
         self.params = study.params
         wanted = json.loads(json.dumps(dataclasses.asdict(study)))
         written = out / "study.json"
-        if out.exists() and not out.is_dir():
-            raise ValueError(f"{out} is a file: choose a folder as --out")
+        make_folder(out)
         if written.exists():
             has = _read_json(written).get("study", {})
             differing = {
@@ -75,14 +76,13 @@ class Comparison:
                 raise ValueError(
                     f"{out} holds another study: {differing}; choose another --out, or remove it"
                 )
-        out.mkdir(parents=True, exist_ok=True)
         _write_json(written, {"study": wanted} | provenance())
 
     def run(self) -> dict[str, Any]:
-        """Run what is not done yet; the results, which also stand in results.json.
+        """Run what is not done yet; return the results, which are also written to results.json.
 
         Raises:
-            ValueError: another process runs it, or what it left is damaged.
+            ValueError: another process is running it, or one of its files is damaged.
         """
         with sole_user(self.out):
             return self._run()
@@ -105,16 +105,10 @@ class Comparison:
         return self._report(done)
 
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The result of a stage, from its file if it has been run and what it made is there."""
+        """The result of a stage, from its file if it was run before and its files still exist."""
         file, made_by = self.out / f"{name}.json", provenance()
-        result = _read_json(file) if file.exists() else None
-        unstamped = _STAMP - (_STAMP if result is None else result.keys())
-        if unstamped:
-            raise ValueError(f"{file}: damaged: no {unstamped} in it; remove it")
-        missing = [f for f in (result or {}).get("files", ()) if not (self.out / f).exists()]
-        if result is None or missing:
-            if missing:
-                self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
+        result = self._finished(file)
+        if result is None:
             began = time.perf_counter()
             result = work() | {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
             _write_json(file, result)
@@ -126,6 +120,20 @@ class Comparison:
                 f"warning: {file} was made by revision {result['git_revision']}, this is "
                 f"{made_by['git_revision']}; remove {self.out} to make it anew"
             )
+        return result
+
+    def _finished(self, file: Path) -> dict[str, Any] | None:
+        """A stage's result from its file; None if it was not run or one of its files is missing."""
+        if not file.exists():
+            return None
+        result = _read_json(file)
+        for name in _STAMP:
+            if name not in result:
+                raise ValueError(f"{file}: damaged: no {name} in it; remove it")
+        missing = [name for name in result.get("files", ()) if not (self.out / name).exists()]
+        if missing:
+            self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
+            return None
         return result
 
     def _tell(self, text: str) -> None:
@@ -224,7 +232,8 @@ class Comparison:
                 "why; choose a speed between those that were found"
             )
         lowest = min(s.cot for s in at_speed)
-        return min((s for s in at_speed if s.cot < 1.0001 * lowest), key=lambda s: s.steps)
+        as_good = [s for s in at_speed if tied(s.cot, lowest, 1e-4)]
+        return min(as_good, key=lambda s: s.steps)
 
     @cached_property
     def expert(self) -> Guarded:
@@ -245,7 +254,7 @@ class Comparison:
         results = {"study": dataclasses.asdict(self.study), "table": rows, "stages": done}
         results |= provenance()
         _write_json(self.out / "results.json", results)
-        (self.out / "table.md").write_text(format_table(rows) + "\n")
+        write_text(self.out / "table.md", format_table(rows) + "\n")
         self._draw(rows)
         return results
 
@@ -311,14 +320,4 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _write_json(path: Path, values: Any) -> None:
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(values, indent=1, default=_plain) + "\n")
-    os.replace(part, path)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{value!r} is not a JSON value")
+    write_text(path, json.dumps(jsonable(values), indent=1) + "\n")

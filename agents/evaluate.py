@@ -25,6 +25,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from trajopt.files import jsonable
 
 _LARGEST = [row.FRICTION_DEMAND, row.IMPULSE_FRICTION_DEMAND]
 _LEAST = [row.MIN_NORMAL_FORCE, row.CLEARANCE]
@@ -125,7 +126,7 @@ class Evaluation:
         }
         values["protocol"] = dataclasses.asdict(self.protocol)
         values["ledger"] = self.ledger.to_dict()
-        return {name: _plain(value) for name, value in values.items()}
+        return dict(jsonable(values))
 
 
 def evaluate(
@@ -192,7 +193,7 @@ def evaluate(
 
 
 def _checked_starts(starts: Any) -> Floats:
-    """States to start from."""
+    """`starts` as an array of states (N, STATE_SIZE)."""
     states = real_array("starts", starts)
     if states.ndim != 2 or not len(states) or states.shape[1] != STATE_SIZE:
         raise ValueError(f"starts: of shape {states.shape}, not (1 or more, {STATE_SIZE})")
@@ -248,14 +249,3 @@ def _summary(
         ),
         periods=periods,
     )
-
-
-def _plain(value: Any) -> Any:
-    """Numpy values as Python's, what is not finite as None."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

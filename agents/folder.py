@@ -1,10 +1,9 @@
-"""The folder of a training: what it holds, and whether that is the training that is wanted."""
+"""The folder of a training: its files, who may write to it, and which training it belongs to."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,28 +11,37 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from trajopt.files import write_text
 from trajopt.provenance import provenance
 
 #: What a training leaves in its folder, besides TensorBoard's events.
-NOTES, CLONE, BEST, LAST, STATE = (
-    *("train.json", "clone.zip", "best.zip", "last.zip"),
-    "state.npz",
-)
+NOTES, STATE = "train.json", "state.npz"
+CLONE, BEST, LAST = "clone.zip", "best.zip", "last.zip"
 
 
-@contextmanager
-def sole_user(out: Path) -> Iterator[None]:
-    """Make a folder if there is none, and keep other processes from working in it meanwhile.
-
-    The operating system lets it go when this process ends, however it ends.
+def make_folder(out: Path) -> None:
+    """Make a folder if there is none.
 
     Raises:
-        ValueError: it is a file, or another process works in it.
-        OSError: it cannot be written.
+        ValueError: it is a file.
+        OSError: it cannot be made.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is a file: choose a folder as --out")
     out.mkdir(parents=True, exist_ok=True)
+
+
+@contextmanager
+def sole_user(out: Path) -> Iterator[None]:
+    """Make a folder if there is none, and lock it against other processes.
+
+    The operating system releases the lock when this process ends, even if it is killed.
+
+    Raises:
+        ValueError: it is a file, or another process is using it.
+        OSError: it cannot be written.
+    """
+    make_folder(out)
     try:
         with FileLock(out / ".lock", timeout=0):
             yield
@@ -44,11 +52,11 @@ def sole_user(out: Path) -> Iterator[None]:
 
 
 def claim(out: Path, identity: dict[str, Any]) -> None:
-    """Make `out` the folder of a training, or find that it is already.
+    """Make `out` the folder of a training, or check that it already is.
 
     Args:
-        out: the folder, of which this process is the sole user.
-        identity: plain values that say which training it is; they are written to train.json.
+        out: the folder; this process must be its sole user.
+        identity: plain values that identify the training; they are written to train.json.
 
     Raises:
         ValueError: it holds another training, or policies of unknown origin.
@@ -64,13 +72,11 @@ def claim(out: Path, identity: dict[str, Any]) -> None:
             f"{out} holds {' and '.join(held)} but no {NOTES}: move them away, or choose another "
             "--out"
         )
-    part = notes.with_name(NOTES + ".part")
-    part.write_text(json.dumps(identity | provenance(), indent=1) + "\n")
-    os.replace(part, notes)
+    write_text(notes, json.dumps(identity | provenance(), indent=1) + "\n")
 
 
 def origin(init: str | Path) -> str:
-    """What a training begins from, for its identity: of a file the name and the content's digest.
+    """A file to start from, as part of a training's identity: its name and a digest of its content.
 
     Raises:
         OSError: the file cannot be read.
@@ -86,7 +92,7 @@ def _require_same(notes: Path, identity: dict[str, Any]) -> None:
             raise TypeError(f"{type(has).__name__} instead of an object")
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise ValueError(
-            f"{notes}: damaged ({error!r}), so that its training cannot go on; start another from "
+            f"{notes}: damaged ({error!r}), so its training cannot go on; start a new one from "
             f"{notes.with_name(BEST)} (--init), with another --out"
         ) from error
     for name, wanted in json.loads(json.dumps(identity)).items():

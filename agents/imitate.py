@@ -33,7 +33,7 @@ Labelled: TypeAlias = tuple[torch.Tensor, torch.Tensor]
 
 
 class CloningError(ValueError):
-    """The file of a cloning's rounds is damaged, or of another cloning."""
+    """The file with the rounds done so far is damaged, or belongs to another cloning."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +120,7 @@ def clone(
     """Train the actor of a stable-baselines3 PPO or SAC `model` to act as `expert` does.
 
     The model is changed in place; its critic is left alone. The same seed gives the same policy,
-    also where the cloning was stopped and goes on from the rounds in `kept`.
+    even if the cloning was stopped and goes on from the rounds in `kept`.
 
     Args:
         model: whose observations and actions are those of RimlessWheel-v0.
@@ -128,11 +128,11 @@ def clone(
         params: the machine.
         config: default `Cloning()`.
         seed: of starts and batches.
-        kept: file in which each round is kept once it is done; removed in the end.
+        kept: file to which each finished round is saved; removed at the end.
         progress: whether to show a progress bar.
 
     Raises:
-        CloningError: `kept` is damaged, or of another cloning.
+        CloningError: `kept` is damaged, or belongs to another cloning.
     """
     config = config or Cloning()
     rng = np.random.default_rng((seed, 1))
@@ -229,7 +229,7 @@ def _keep(
     walks: list[Walks],
     errors: list[float],
 ) -> None:
-    """Write what the next round needs."""
+    """Write everything that the next round needs."""
     state = {
         "learning": {name: part.state_dict() for name, part in learning.items()},
         "generator": rng.bit_generator.state,
@@ -244,12 +244,12 @@ def _keep(
 def _restore(
     path: Path, config: Cloning, seed: int, learning: dict[str, Any], rng: np.random.Generator
 ) -> tuple[list[Walks], list[float]]:
-    """The walks and errors of the rounds in a file; the rest is put where it was."""
+    """The walks and errors of the rounds in a file; `learning` and `rng` are put into its state."""
     remedy = "delete it to begin the cloning anew"
     header, arrays = read_arrays(path, FORMAT, CloningError, remedy)
     try:
         if header["of"] != {"config": dataclasses.asdict(config), "seed": seed}:
-            raise ValueError(f"it is of another cloning: {header['of']}")
+            raise ValueError(f"it belongs to another cloning: {header['of']}")
         state = from_arrays(header["tree"], arrays)
         for name, part in learning.items():
             part.load_state_dict(state["learning"][name])

@@ -1,4 +1,4 @@
-"""Ctrl-C, and the SIGTERM of batch systems and containers: work stops where nothing is lost."""
+"""Ctrl-C, and SIGTERM from batch systems and containers, stop work where nothing is lost."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from types import FrameType
 #: What Ctrl-C sends, and what batch systems, containers and `kill` send.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-#: The request that is no longer waited with.
+#: How many requests it takes to stop at once.
 AT_ONCE = 3
 
 
@@ -24,8 +24,8 @@ class StopRequest:
     held off.
 
     Args:
-        place: where the work will stop, to tell whoever asks: "at the end of this roll-out".
-        loss: what the third request costs, to tell as well.
+        place: where the work will stop, for the message: "at the end of this roll-out".
+        loss: what a third request costs, for the message.
     """
 
     def __init__(self, place: str, loss: str) -> None:
@@ -39,10 +39,10 @@ class StopRequest:
         return self._count > 0
 
     def make(self, number: int = signal.SIGINT, frame: FrameType | None = None) -> None:
-        """Ask; may serve as a signal's handler.
+        """Ask to stop; can be used as a signal handler.
 
         Raises:
-            KeyboardInterrupt: for the third time.
+            KeyboardInterrupt: this is the third request or a later one.
         """
         self._count += 1
         if self._count < AT_ONCE:
@@ -53,7 +53,7 @@ class StopRequest:
 
     @contextmanager
     def held_off(self) -> Iterator[None]:
-        """Nothing interrupts what is within, such as the writing of a file."""
+        """Delay interrupts until the block is done, for example while a file is written."""
         self._held_off = True
         try:
             yield
@@ -65,9 +65,9 @@ class StopRequest:
 
 @contextmanager
 def requests(place: str, loss: str) -> Iterator[StopRequest]:
-    """Ctrl-C and SIGTERM within are requests to stop; see `StopRequest`.
+    """Within the block, Ctrl-C and SIGTERM are requests to stop; see `StopRequest`.
 
-    In another thread than the main one signals stay what they are.
+    Outside the main thread signals are left as they are.
     """
     request = StopRequest(place, loss)
     if threading.current_thread() is not threading.main_thread():
@@ -82,5 +82,5 @@ def requests(place: str, loss: str) -> Iterator[StopRequest]:
 
 
 def _say(text: str) -> None:
-    # Not through Python's buffers: the signal may have come while they were being written.
+    # Not through Python's buffers, which the signal may have interrupted.
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"\n{text}\n".encode())

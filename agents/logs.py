@@ -1,4 +1,4 @@
-"""TensorBoard's events of a training that may have been broken off."""
+"""TensorBoard events of a training that may have been interrupted."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from torch.utils.tensorboard import SummaryWriter
 
 
 class _Continued(TensorBoardOutputFormat):
-    """Takes the place of whatever was logged after `step`, which is trained anew."""
+    """Replaces what was logged after `step`, because those steps are trained again."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        # Not the base class's, which opens a file from which nothing is purged.
+        # The base class's __init__ would open a file without purging anything.
         self.writer = SummaryWriter(log_dir=str(folder), purge_step=step + 1 if step else None)
         self._is_closed = False
 
 
 def event_log(folder: Path, step: int) -> Logger:
-    """A logger for stable-baselines3 that goes on after `step` time steps in a folder.
+    """A logger for stable-baselines3 that continues a folder's events after `step` time steps.
 
     Raises:
         OSError: the folder cannot be written.

@@ -1,8 +1,8 @@
-"""All that a training's future depends on, in a file: killed at any time, it goes on from there.
+"""The full state of a training in a file, from which it goes on after being killed at any time.
 
-A training resumed from its state does what it would have done without a break, to the last bit.
-The state is of the moment between two roll-outs: policy, optimisers, counters, replay buffer,
-environments and every random generator.
+A resumed training does exactly what it would have done without a break, to the last bit. The state
+is that between two roll-outs: policy, optimisers, counters, replay buffer, environments and every
+random generator.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class StateError(ValueError):
 
 
 def save_state(path: Path, model: Any, notes: dict[str, Any]) -> None:
-    """Write the state of a learning `model`, whole or not at all.
+    """Write the state of a learning `model`; the file is complete or left as it was.
 
     Args:
         path: of the file.
@@ -66,10 +66,10 @@ def load_state(path: Path) -> dict[str, Any]:
 
 
 def restore(model: Any, state: dict[str, Any]) -> None:
-    """Put a new model, made with the same settings, into a state of `load_state`.
+    """Put a new model, made with the same settings, into a state from `load_state`.
 
     Raises:
-        StateError: the state is of another kind of model, or of another number of environments.
+        StateError: the state is from another kind of model or another number of environments.
     """
     try:
         model.set_parameters(state["parameters"], exact_match=True)

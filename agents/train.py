@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from agents.interrupts import requests
 from agents.logs import event_log
 from agents.policies import Controller
 from agents.resumption import load_state, restore, save_state
+from rimless_gym.checks import integer
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 
@@ -42,8 +42,8 @@ class TrainResult:
     Attributes:
         best: the policy that did best in the periodic evaluations.
         last: the policy as it is now.
-        clone: the clone that it began from, if it did.
-        timesteps: environment steps that are kept; the same call goes on from there.
+        clone: the clone that it began from, if any.
+        timesteps: environment steps in the saved state, from which the same call goes on.
         interrupted: whether it was stopped before its end.
         evaluations: (timesteps, evaluation) pairs of this call, by the short protocol.
     """
@@ -58,13 +58,13 @@ class TrainResult:
 
 @dataclasses.dataclass
 class Standing:
-    """How far a training has come, besides what its model knows.
+    """How far a training has come, apart from the state of its model.
 
     Attributes:
         best: the best score so far.
         due: time steps at which the next evaluation is due; None: at the start.
-        over: time steps that had been asked for when it came to its end; None: it has not.
-        logged: figures that wait to be logged.
+        over: time steps that were asked for when it last came to its end; None if it never has.
+        logged: figures that are recorded but not yet written to the log.
     """
 
     best: float = -math.inf
@@ -92,16 +92,16 @@ def train(
 
     The same seed gives the same policy. The state of the training is written every half minute and
     after each evaluation. However it was stopped, the same call goes on from the last state and
-    ends with the same policy as without a stop. Ctrl-C and SIGTERM stop it after the roll-out
-    under way. torch runs on one thread, for sums depend on how they are split, and these networks
-    are too small for more to pay.
+    ends with the same policy as without a stop. Ctrl-C and SIGTERM stop it after the current
+    roll-out. torch runs on one thread: sums depend on how they are split among threads, and these
+    networks are too small to gain from more.
 
     Args:
         algo: "ppo" or "sac".
         init: "scratch", "imitation" (clone `expert` first), or a policy's file to start from.
         seed: of everything random, from 0 to 2**32 - 1.
-        out: folder; new, or of this very training.
-        timesteps: environment steps in all; default: hyperparams/*.yml. A training that is over
+        out: folder; new, or that of the same training.
+        timesteps: environment steps in all; default: hyperparams/*.yml. A finished training
             goes on if more are asked for.
         params: the machine.
         task: the reward, default `Task()`.
@@ -121,8 +121,8 @@ def train(
     torch.set_num_threads(1)
     out, task = Path(out), task or Task()
     settings = hyperparameters(algo, imitation=str(init) != "scratch")
-    seed = _integer("seed", seed, MAX_SEED)
-    total = settings.n_timesteps if timesteps is None else _integer("timesteps", timesteps)
+    seed = integer("seed", seed, 0, MAX_SEED)
+    total = settings.n_timesteps if timesteps is None else integer("timesteps", timesteps, 0)
     silent = int(settings.algorithm.get("learning_starts", 0))
     if 0 < total <= silent:
         raise ValueError(
@@ -220,17 +220,3 @@ def _learned(
         interrupted=interrupted,
         evaluations=tuple(keeper.history),
     )
-
-
-def _integer(name: str, value: Any, largest: float = math.inf) -> int:
-    """The value as a plain int from 0 to `largest`, which JSON can hold."""
-    try:
-        number = index(value)
-    except TypeError:
-        number = None
-    if number is None or isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: must be an integer")
-    if not 0 <= number <= largest:
-        upper = f" and at most {largest}" if math.isfinite(largest) else ""
-        raise ValueError(f"{name} = {value}: must be at least 0{upper}")
-    return number

@@ -55,7 +55,7 @@ def training_env(
 
 
 def environments_state(env: ScaledReward) -> dict[str, Any]:
-    """Arrays and plain values that say where the environments of `training_env` are."""
+    """The state of the environments of `training_env`, as arrays and plain values."""
     monitor, native = _layers(env)
     snapshot = native.get_state()
     return {
@@ -68,12 +68,12 @@ def environments_state(env: ScaledReward) -> dict[str, Any]:
 
 
 def set_environments_state(env: ScaledReward, state: dict[str, Any]) -> None:
-    """Put environments made alike into a state of `environments_state`.
+    """Put environments made with the same arguments into a state from `environments_state`.
 
     Raises:
         KeyError: a part of it is missing.
         TypeError: a part of it is of the wrong kind.
-        ValueError: it is of another number of environments.
+        ValueError: it is from another number of environments.
     """
     monitor, native = _layers(env)
     snapshot = native.get_state()
@@ -88,6 +88,6 @@ def set_environments_state(env: ScaledReward, state: dict[str, Any]) -> None:
 
 
 def _layers(env: Any) -> tuple[Any, Any]:
-    """What monitors the environments, and the native vector environment below it."""
+    """The monitor around the environments, and the native vector environment inside it."""
     monitor = env.venv
     return monitor, monitor.venv.env

@@ -1,4 +1,4 @@
-"""Nested values as JSON and arrays: what a file can hold that nobody has to unpickle."""
+"""Nested values as JSON and arrays, which a file can hold without pickling."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def to_arrays(tree: Any) -> tuple[Any, Arrays]:
-    """A tree of values as JSON that refers to arrays by name, and these arrays.
+    """A tree of values as JSON that refers to arrays by name, together with these arrays.
 
     Args:
         tree: of dictionaries, lists, tuples and deques; its leaves are numbers, text, None, NumPy
             arrays and torch tensors.
 
     Raises:
-        TypeError: it holds something else.
+        TypeError: it holds a value of another type.
     """
     arrays: Arrays = {}
     return _flattened(tree, "tree", arrays), arrays
 
 
 def from_arrays(plain: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """The tree of `to_arrays`, with lists for tuples and deques, and the arrays as they are.
+    """The tree that `to_arrays` took apart, with lists for tuples and deques.
 
     Raises:
         KeyError: an array is missing.
-        ValueError: it is no such tree.
+        ValueError: `plain` was not made by `to_arrays`.
     """
     if isinstance(plain, dict):
         if len(plain) != 1:
@@ -63,9 +63,11 @@ def _flattened(tree: Any, name: str, arrays: Arrays) -> Any:
         case torch.Tensor():
             arrays[name] = tree.detach().cpu().numpy()
             return {"tensor": name}
-        case Mapping():  # as pairs, for keys may be numbers
+        case Mapping():  # as pairs, because keys may be numbers
             items = [[key, _flattened(item, f"{name}.{key}", arrays)] for key, item in tree.items()]
             return {"dict": items}
         case list() | tuple() | deque():
             return [_flattened(item, f"{name}.{i}", arrays) for i, item in enumerate(tree)]
-    raise TypeError(f"{name} is a {type(tree).__name__}, which no file holds: plain values only")
+    raise TypeError(
+        f"{name} is a {type(tree).__name__}: only plain values can be written to a file"
+    )

@@ -1,4 +1,4 @@
-"""Numbers that callers give, in whatever type: refused in words where they are none."""
+"""Checks of what callers pass in; each error names the argument, its value and what it must be."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: The largest size of a number, and the smallest of one that something is divided by: whatever is
-#: computed of several of them is finite, and no machine comes near.
+#: The largest magnitude of a number, and the smallest of a divisor. Results computed from several
+#: such numbers stay finite, and no real machine comes near either limit.
 LARGEST, SMALLEST = 1e30, 1e-30
 
 
@@ -18,7 +18,7 @@ def real(name: str, value: Any) -> float:
     """The number `value`.
 
     Raises:
-        TypeError: it is no real number.
+        TypeError: it is not a real number.
         ValueError: it is not finite, or larger than `LARGEST`.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -36,7 +36,7 @@ def positive(name: str, value: Any) -> float:
     """The real number `value`, greater than 0.
 
     Raises:
-        TypeError: it is no real number.
+        TypeError: it is not a real number.
         ValueError: it is not finite, not greater than 0, or larger than `LARGEST`.
     """
     number = real(name, value)
@@ -45,11 +45,24 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
+def not_negative(name: str, value: Any) -> float:
+    """The real number `value`, at least 0.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is not finite, less than 0, or larger than `LARGEST`.
+    """
+    number = real(name, value)
+    if number < 0.0:
+        raise ValueError(f"{name} = {number}: must be at least 0")
+    return number
+
+
 def flag(name: str, value: Any) -> bool:
     """The truth value `value`, Python's or NumPy's.
 
     Raises:
-        TypeError: it is something else, be it true in Python's eyes.
+        TypeError: it is anything else, even if Python counts it as true or false.
     """
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} = {value!r}: must be True or False")
@@ -57,10 +70,10 @@ def flag(name: str, value: Any) -> bool:
 
 
 def require_kind(name: str, value: Any, kind: type) -> None:
-    """Refuse what is no `kind`.
+    """Refuse a value that is not a `kind`.
 
     Raises:
-        TypeError: `value` is something else.
+        TypeError: `value` is of another type.
     """
     if not isinstance(value, kind):
         module = kind.__module__.split(".")[0]
@@ -68,20 +81,20 @@ def require_kind(name: str, value: Any, kind: type) -> None:
 
 
 def require_callable(name: str, value: Any) -> None:
-    """Refuse what cannot be called.
+    """Refuse a value that cannot be called.
 
     Raises:
-        TypeError: `value` is no function.
+        TypeError: `value` is not callable.
     """
     if not callable(value):
         raise TypeError(f"{name} = {value!r}: must be a function")
 
 
 def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """The integer `value`: Python's, NumPy's or an array of shape () of one.
+    """The integer `value`: Python's, NumPy's or an array of shape ().
 
     Raises:
-        TypeError: it is no integer.
+        TypeError: it is not an integer.
         ValueError: it is less than `least`, or more than `most`.
     """
     wanted = f"must be an integer of at least {least}"
@@ -99,11 +112,11 @@ def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def real_array(name: str, values: Any) -> NDArray[Any]:
-    """Real numbers as an array of theirs, no copy if they are one.
+    """Real numbers as an array; an array is returned as it is, not copied.
 
     Raises:
-        TypeError: they are something else.
-        ValueError: they are not in rows of one length.
+        TypeError: they are not real numbers.
+        ValueError: the rows differ in length.
     """
     try:
         array = np.asarray(values)

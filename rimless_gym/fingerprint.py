@@ -1,7 +1,7 @@
-"""A digest of the package's sources, by which what is made of them is kept on disk.
+"""A digest of the package's sources, which names the compiled code that is kept on disk.
 
-A compiled function contains others, of any file: when any source changes, no stale machine code is
-loaded.
+A compiled function may contain functions of any file, so a change in any source must keep stale
+machine code from being loaded.
 """
 
 from __future__ import annotations

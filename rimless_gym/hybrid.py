@@ -29,11 +29,11 @@ class Failure(enum.IntEnum):
     """What can end an advance of the hybrid state before its time.
 
     Attributes:
-        NONE: nothing has.
+        NONE: nothing; it took its full time.
         CONTACT_LOST: the ground would have to pull the feet.
         RATE_EXCEEDED: the leg or the pendulum turns faster than `MAX_RATE`.
         TOO_MANY_EVENTS: more than `MAX_EVENTS` within a control interval.
-        BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW: which has none.
+        BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW: that impact law does not cover backward touchdowns.
         DIVERGED: the motion is beyond what an integration step can be trusted with.
     """
 
@@ -58,8 +58,9 @@ CONTROL_PERIOD = 0.01
 #: Touchdowns and lift-offs allowed within one control interval before it is called an error.
 MAX_EVENTS = 200
 
-#: Mean time (s) between the touchdowns of a wheel rocking over two feet, below which the law that
-#: takes nothing from it, "relabel", lets it come to rest: twice what `MAX_EVENTS` allows.
+#: Shortest mean time (s) between the touchdowns of a wheel rocking on two feet under the impact law
+#: "relabel", which takes no energy from it. A wheel that rocks faster is brought to rest. It is
+#: twice the time that `MAX_EVENTS` allows.
 SHORTEST_ROCKING = 2 * CONTROL_PERIOD / MAX_EVENTS
 
 #: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
@@ -113,9 +114,10 @@ def both_feet_press(theta, dtheta, u, p):
 
 @inner
 def rocks_too_fast(theta, dphi, dtheta, u, p):
-    """Whether a wheel that left two feet at phi' would be back, in the mean, within no time.
+    """Whether a wheel leaving two feet at phi' would return sooner than `SHORTEST_ROCKING`.
 
-    From either foot it returns after 2 phi' / |phi''|, phi'' as at rest; both feet must press.
+    The time is the mean over both feet of 2 phi' / |phi''|, with phi'' as at rest. Both feet must
+    press.
     """
     leading, trailing = lift_off_guards(theta, dtheta, u, p)
     return abs(dphi) * (trailing - leading) < SHORTEST_ROCKING * trailing * -leading

@@ -1,8 +1,9 @@
 """How functions are compiled.
 
-Those that compiled code alone calls stay plain Python functions, which Python may call; numba
-compiles them where compiled code calls them, once for each types of arguments, without the wrappers
-for calls from Python, which take a third of the time of compiling. What Python calls is `kept`.
+Functions that only compiled code calls stay plain Python functions, so Python may call them too.
+numba compiles them where compiled code calls them, once per combination of argument types, without
+the wrappers for calls from Python, which take a third of the compile time. Functions that Python
+calls are `kept`.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ def _called_from_compiled_code(**options: Any) -> Callable[[F], F]:
 #: Compiled as it stands.
 inner = _called_from_compiled_code()
 
-#: May fuse products and sums, as loops over the lanes of a tile do.
+#: May fuse products and sums: for loops over the lanes of a tile.
 vectorised = _called_from_compiled_code(fastmath={"contract"})
 
 #: The same, always part of its caller: a loop with a call in it would not vectorise.
 inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
 
-#: What is announced, by what takes longest of it or comes first: one process compiles that.
+#: What is announced, once, by the function that takes longest or is compiled first.
 ENVIRONMENT = "the simulator (about 15 s)"
 REFERENCE = "the reference simulator (about 1 s)"
 
@@ -47,7 +48,7 @@ def kept(part: str | None = None, *, nogil: bool = False) -> Callable[[F], Any]:
     """Compiled when it is first called, for callers in Python, and kept on disk.
 
     Args:
-        part: of the package, to be announced when this is compiled; None: nothing is said.
+        part: of the package, announced when this is compiled; None to announce nothing.
         nogil: whether other threads run meanwhile.
     """
 

@@ -1,8 +1,8 @@
 """Compiled functions whose machine code is kept on disk: each is compiled once, by one process.
 
-numba's own cache writes its index before the code that the index points to, so that a process
-killed in between, or reading meanwhile, takes stale code for new. Here the code of a function, for
-one machine and these sources, is one file: complete, or not there.
+numba's own cache writes its index before the code that the index points to. A process that is
+killed in between, or reads meanwhile, can load stale code. Here the code of a function, for one
+machine and these sources, is a single file, which is either complete or absent.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 class Kept(CPUDispatcher):
-    """A function that numba compiles, and keeps.
+    """A function that numba compiles and keeps on disk.
 
     Attributes:
-        part: what is said to be compiled, and how long that takes; None: nothing is said.
+        part: what to announce before compiling, and how long it takes; None to announce nothing.
     """
 
     part: str | None = None
@@ -43,7 +43,7 @@ class Kept(CPUDispatcher):
     def compile(self, signature: Any) -> Any:
         """Load the machine code for these types of arguments, or compile it.
 
-        One process at a time compiles, and the others then load what it has kept.
+        One process at a time compiles; the others then load what it has written.
         """
         with global_compiler_lock, _TURN:
             if type(self._cache) is NullCache:
@@ -54,12 +54,12 @@ class Kept(CPUDispatcher):
 def _cache_of(function: Any, part: str | None) -> MachineCode | Nowhere:
     try:
         return MachineCode(function, part)
-    except RuntimeError:  # none of the folders that numba looks at can be written
+    except RuntimeError:  # numba can write to none of its folders
         return Nowhere()
 
 
 class MachineCode(FunctionCache):
-    """The machine code of one function, one file for each types of arguments."""
+    """The machine code of one function, in one file for each combination of argument types."""
 
     def __init__(self, function: Any, part: str | None) -> None:
         super().__init__(function)
@@ -70,7 +70,7 @@ class MachineCode(FunctionCache):
         code = _read(path)
         if code is None:
             _TURN.take(path.with_name("rimless_gym.lock"))
-            code = _read(path)  # which the process before us may have written
+            code = _read(path)  # the process before us may have written it
         if code is None:
             _announce(self._part)
             return None
@@ -87,12 +87,12 @@ class MachineCode(FunctionCache):
             return
         machine, _ = path.name.rsplit("-", 1)
         for other in path.parent.glob(f"{machine}-*.nbc"):
-            if other != path:  # of other sources
+            if other != path:  # compiled from other sources
                 with contextlib.suppress(OSError):
                     other.unlink()
 
     def _path(self, signature: Any, codegen: Any) -> Path:
-        """Named by the function, by what it is compiled for and with, and by the sources."""
+        """Named after the function, the types, machine and versions, and the sources."""
         name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace("<locals>.", "")
         made = signature, codegen.magic_tuple(), numba.__version__, sys.version
         digest = hashlib.sha256(repr(made).encode()).hexdigest()[:16]
@@ -100,13 +100,13 @@ class MachineCode(FunctionCache):
 
 
 class Nowhere(NullCache):
-    """Keeps nothing, and says so."""
+    """Keeps nothing, and warns of it."""
 
     def load_overload(self, signature: Any, target_context: Any) -> None:
-        """None: it is to be compiled."""
+        """None, so that numba compiles."""
         _warn_once(
-            "the simulator is compiled anew, about 15 s, in every process: neither the package's "
-            "folder nor a cache in the home folder can be written"
+            "every process compiles the simulator again, which takes about 15 s: neither the "
+            "package's folder nor a cache in the home folder can be written"
         )
 
 
@@ -119,12 +119,12 @@ def _announce(part: str | None) -> None:
 @functools.cache
 def _warn_once(trouble: str) -> None:
     text = f"{trouble}; set NUMBA_CACHE_DIR to a folder that can be written"
-    # As from no file, so that it is one line without a line of source under it.
+    # Not attributed to a file, so that no source line is printed below the warning.
     warnings.warn_explicit(text, RuntimeWarning, "rimless_gym", 0)
 
 
 def _read(path: Path) -> bytes | None:
-    """What `_write` wrote; None where there is no such file, or a damaged one."""
+    """What `_write` wrote; None if the file is missing or damaged."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -134,7 +134,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _write(path: Path, code: bytes) -> None:
-    """Write a file that is there as a whole, or as it was before."""
+    """Write a file so that it is either complete or unchanged."""
     unfinished = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}")
     try:
         unfinished.write_bytes(hashlib.sha256(code).digest() + code)

@@ -17,6 +17,7 @@ from rimless_gym.equations import equations
 MOTOR_MOUNTS = ("wheel", "frame")
 MOST_LEGS = 1_000_000  # so near together the model still tells them apart
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
+CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
 _eq = equations(np.sin, np.cos)
 
@@ -122,7 +123,7 @@ class WheelParams:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            if field.name not in ("motor_mount", "impact_law"):
+            if field.name not in CHOICES:
                 object.__setattr__(self, field.name, real(field.name, getattr(self, field.name)))
         for name in ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit"):
             if getattr(self, name) < SMALLEST:

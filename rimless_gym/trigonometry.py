@@ -17,8 +17,8 @@ import numpy as np
 from rimless_gym.jit import inlined
 
 _ROUND = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, which its low bits hold
-# pi / 2 in two parts, of which k times the first is exact up to k = 2^20: x - k pi / 2 must be as
-# right on processors that do not multiply and subtract in one operation.
+# pi / 2 in two parts. k times the first is exact up to k = 2^20, so that x - k pi / 2 is accurate
+# on processors without a fused multiply-add too.
 _HALF_PI = 1.5707963267341256
 _REST = 6.077100506506192e-11
 _S = (

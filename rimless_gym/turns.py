@@ -31,9 +31,10 @@ else:
 
 
 class Turn:
-    """A turn that is taken somewhere within a ``with`` of it, or not at all, and ends with it.
+    """A lock between processes that a ``with`` block may take at any point and releases at its end.
 
-    The ``with`` may be nested. The operating system ends the turn of a process that is killed.
+    The ``with`` may be nested: the outermost one releases. If the process is killed, the operating
+    system releases the lock.
     """
 
     def __init__(self) -> None:
@@ -55,9 +56,9 @@ class Turn:
             self._file = None
 
     def take(self, path: Path) -> None:
-        """Wait until no other process has the turn at `path`, a file that is made and stays.
+        """Wait until no other process holds `path`, a file that is created and left in place.
 
-        Where the file cannot be written or locked, everyone has a turn.
+        If the file cannot be written or locked, this returns at once without the lock.
         """
         if self._file is not None:
             return

@@ -1,7 +1,7 @@
-"""Where something changes its sign: what has a kink there is integrated piece by piece.
+"""Times at which a function changes sign, so that integrals can be split at their kinks.
 
-An adaptive integrator judges its error by few points, and now and then does not notice a kink
-between them; whether it does hangs on rounding.
+An adaptive integrator judges its error from a few points and sometimes misses a kink between them;
+whether it does depends on rounding.
 """
 
 from __future__ import annotations
@@ -15,21 +15,20 @@ from scipy.optimize import brentq, minimize_scalar
 
 Array = NDArray[np.float64]
 
-
-#: What is smaller all along, in SI units, is zero: its sign is rounding.
+#: A component that nowhere exceeds this (SI units) counts as zero: its sign is rounding.
 NOTHING = 1e-12
 
 
 def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
-    """`times`, and those between them at which a component of a function changes its sign.
+    """`times`, with the times between them at which a component of a function changes sign.
 
     Args:
-        function: time (s) -> values, shape (m,), of which a parabola through three neighbouring
-            times gives an idea.
+        function: time (s) -> values, shape (m,). Between three neighbouring times a parabola must
+            approximate it roughly.
         times: ascending, shape (N,).
 
     Returns:
-        Ascending times, shape (N,) and more.
+        Ascending times, shape (N or more,).
     """
     times = np.asarray(times, dtype=np.float64)
     values, every = np.array([function(t) for t in times]), list(times)
@@ -50,7 +49,7 @@ def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
 def _dips(
     function: Callable[[float], float], times: Array, values: Array
 ) -> list[tuple[float, float]]:
-    """Times and values where a function may have another sign than at two samples around them."""
+    """Times and values of extrema whose sign may differ from that of the samples on either side."""
     found = []
     bend = np.abs(np.diff(values, 2)).max(initial=0.0)  # a dip is at most bend / 8 deeper
     for window, pair in zip(pairwise(times), pairwise(values), strict=True):

@@ -1,4 +1,4 @@
-"""What all command lines share: refusals in one line, before any work, with exit status 2.
+"""The parser that all command lines share: it reports mistakes in one line, before any work.
 
 parser = Parser(__doc__)
 parser.add_argument("--workers", type=whole(1), default=1, help="processes")
@@ -7,6 +7,7 @@ options = parser.parse_args(arguments)
 parser.require_folder(options.out, "results.json")
 with parser.refusing(): ...
 
+A mistake ends the script with exit status 2.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from typing import NoReturn
 
 from rimless_gym.checks import integer, positive
 
-#: What the shell reports of a command that Ctrl-C ended.
+#: The exit status that shells give a command ended by Ctrl-C.
 INTERRUPTED = 130
 
 
 class Parser(argparse.ArgumentParser):
-    """A command line whose mistakes are told in one line.
+    """A command line that reports mistakes in one line.
 
     Args:
         description: the script's docstring.
@@ -46,7 +47,7 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
-        """Refusals of what was asked for, within, are told like those of the command line."""
+        """Report a ValueError or FileNotFoundError in the block as a command-line mistake."""
         try:
             yield
         except (ValueError, FileNotFoundError) as error:
@@ -54,7 +55,7 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def out_of_room(self, folder: Path) -> Iterator[None]:
-        """A full disk, and a folder that cannot be written, end what is within with a remedy."""
+        """Report a full disk, or a folder that cannot be written, in one line with a remedy."""
         try:
             yield
         except FileNotFoundError:
@@ -66,7 +67,7 @@ class Parser(argparse.ArgumentParser):
             )
 
     def require_folder(self, folder: Path, *names: str) -> None:
-        """Make a folder, unless it is there, and see that files of these names can be written."""
+        """Make a folder if there is none, and check that files of these names can be written."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
@@ -81,18 +82,18 @@ class Parser(argparse.ArgumentParser):
             self._require_writable(folder / name)
 
     def require_file(self, path: Path) -> None:
-        """See that a file can be written, and make the folder that it is to be in."""
+        """Check that a file can be written, and make its folder."""
         if not os.path.isdir(path):
             self.require_folder(path.parent)
         self._require_writable(path)
 
     def require_page(self, page: Path, marks: re.Pattern[str], wanted: str) -> None:
-        """See that a page is there, can be written, and has the marks that something goes between.
+        """Check that a page exists, can be written, and has the marks between which text goes.
 
         Args:
-            page: of text.
-            marks: what has to be found in it.
-            wanted: the marks, in words.
+            page: a text file.
+            marks: must be found in it.
+            wanted: the marks, for the message.
         """
         if not os.path.isfile(page):
             self.error(f"{page}: no such file; give a page of text")
@@ -112,7 +113,7 @@ class Parser(argparse.ArgumentParser):
             if new:
                 path.unlink()
         except IsADirectoryError:
-            self.error(f"{path}: a folder where a file is to be written; give another place")
+            self.error(f"{path}: is a folder, but a file is to be written there; give another path")
         except OSError as error:
             self.error(f"{path}: cannot be written ({_reason(error)}); give another place")
 
@@ -144,7 +145,7 @@ def more_than_zero(text: str) -> float:
 
 @contextmanager
 def terminated_like_ctrl_c() -> Iterator[None]:
-    """SIGTERM, by which batch systems end a job, does within what Ctrl-C does."""
+    """Within the block, SIGTERM, which batch systems send to end a job, acts like Ctrl-C."""
 
     def press(number: int, frame: FrameType | None) -> None:
         signal.raise_signal(signal.SIGINT)

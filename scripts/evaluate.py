@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--trust-pickle",
         action="store_true",
-        help="read files of plain stable-baselines3, too: that runs any code their author put in",
+        help="also read files of plain stable-baselines3, which runs any code their author put in",
     )
     parser.add_argument(
         "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--preset",
         choices=sorted(PRESETS),
-        help="machine that the policies must be for; None: whatever each was trained on",
+        help="machine that the policies must be for; None: the one each was trained on",
     )
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)

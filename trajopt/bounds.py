@@ -1,4 +1,4 @@
-"""Names and bounds as callers give them: refused in words where they are none."""
+"""Names and bounds as callers give them, checked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-#: Bounds by name: a pair, or one number where both are equal; nothing where there are none.
+#: Bounds by name: a pair, or one number if both are equal. A name without bounds is left out.
 Bounds = Mapping[str, float | tuple[float, float]]
 
 
@@ -23,10 +23,10 @@ def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
 
 
 def pair_in(where: str, bounds: Any) -> tuple[float, float]:
-    """(lower, upper) of what is to be a pair, or one number for both.
+    """Like `pair`, for values that may be of any type.
 
     Raises:
-        TypeError: it is neither.
+        TypeError: it is neither a number nor a pair of them.
         ValueError: an integer is too large for a floating-point number.
     """
     both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
@@ -41,10 +41,10 @@ def pair_in(where: str, bounds: Any) -> tuple[float, float]:
 
 
 def require_room(where: str, low: float, high: float) -> None:
-    """Refuse bounds between which there is nothing.
+    """Refuse bounds that no number satisfies.
 
     Raises:
-        InfeasibleBoundsError: such are they.
+        InfeasibleBoundsError: no number lies between them, or one of them is NaN.
     """
     if math.isnan(low) or math.isnan(high):
         raise InfeasibleBoundsError(f"{where}: bounds ({low}, {high}): must be numbers, not NaN")
@@ -59,12 +59,12 @@ def require_room(where: str, low: float, high: float) -> None:
 
 
 def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -> None:
-    """Refuse a table of bounds in which one is none, or of a name that is not known.
+    """Refuse a table with invalid bounds, or with a name that is not `known`.
 
     Raises:
-        InfeasibleBoundsError: there is nothing between two of them.
-        TypeError: it is no table of pairs.
-        ValueError: it has other names.
+        InfeasibleBoundsError: no number lies between the bounds of a name.
+        TypeError: it is not a mapping from names to bounds.
+        ValueError: it has an unknown name.
     """
     if not isinstance(table, Mapping) or not all(isinstance(name, str) for name in table):
         raise TypeError(f"{where} = {table!r}: must be a mapping, name: (lower, upper)")
@@ -79,8 +79,8 @@ def names_in(where: str, names: Any, least: int = 0) -> tuple[str, ...]:
     """Names as a tuple.
 
     Raises:
-        TypeError: they are something else.
-        ValueError: there are too few.
+        TypeError: they are not a sequence of strings.
+        ValueError: there are fewer than `least`.
     """
     wanted = "give a tuple of names; that of a single one ends with a comma"
     if (

@@ -31,7 +31,7 @@ SHORTEST = 2.0**-8
 #: By what a step is multiplied when it succeeds.
 GROWTH = 2.0
 
-#: Steps that end short of a value by less than this fraction of the way to it go on to it.
+#: A step that ends short of a value by less than this fraction of the way is extended to it.
 SHORT_OF = 1e-6
 
 #: A mesh of more than so many times the first one's elements is given up for the first one:
@@ -133,7 +133,7 @@ def continued(
     Raises:
         Interrupted: Ctrl-C was pressed; its `partial` is the curve so far.
         TypeError: an argument is of the wrong kind.
-        ValueError: there are less than two values, a number is out of its range, or IPOPT has no
+        ValueError: there are fewer than two values, a number is out of its range, or IPOPT has no
             such option.
     """
     require_callable("problem_at", problem_at)

@@ -1,7 +1,7 @@
-"""Results in files: .npz archives of plain arrays and a JSON header, closed with a digest.
+"""Results in files: .npz archives of plain arrays, a JSON header and a digest of both.
 
-Nothing in them is executed when they are read. The digest tells a file that was edited or damaged
-from one that says what was computed; it does not tell who computed it.
+Reading a file executes nothing. The digest shows whether the file was edited or damaged; it does
+not show who wrote it.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A new file that takes its place when it is whole."""
+    """A new file that replaces `path` once it is complete."""
     unfinished = path.with_name(path.name + ".part")
     try:
         with unfinished.open("wb") as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())  # or a power cut could leave the new name on an empty file
+            os.fsync(file.fileno())  # else a power cut could leave an empty file of that name
         os.replace(unfinished, path)
-    except OSError as error:  # such as a full disk, of which this would keep its share
+    except OSError as error:  # such as a full disk, on which the part must not stay
         unfinished.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
 
@@ -135,8 +135,8 @@ def phases_from_arrays(
     """The trajectory in arrays that `phases_to_arrays` named.
 
     Raises:
-        ValueError: there is none, or one of its arrays is missing, does not fit the others or is
-            none of finite floating-point numbers in order.
+        ValueError: there is none, or one of its arrays is missing, does not fit the others, is not
+            of finite floating-point numbers, or is not in order.
     """
     count = 0
     while f"{prefix}phase{count}_edges" in arrays:
@@ -159,10 +159,10 @@ def _phase_from_arrays(arrays: Mapping[str, NDArray[Any]], prefix: str) -> Phase
 def array_of(
     arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...] | None = None
 ) -> NDArray[np.float64]:
-    """An array of a file by name, of floating-point numbers, and of a shape if one is given.
+    """A file's array by name, which must be float64 and of the given shape, if any.
 
     Raises:
-        ValueError: it is missing, or another one.
+        ValueError: it is missing, or of another type or shape.
     """
     if name not in arrays:
         raise ValueError(f"{name} is missing")
@@ -175,10 +175,10 @@ def array_of(
 
 
 def require_names(arrays: Mapping[str, NDArray[Any]], expected: Iterable[str]) -> None:
-    """Refuse arrays that a file of its kind does not have.
+    """Refuse arrays that do not belong in a file of this kind.
 
     Raises:
-        ValueError: there are some.
+        ValueError: there is an array of another name.
     """
     unknown = sorted(set(arrays) - set(expected))
     if unknown:

@@ -12,16 +12,16 @@ from rimless_gym.checks import integer, real_array
 from trajopt.problem import Problem
 from trajopt.schemes import Scheme, hermite_simpson, radau, trapezoid
 
-#: Degree of the state between the nodes, of schemes that have one of their own.
+#: Degree of the state between the nodes, for schemes whose degree is fixed.
 FIXED_DEGREE = {"trapezoid": 2, "hermite-simpson": 3}
 
 SCHEMES = (*FIXED_DEGREE, "radau")
 
-#: The work of an element grows with the cube of its degree, and the error no longer falls: of
-#: degree 40 it takes a second to trace, of degree 200 minutes.
+#: Largest degree. The work of an element grows with the cube of its degree while the error no
+#: longer falls: tracing takes a second at degree 40, and minutes at 200.
 MOST_DEGREE = 40
 
-#: In all phases together: a program of ten times as many takes hours and all memory.
+#: Most elements in all phases together; ten times as many would take hours and all memory.
 MOST_ELEMENTS = 100_000
 
 
@@ -110,7 +110,7 @@ class Mesh:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Mesh:
-        """The mesh of which `dataclasses.asdict`, or JSON of it, gave `values`."""
+        """The mesh that `dataclasses.asdict` turned into `values`, perhaps by way of JSON."""
         tables = {name: tuple(map(tuple, values[name])) for name in ("fractions", "degrees")}
         return cls(**{**values, **tables})
 

@@ -1,8 +1,8 @@
-"""A local minimum: no saddle on which the solver got stuck, and nothing on its way to infinity.
+"""Solving for a local minimum: not a saddle, and not values on their way to infinity.
 
-IPOPT stops wherever the first-order conditions hold. That may be a saddle or a maximum, if its
-guess happens to lie there by symmetry; and where a cost falls for ever, ever more slowly, any
-large enough values will do.
+IPOPT stops wherever the first-order conditions hold. That may be a saddle or a maximum, if the
+guess lies there by symmetry. And if a cost falls for ever, but ever more slowly, any large enough
+values satisfy them.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from trajopt.trajectory import PhaseTrajectory
 #: By how much a guess is moved off what may be a saddle, relative to 1 + the largest state.
 NUDGE = 1e-2
 
-#: Values above this are looked at twice, with a tolerance that is so much finer; if they grow by
-#: this factor then, they have no limit.
+#: If a value exceeds `LARGE`, the problem is solved again with a tolerance finer by `FINER`; values
+#: that then grow by the factor `GROWN` have no limit.
 LARGE, FINER, GROWN = 1e4, 1e-4, 2.0
 
-#: What nothing but a cost without a minimum leads to.
+#: Values and costs that only a cost without a minimum leads to.
 HUGE_VALUE, HUGE_COST = 1e10, 1e20
 
 
@@ -35,9 +35,9 @@ def minimum(
     parameters: Array | None = None,
     **options: Any,
 ) -> Result:
-    """What `Transcription.solve` finds, if it is a minimum; see there.
+    """Like `Transcription.solve`, but for a minimum.
 
-    Its status is `DIVERGING` where there is none.
+    The result's status is `DIVERGING` if there is none.
     """
     result = transcription.solve(guess, problem, parameters, **options)
     if result.success and result.may_be_saddle:
@@ -58,7 +58,7 @@ def minimum(
 def largest(
     problem: Problem, phases: Sequence[PhaseTrajectory], parameters: Array
 ) -> tuple[str, float]:
-    """What of a solution is largest in size, in words, and that size."""
+    """A description of a solution's largest quantity, and its magnitude."""
     sizes = {
         f"parameter {name}": abs(float(value))
         for name, value in zip(problem.parameters, parameters, strict=True)
@@ -77,7 +77,7 @@ def _largest(result: Result) -> float:
 
 
 def _nudged(phases: Sequence[PhaseTrajectory]) -> list[PhaseTrajectory]:
-    """Moved at random, and always in the same way."""
+    """The phases moved at random, the same way every time."""
     rng, moved = np.random.default_rng(0), []
     for phase in phases:
         changes = {}

@@ -42,8 +42,8 @@ class Result:
         success: IPOPT's verdict.
         status: IPOPT's words for it.
         iterations: of IPOPT.
-        may_be_saddle: whether nothing speaks for a minimum: IPOPT never moved, or met negative
-            curvature to the last.
+        may_be_saddle: whether there is no sign of a minimum: IPOPT never moved, or met negative
+            curvature in its last step.
         breaches: the most violated constraints, worst first, none below 1e-9.
         unknowns: of the program.
         multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
@@ -288,8 +288,8 @@ class Transcription:
             raise KeyboardInterrupt
         if stats["return_status"] == "Invalid_Option":
             raise ValueError(
-                f"{options}: IPOPT, as it is built here, cannot do this; leave out linear_solver "
-                "and what else needs other libraries"
+                f"{options}: this build of IPOPT does not support these options; leave out "
+                "linear_solver and others that need further libraries"
             )
         w = np.asarray(found["x"]).ravel()
         phases, values = unpack(self.layout, w), np.asarray(found["g"]).ravel()

@@ -1,4 +1,4 @@
-"""IPOPT's options as callers give them, checked before anything is built."""
+"""Options for IPOPT, checked before a solver is built."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-#: Over IPOPT's own.
+#: Defaults that replace IPOPT's own.
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
@@ -29,11 +29,11 @@ LIST = "https://coin-or.github.io/Ipopt/OPTIONS.html lists them"
 
 
 def require_options(options: Mapping[str, Any]) -> None:
-    """Refuse options that IPOPT does not have, and values that they cannot take.
+    """Refuse options that IPOPT does not have, and values that they do not accept.
 
     Raises:
         TypeError: a value is neither a number nor text.
-        ValueError: there is no such option, or it does not take such a value.
+        ValueError: there is no such option, or it does not accept the value.
     """
     for name, value in options.items():
         if not isinstance(value, (int, float, str)):
@@ -48,7 +48,7 @@ def require_options(options: Mapping[str, Any]) -> None:
 
 @lru_cache(maxsize=256)
 def _try(name: str, value: float | str) -> None:
-    """Have IPOPT itself judge an option, on the smallest of problems."""
+    """Let IPOPT itself check an option, on a trivial problem."""
     x = ca.SX.sym("x")
     settings: dict[str, Any] = {"ipopt": {"print_level": 0, "sb": "yes", name: value}, **QUIET}
     try:
@@ -60,5 +60,5 @@ def _try(name: str, value: float | str) -> None:
                 f"{LIST}"
             ) from None
         raise ValueError(
-            f"{name} = {value!r}: the option of IPOPT takes no such value; {LIST}"
+            f"{name} = {value!r}: this option of IPOPT does not accept that value; {LIST}"
         ) from None

@@ -1,8 +1,8 @@
-"""Worker processes that end with whoever began them, however that one ends.
+"""Worker processes that end when their parent does, even if it is killed.
 
-Every worker watches a pipe of which its parent alone has the other end. That one is closed when
-the parent gives its workers up, and by the operating system when the parent is no more, killed or
-not. (CasADi lets other threads run while it solves, so that the watch is never late.)
+Every worker watches a pipe whose other end only its parent holds. The parent closes that end when
+it gives up its workers, and the operating system closes it when the parent dies. (CasADi releases
+the interpreter lock while it solves, so that the watching thread always gets to run.)
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ Submit: TypeAlias = Callable[..., Future[Any]]
 def pool(
     workers: int, begin: Callable[..., object] | None = None, *arguments: Any
 ) -> Iterator[Submit]:
-    """Processes for as long as the context lasts; at an exception their work is given up.
+    """Processes for as long as the context lasts; an exception abandons their work.
 
-    They never see Ctrl-C, which is for their parent.
+    They ignore Ctrl-C, which only their parent handles.
 
     Args:
-        workers: how many, at least 1; they begin when there is something to do.
+        workers: how many, at least 1; they start when there is work.
         begin: called with `arguments` in each of them, before anything else.
-        arguments: of `begin`; to be pickled.
+        arguments: of `begin`; they are pickled.
 
     Raises:
-        RuntimeError: a worker ended by itself.
+        RuntimeError: a worker ended before its work was done.
     """
     context = get_context("spawn")
     watched, alive = context.Pipe(duplex=False)
     executor = ProcessPoolExecutor(workers, context, _begin, (watched, begin, arguments))
 
     def submit(function: Callable[..., Any], *inputs: Any) -> Future[Any]:
-        with _ctrl_c_blocked():  # which a process that begins in here inherits
+        with _ctrl_c_blocked():  # a process that starts in here inherits this
             return executor.submit(function, *inputs)
 
     try:
@@ -52,9 +52,9 @@ def pool(
         executor.shutdown()
     except BrokenProcessPool as error:
         raise RuntimeError(
-            "a worker process ended before its work did: in a script, what uses workers must stand "
-            'below `if __name__ == "__main__":`; otherwise it was killed or ran out of memory, and '
-            "fewer workers help"
+            "a worker process ended before its work was done: in a script, code that uses workers "
+            'must stand below `if __name__ == "__main__":`; if it does, the worker was killed or '
+            "ran out of memory: use fewer workers"
         ) from error
     finally:
         alive.close()  # at an exception the workers end at once
@@ -63,10 +63,10 @@ def pool(
 
 
 def require_picklable(name: str, value: Any) -> None:
-    """Refuse what cannot be sent to other processes.
+    """Refuse a value that cannot be sent to other processes.
 
     Raises:
-        TypeError: `value` cannot.
+        TypeError: `value` cannot be pickled.
     """
     try:
         pickle.dumps(value)
@@ -79,7 +79,7 @@ def require_picklable(name: str, value: Any) -> None:
 
 @contextmanager
 def _ctrl_c_blocked() -> Generator[None, None, None]:
-    """Ctrl-C waits."""
+    """Hold back Ctrl-C until the end of the block."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -91,14 +91,14 @@ def _ctrl_c_blocked() -> Generator[None, None, None]:
 
 
 def _begin(watched: Connection, begin: Callable[..., object] | None, inputs: tuple[Any]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be blocked
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems on which it cannot be blocked
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
     if begin is not None:
         begin(*inputs)
 
 
 def _end_with(watched: Connection) -> None:
-    """End this process, whatever it is doing, when the other end of a pipe is closed."""
+    """End this process at once when the other end of a pipe is closed."""
     with suppress(OSError):
         watched.poll(None)
     os._exit(1)

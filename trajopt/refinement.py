@@ -3,9 +3,9 @@
 After Patterson, Hager and Rao, A ph mesh refinement method for optimal control, Optim. Control
 Appl. Methods 36 (2015), with splits at the control's own switches.
 
-No decision hangs on rounding, nor on the digits that a solver leaves open, for these depend on the
-processor: every quantity has a scale of its own, and what is tiny beside it is zero; where zero, a
-tie or a round number would be on the brink, the brink is moved off it.
+No decision depends on rounding or on the digits that a solver leaves open, because these differ
+between processors. Every quantity has its own scale, and values tiny beside it count as zero.
+Thresholds are moved off zero, off ties and off round numbers.
 """
 
 from __future__ import annotations

@@ -150,9 +150,9 @@ def _polynomial(coefficients: Array, begin: float, h: float) -> _Control:
 
 
 def _price(phase: Phase, x: Array, u: Array, p: Array) -> tuple[float, Array]:
-    """What is paid per second at one point, and what is added to it where that is positive, (k,).
+    """The rate of payment at one point, and the powers' excesses over their floor (k,).
 
-    Both are smooth: powers that have a floor cost that, and their excess, if there is one.
+    Both are smooth. An excess is paid too, where it is positive.
     """
     paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
     if phase.powers is None:

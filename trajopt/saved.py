@@ -1,6 +1,6 @@
 """Solutions in files: everything but the problem, whose functions cannot be saved as plain data.
 
-`load` therefore asks for the problem, and notices a wrong one; `load_phases` needs none.
+`load` therefore takes the problem and detects a wrong one; `load_phases` needs none.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PLAIN = tuple(
 
 
 class ExtremalFileError(ValueError):
-    """A file is no solution that this version saved, or of another problem, or was damaged."""
+    """A file is not a solution that this version saved, is damaged, or is of another problem."""
 
 
 def save(extremal: Extremal, path: str | Path) -> None:
@@ -84,8 +84,8 @@ def _alike(one: Array, other: Array) -> bool:
 def load(path: str | Path, problem: Problem) -> Extremal:
     """Read a solution of `problem`.
 
-    Names, the Hamiltonian along the trajectory and the limits between its nodes have to come out
-    as they were saved, or the problem is another one.
+    Names, the Hamiltonian along the trajectory and the limits between its nodes are computed again
+    and must be as they were saved; otherwise the problem is another one.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -197,7 +197,7 @@ def _resimulation(values: dict[str, Any] | None) -> Resimulation | None:
 
 
 def _difference(extremal: Extremal) -> str:
-    """In what the saved figures differ from those of the trajectory in the problem, if at all."""
+    """How the saved figures differ from the trajectory's in the problem; "" if they agree."""
     problem, p, certificate = extremal.problem, extremal.parameters, extremal.certificate
     saved = certificate.costates, certificate.hamiltonian
     for phase, trajectory, costates, before in zip(
@@ -216,7 +216,7 @@ def _difference(extremal: Extremal) -> str:
 
 
 def _less_integrals(phase: Phase, trajectory: PhaseTrajectory, gap: Array, p: Array) -> Array:
-    """A gap of Hamiltonians (M, 2), less what some prices of the integral constraints explain."""
+    """A gap of Hamiltonians (M, 2), less the part that prices of integral constraints explain."""
     if phase.integral is None or not np.isfinite(gap).all():
         return gap
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]

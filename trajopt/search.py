@@ -1,4 +1,4 @@
-"""Multi-start: many local optima lie about, and nothing but trying finds the good ones.
+"""Multi-start: a problem has many local optima, and only trying finds the good ones.
 
 Every start is solved once, on one coarse mesh that all of them share, which is quick and tells
 good optima from bad ones; `best_of` refines and verifies the winners.

@@ -202,7 +202,7 @@ def _climb(
 
 
 def _require_ladder(ladder: Any, options: Mapping[str, Any]) -> None:
-    """Refuse what is no ladder of options that IPOPT has, and other options that it has not."""
+    """Refuse a ladder that is not a sequence of options, and options that IPOPT does not have."""
     if not isinstance(ladder, Sequence) or not all(isinstance(r, Mapping) for r in ladder):
         raise TypeError(f"ladder = {ladder!r}: must be a sequence of options, such as ({{}},)")
     if not ladder:

@@ -1,7 +1,7 @@
-"""Choices that rounding does not turn: what a solver cannot tell apart is a tie.
+"""Choices that do not depend on rounding: costs that a solver cannot tell apart are ties.
 
-Costs of one optimum that was reached in two ways differ in their last digits, and by which sign
-depends on the processor. Where the least is wanted, a tie goes to what stands first.
+The costs of one optimum reached in two ways differ in their last digits, and which is less depends
+on the processor. Among tied costs the first one wins.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: Costs that differ by less, relative or (J, or whatever they are in) absolute, are equal: some
-#: times what IPOPT leaves open, and far less than anyone cares about.
+#: Costs that differ by less than this, relative or absolute (in the cost's own unit), are equal. It
+#: is a few times what IPOPT leaves open, and far less than matters.
 TIE, TINY = 1e-6, 1e-9
 
 
 def tied(one: float, other: float, tie: float = TIE) -> bool:
-    """Whether two costs are equal but for what a solver leaves open, by `tie` (relative)."""
+    """Whether two costs differ by no more than a solver leaves open, `tie` (relative)."""
     return math.isclose(one, other, rel_tol=tie, abs_tol=TINY)
 
 
 def clearly_less(one: float, other: float) -> bool:
-    """Whether one cost is less than another, and not by a hair."""
+    """Whether one cost is less than another and not tied with it."""
     return one < other and not tied(one, other)
 
 
 def least_first(items: Iterable[T], cost: Callable[[T], float], tie: float = TIE) -> list[T]:
-    """In order of cost; among those that tie with the least of them, in the order given."""
+    """The items in order of cost; those that tie with the least of a group keep their order."""
     ranked: list[T] = []
     ties: list[tuple[int, T]] = []
     least = math.nan

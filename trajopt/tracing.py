@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 #: What functions are called with, by the number of arguments.
 ARGUMENTS = {2: ("x", "p"), 3: ("x", "u", "p"), 4: ("starts", "ends", "durations", "p")}
 
-#: What CasADi says of mistakes that are often made, and what to do about them.
+#: Fragments of CasADi's messages for common mistakes, and their remedies.
 REMEDIES = {
     "truth value": "branch with casadi.if_else, fmin or fmax, not with if, min or max",
     "out of bounds": "indices count from 0 up to these sizes",
@@ -28,7 +28,7 @@ REMEDIES = {
 
 
 def traced_phases(phases: Sequence[Phase], parameters: int) -> Iterator[Phase]:
-    """Traced once where the same one stands in several places."""
+    """The phases, traced; one that occurs several times is traced once."""
     traced: dict[int, Phase] = {}
     for phase in phases:
         if id(phase) not in traced:
@@ -67,13 +67,13 @@ def _traced_phase(phase: Phase, parameters: int) -> Phase:
 
 
 def require_scalar(where: str, function: ca.Function) -> None:
-    """Refuse what gives another number of numbers than one."""
+    """Refuse a function that does not return exactly one number."""
     if function.size1_out(0) != 1:
         raise ValueError(f"{where} gives {function.size1_out(0)} numbers, not one: add them up")
 
 
 def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> None:
-    """Refuse a constraint's function that gives another number of numbers than it has names."""
+    """Refuse a constraint's function that does not return one number per name."""
     if function.size1_out(0) != len(names):
         raise ValueError(
             f"{where} gives {function.size1_out(0)} numbers for its {len(names)} names {names}"
@@ -81,17 +81,17 @@ def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> Non
 
 
 def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
-    """The function of vectors of these sizes; one that is traced already is only checked.
+    """The function traced for vectors of these sizes; one that is already traced is only checked.
 
     Args:
-        where: what it is, for messages; its last word names it.
+        where: what it is, for messages; the last word becomes its name.
         function: what to trace.
         sizes: of its arguments.
 
     Raises:
-        TypeError: it is no function.
-        ValueError: it takes other sizes, fails, gives something else than real numbers and
-            expressions, or nothing finite whatever it is given.
+        TypeError: it is not a function.
+        ValueError: it takes other sizes, fails, returns anything but real numbers and expressions,
+            or has a row that is not finite for any of the arguments tried.
     """
     if isinstance(function, ca.Function):
         given = tuple(function.size1_in(i) for i in range(function.n_in()))
@@ -109,23 +109,23 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
         made = ca.Function(where.split()[-1], symbols, [column])
     except _NoNumbersError as error:
         raise ValueError(str(error)) from None
-    except Exception as error:  # whatever a user's function raises
+    except Exception as error:  # a user's function may raise anything
         raise ValueError(_failure(where, error, sizes)) from error
     tried = [made(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
     if not np.isfinite(tried).any(axis=0).all():
         raise ValueError(
-            f"{where} is not a finite number, whatever its arguments: use CasADi's functions in "
-            "it, such as casadi.sin; those of math make NaN of symbols"
+            f"{where} is not finite for any arguments tried: use CasADi's functions in it, such as "
+            "casadi.sin; those of math turn symbols into NaN"
         )
     return made
 
 
 class _NoNumbersError(Exception):
-    """A function gave something else than real numbers and expressions."""
+    """A function returned something other than real numbers and expressions."""
 
 
 def _column(where: str, out: Any) -> ca.SX:
-    """What a function gave, as a dense column."""
+    """What a function returned, as a dense column."""
     if out is None:
         raise _NoNumbersError(f"{where} gives None: end it with return")
     if isinstance(out, np.ndarray):

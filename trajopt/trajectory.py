@@ -13,8 +13,8 @@ from trajopt.schemes.polynomials import lagrange_matrix
 
 Array = NDArray[np.float64]
 
-#: Times that differ by less than this fraction of their phase are the same: on which side of an
-#: edge a time is that was computed to lie on it, rounding alone would decide.
+#: Times that differ by less than this fraction of their phase are the same. Otherwise rounding
+#: would decide on which side of an edge a time lies that was computed to be on it.
 SAME_TIME = 1e-12
 
 
@@ -60,7 +60,7 @@ class PhaseTrajectory:
                 )
 
     def require_sound(self, where: str) -> None:
-        """Refuse what is no motion.
+        """Refuse a trajectory that is not a motion.
 
         Raises:
             ValueError: a number is not finite, or edges or nodes are not in order.
@@ -119,7 +119,7 @@ class PhaseTrajectory:
 
 
 def require_side(side: str) -> None:
-    """Refuse what is no side of a jump.
+    """Refuse anything but a side of a jump.
 
     Raises:
         ValueError: it is neither "left" nor "right".

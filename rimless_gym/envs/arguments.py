@@ -1,4 +1,4 @@
-"""What the constructors of both environments take, validated."""
+"""Validation of the constructor arguments of both environments."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams, preset
 
-#: A machine: itself, a preset's name, or some of its fields, the others being the default's.
+#: A machine: a WheelParams, a preset's name, or some of its fields; the default has the others.
 Machine = WheelParams | str | Mapping[str, Any]
 
 
 def as_params(params: Any) -> WheelParams:
-    """The machine that is meant, see `Machine`.
+    """The machine given in any of the forms of `Machine`.
 
     Raises:
         TypeError: it is of another type.
@@ -50,10 +50,10 @@ def as_task(task: Any) -> Task:
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
-    """Refuse modes that an environment has not.
+    """Refuse a render mode that an environment does not have.
 
     Raises:
-        ValueError: it is none of them, nor None.
+        ValueError: it is neither one of them nor None.
     """
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
@@ -77,7 +77,7 @@ def machines_of(params: Any, n: int) -> list[WheelParams]:
 
 
 def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
-    """Refuse ranges whose ends one of the machines cannot have.
+    """Refuse ranges with an end that is not valid for one of the machines.
 
     Raises:
         ValueError: see `WheelParams`.

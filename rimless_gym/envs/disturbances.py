@@ -1,7 +1,7 @@
-"""What makes a robust policy's life hard: pushes, sensor noise, delay, and machines that differ.
+"""Disturbances for training robust policies: pushes, sensor noise, delay, and varied machines.
 
-Each is drawn from the row's own randomness (`rimless_gym.envs.randomness`); none of them costs
-anything where it is not asked for.
+Each is drawn from the row's own randomness (`rimless_gym.envs.randomness`). A disturbance that is
+not used costs no time.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.checks import real
+from rimless_gym.checks import integer, not_negative, real
 from rimless_gym.envs.plain import made_of
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import WheelParams
+from rimless_gym.params import CHOICES, WheelParams
 
 MAX_DELAY = 100  # control intervals
 
-#: Largest standard deviation of a sensor (rad or rad/s). The sines of angles that it leads to are
-#: right; those of angles some millions of turns away are not.
+#: Largest standard deviation of a sensor (rad or rad/s). Sines of the resulting angles are still
+#: accurate; those of angles some millions of turns away are not.
 MOST_NOISE = 1e3
 
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
-FIELDS = tuple(
+DRAWABLE = tuple(
     field.name
     for field in dataclasses.fields(WheelParams)
-    if field.name not in ("n_legs", "motor_mount", "impact_law")
+    if field.name not in ("n_legs", *CHOICES)
 )
 
 
@@ -37,8 +37,8 @@ FIELDS = tuple(
 class Pushes:
     """Blows on the hub along the ground, forward or backward, at random times.
 
-    They fall on the beginning of a control interval. The foot holds during a blow, as the model's
-    foot always does; in double stance the wheel tips over the foot it is pushed towards.
+    They come at the start of a control interval. The foot does not slip during a blow, as always in
+    this model; in double stance the wheel tips over the foot it is pushed towards.
 
     Args:
         rate: pushes per second, on average.
@@ -49,16 +49,16 @@ class Pushes:
     impulse: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", _at_least("rate", self.rate, 0.0))
+        object.__setattr__(self, "rate", not_negative("rate", self.rate))
         object.__setattr__(self, "impulse", _interval("impulse", self.impulse))
-        _at_least("impulse", self.impulse[0], 0.0)
+        not_negative("impulse", self.impulse[0])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """Normal errors of what is observed; the state itself is left alone.
+    """Normally distributed errors of the observation; the state itself is not changed.
 
-    No standard deviation may be larger than `MOST_NOISE`, beyond which nothing is seen anyway.
+    No standard deviation may exceed `MOST_NOISE`, far beyond any useful sensor.
 
     Args:
         leg_angle: standard deviation of the leg's angle (rad).
@@ -74,11 +74,11 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            object.__setattr__(self, name, _at_least(name, value, 0.0))
+            object.__setattr__(self, name, not_negative(name, value))
             if value > MOST_NOISE:
                 raise ValueError(
-                    f"{name} = {value}: must be at most {MOST_NOISE:g} (rad or rad/s), a standard "
-                    "deviation with which a sensor tells nothing any more"
+                    f"{name} = {value}: must be at most {MOST_NOISE:g} (rad or rad/s); a noisier "
+                    "sensor carries no information"
                 )
 
 
@@ -143,13 +143,13 @@ class Ranges:
 
     def __post_init__(self) -> None:
         for name in self.bounds:
-            if name not in FIELDS:
-                raise ValueError(f"{name!r} cannot be drawn: choose from {', '.join(FIELDS)}")
-        ordered = {n: _interval(n, self.bounds[n]) for n in FIELDS if n in self.bounds}
+            if name not in DRAWABLE:
+                raise ValueError(f"{name!r} cannot be drawn: choose from {', '.join(DRAWABLE)}")
+        ordered = {n: _interval(n, self.bounds[n]) for n in DRAWABLE if n in self.bounds}
         object.__setattr__(self, "bounds", ordered)
 
     def require_valid(self, params: WheelParams) -> None:
-        """Refuse ranges with ends that a machine cannot have, the rest being those of `params`.
+        """Refuse ranges with an end that is not valid for `params` otherwise unchanged.
 
         Raises:
             ValueError: see `WheelParams` and `require_steppable`.
@@ -161,7 +161,7 @@ class Ranges:
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
-    """Ranges from a mapping, which may also be that of their field `bounds`; none from None.
+    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges.
 
     Raises:
         TypeError: it is neither.
@@ -177,7 +177,7 @@ def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
 
 
 def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Disturbances:
-    """The disturbances, which may be a mapping of their fields; none from None.
+    """Disturbances, given as such or as a mapping of their fields; None means none.
 
     Raises:
         TypeError: it is neither.
@@ -195,25 +195,14 @@ def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Di
 
 def _delay(delay: Any) -> int | tuple[int, int]:
     """Intervals of delay, or the least and the greatest, as plain integers."""
-    several = isinstance(delay, Sequence)
-    each = delay if several else (delay, delay)
-    for one in each:
-        if isinstance(one, bool) or not isinstance(one, (int, np.integer)):
-            raise TypeError(f"actuator_delay = {delay!r}: must be integers")
+    if not isinstance(delay, Sequence):
+        return integer("actuator_delay", delay, 0, MAX_DELAY)
+    each = [integer("actuator_delay", one, 0, MAX_DELAY) for one in delay]
     if len(each) != 2:
         raise ValueError(f"actuator_delay = {delay}: give one number, or two")
-    if not 0 <= each[0] <= each[1] <= MAX_DELAY:
-        raise ValueError(
-            f"actuator_delay = {delay}: must be from 0 to {MAX_DELAY} intervals, the least first"
-        )
-    return (int(each[0]), int(each[1])) if several else int(delay)
-
-
-def _at_least(name: str, value: Any, least: float) -> float:
-    number = real(name, value)
-    if number < least:
-        raise ValueError(f"{name} = {value}: must be at least {least:g}")
-    return number
+    if each[0] > each[1]:
+        raise ValueError(f"actuator_delay = {delay}: must be in order, the least first")
+    return each[0], each[1]
 
 
 def _interval(name: str, bounds: Any) -> tuple[float, float]:

@@ -55,8 +55,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Action Space
     `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
-    Actions outside are clipped, and a number alone is taken as well; NaN and other shapes raise
-    `ValueError`, and what is no real number `TypeError`.
+    Actions outside are clipped, and a plain number is accepted too. NaN and other shapes raise
+    `ValueError`; anything but real numbers raises `TypeError`.
 
     ## Observation Space
     `Box` of 6 float32 numbers:
@@ -114,19 +114,20 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
       `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
 
-    Whatever they are, `env.spec` holds them in plain JSON values:
-    `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the environment again.
+    `env.spec` holds all of them as plain JSON values:
+    `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the same environment again.
 
     `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
     drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
     total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
-    -1: none); the ground reaction at the end of the step and its extremes (N), two feet of which
-    one lets go at once being no stance; the pendulum's `clearance` (m); `elapsed` time in this step
-    (s); the stance `mode`, 0 on one foot and 1 on two; `failure`, 0 or what ended the episode, a
-    `rimless_gym.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force or
-    an impulse asked for more friction than `params.friction` offers (the model's foot holds all the
-    same). Each entry is of one type in every step. `reset` gives the same ones, 0 but for the mode.
-    In a step it is a dictionary that makes its entries when it is read.
+    -1: none); the ground reaction at the end of the step and its extremes (N), where two feet of
+    which one lifts at once do not count as a stance; the pendulum's `clearance` (m); `elapsed` time
+    in this step (s); the stance `mode`, 0 on one foot and 1 on two; `failure`, 0 or what ended the
+    episode, a `rimless_gym.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force
+    or an impulse asked for more friction than `params.friction` offers (the model's foot holds all
+    the same). Each entry has the same type in every step. `reset` gives the same entries, all 0
+    except the mode.
+    `step` returns a dictionary that makes its entries when they are first read.
 
     `get_state` and `set_state` save and restore everything, the generator included, so that a
     planner can branch; pickles and deep copies go on likewise.
@@ -218,7 +219,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Hold a voltage for 10 ms; see the class for what comes back.
 
         Raises:
-            TypeError: the action is no real number.
+            TypeError: the action is not a real number.
             ValueError: it is NaN or not of shape (1,) or ().
             RuntimeError: no episode is running, or the motion left the model's range.
         """
@@ -238,13 +239,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation.copy(), self._values[REWARD], self._ended, False, info
 
     def _show(self, info: LazyInfo) -> Any:
-        """Show a step to whom it may concern; its info in a form that they understand."""
+        """Draw the step if there is a window; its info in a form that all its readers accept."""
         if self.render_mode == "human":
             self.render()
         return info if serves_all() else info.copy()
 
     def _end(self) -> int:
-        """End the episode and return why, or raise if it is not for the model to end it."""
+        """End the episode and return why, or raise if the motion left the model's range."""
         self._ended = True
         marks = interval.marks(self._block)[:, 0].tolist()
         if not marks[TERMINATED]:
@@ -252,7 +253,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return marks[FAILURE_MARK]
 
     def _bind(self) -> None:
-        """Get hold of what `step` needs of the fleet, as it is now."""
+        """Look up what `step` needs of the fleet as it is now."""
         self._advance = self._fleet.stepper(self._block, self._observation)
         self._command: Any = memoryview(self._fleet.memory[COMMAND].data)
         self._values: Any = memoryview(self._block[:, 0].data)
@@ -276,10 +277,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return None
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """What keys do in `gymnasium.utils.play.play`.
+        """The keys and their actions for `gymnasium.utils.play.play`.
 
-        The left and right arrows give full voltage, less than 0 or more, and with the arrow down
-        held half of it.
+        The left and right arrows give full negative and positive voltage; half of it while the down
+        arrow is held.
         """
         from rimless_gym.rendering._pygame import pygame  # only when it is needed
 
@@ -298,11 +299,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return {"fleet": self._fleet.get_state(), "generators": [generator]}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`, be it of before the first episode.
+        """Go back to a snapshot of `get_state`, even one from before the first episode.
 
         Raises:
-            TypeError: it is no snapshot; nothing has changed then.
-            ValueError: it is that of a vector environment, or of another task; likewise.
+            TypeError: it is not a snapshot; nothing has changed then.
+            ValueError: it is from a vector environment or has another task; likewise.
         """
         require_snapshot(state, _PARTS, 1, self.task, "RimlessWheelEnv")
         restore([self.np_random], state["generators"])
@@ -327,10 +328,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def _as_command(action: Any) -> float:
-    """The number in an action of another type than float.
+    """The number in an action that is not simply one float.
 
     Raises:
-        TypeError: it is no real number.
+        TypeError: it is not a real number.
         ValueError: it is NaN, or the action is not of shape (1,) or ().
     """
     array = real_array("action", action)

@@ -1,7 +1,7 @@
 """What `info` holds: dense arrays over the rows, or the entries of one of them.
 
-The entries are numbers and truth values, of one type each in every step and reset: what collects
-episodes makes arrays of them.
+The entries are numbers and truth values. Each has the same type in every step and reset, so that
+programs that collect episodes can make arrays of them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _NOTHING_YET = entries(bytes(8 * BLOCK_SIZE))
 
 
 def begun(mode: int) -> dict[str, Any]:
-    """The entries where an episode begins: its mode, and 0 for all that has not happened yet."""
+    """The entries at the start of an episode: its mode, and 0 for everything else."""
     return _NOTHING_YET | {"mode": mode}
 
 
@@ -64,7 +64,7 @@ def final_info(
     block: NDArray[np.float64],
     codes: NDArray[np.int8],
 ) -> dict[str, Any]:
-    """What the episodes that ended, if any, ended with, in Gymnasium's form."""
+    """The last observations and info of the episodes that ended, in Gymnasium's form."""
     rows = ended.nonzero()[0]
     if not len(rows):
         return {}

@@ -1,10 +1,11 @@
-"""A step's `info`, whose entries are made when somebody looks at them.
+"""A step's `info`, whose entries are made when they are first read.
 
-Making two dozen numbers takes longer than their physics, and most of them are never read. In C, an
-empty dictionary is told by its size without asking its methods: store one entry from the start.
+Making two dozen Python numbers takes longer than computing them, and most are never read. C code
+recognises an empty dictionary by its size, without calling its methods, so one entry is stored from
+the start.
 
-One kind of reader is not served so: jax's trees look into dictionaries of exactly that type alone.
-Where there is jax, or Minari, which brings it, the environment gives plain copies (`serves_all`).
+jax's trees look only into dictionaries of exactly the type `dict`. Where jax is imported, or
+Minari, which uses it, the environment therefore returns plain copies (`serves_all`).
 """
 
 from __future__ import annotations
@@ -20,18 +21,17 @@ NAMES = frozenset({*INFO_NAMES, "slips", "mode", "failure"})
 
 
 def serves_all() -> bool:
-    """Whether all that may read `info` here takes a `LazyInfo` for the dictionary that it is."""
+    """Whether everything imported here that may read `info` treats a `LazyInfo` as a dictionary."""
     return "jax" not in sys.modules and "minari" not in sys.modules
 
 
 class LazyInfo(dict[str, Any]):
-    """A dictionary with the entries that `source` makes, once one of them is looked for.
+    """A dictionary whose entries `source` makes when one of them is first read.
 
-    What is written to it stays; everything else about it is a dictionary's, and copies are plain
-    dictionaries.
+    What is written to it stays. It behaves like a dictionary otherwise; copies are plain ones.
 
     Attributes:
-        source: a function that makes the entries `NAMES` and its arguments, None once it has.
+        source: a function that makes the entries `NAMES`, and its arguments; None once called.
     """
 
     __slots__ = ("source",)
@@ -40,17 +40,17 @@ class LazyInfo(dict[str, Any]):
 
     def __getattr__(self, name: str) -> None:
         if name != "source":
-            raise AttributeError(name)  # else one that nobody gave a source: an ordinary dictionary
+            raise AttributeError(name)  # without a source it is an ordinary dictionary
 
     def fill(self) -> None:
-        """Make the entries, but for those that were written before."""
+        """Make the entries, except those that were written before."""
         source, self.source = self.source, None
         if source is not None:
             for name, value in source[0](*source[1:]).items():
                 dict.setdefault(self, name, value)
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The entry, or the default where there is none."""
+        """The entry, or the default if there is none."""
         if name in NAMES:
             self.fill()
         return dict.get(self, name, default)

@@ -1,4 +1,4 @@
-"""What `reset(options=...)` takes, for one row or many, validated before anything changes."""
+"""`reset(options=...)` for one row or many, validated before anything changes."""
 
 from __future__ import annotations
 
@@ -122,11 +122,11 @@ def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
     start = np.empty(STATE_SIZE - 1)
     start[:4], start[MODE] = validated_start(params, x, mode, "state")
     limit = params.voltage_limit
-    force = max(normal_force(params, start, voltage) for voltage in (-limit, limit))
+    force = normal_force(params, start, limit)
     if force <= 0:
         raise ValueError(
-            f"state = {x!r}: some voltage from {-limit:g} to {limit:g} V must press the foot on "
-            f"the ground, by a force greater than 0; the largest that any gives is {force:.3g} N: "
-            "give a slower state"
+            f"state = {x!r}: no voltage from {-limit:g} to {limit:g} V presses the foot on the "
+            f"ground; the largest force is {force:.3g} N and must be greater than 0: give a slower "
+            "state"
         )
     return start

@@ -1,4 +1,4 @@
-"""Arguments as plain JSON values, and back: an environment's `spec` makes it again from text."""
+"""Arguments as plain JSON values and back: an environment can be remade from its `spec` as text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON has it; what has no such form is left as it is."""
+    """The value in JSON's types; a value that has no such form is returned unchanged."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return plain(dataclasses.asdict(value))
     if isinstance(value, enum.Enum):
@@ -39,7 +39,9 @@ def made_of(kind: type[T], name: str, fields: Mapping[str, Any]) -> T:
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for field in fields:
         if field not in known:
-            raise ValueError(f"{name}: {field!r} is not a field of it: choose from {known}")
+            raise ValueError(
+                f"{name}: {field!r} is not a field of {kind.__name__}: choose from {known}"
+            )
     return kind(**fields)
 
 
@@ -51,8 +53,8 @@ def _set(env: Any, spec: EnvSpec | None) -> None:
     if spec is not None:
         spec = copy.copy(spec)
         spec.kwargs = plain(spec.kwargs)
-    env._spec = spec  # by its name: to ask for __dict__ would slow every attribute down
+    env._spec = spec  # as an attribute: using __dict__ would slow down every other attribute
 
 
-#: Of an environment: the `spec` that Gymnasium gives it, its arguments in plain JSON values.
+#: A property for environments: the `spec` that Gymnasium sets, with arguments as JSON values.
 plain_spec = property(_get, _set)

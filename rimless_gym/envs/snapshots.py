@@ -1,4 +1,4 @@
-"""Whether a snapshot can be taken up: looked at whole, before anything changes."""
+"""Checks of a whole snapshot before an environment takes anything from it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rimless_gym.envs.starts import N_FIELDS
 from rimless_gym.envs.task import OBSERVATION_SIZE, Task
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
-#: What a fleet's snapshot copies; the rest of it never changes.
+#: The arrays that a fleet's snapshot copies; its other parts are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "fields", "ended")
 
 _SETTINGS = {"params": list, "ranges": Ranges, "disturbances": Disturbances, "task": Task}
@@ -22,7 +22,7 @@ _SEEN = np.dtype(np.float32)
 
 
 def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, owner: str) -> None:
-    """Refuse what `get_state` of an `owner` of n rows and that task cannot have returned.
+    """Refuse a state that `get_state` of an `owner` with n rows and this task cannot have returned.
 
     Raises:
         TypeError: it, or a part of it, is of another type.
@@ -54,7 +54,7 @@ def _require_parts(name: str, state: Any, parts: Collection[str], remedy: str) -
 
 
 def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
-    """Refuse arrays of other shapes, which compiled code would read and write beyond, and NaN."""
+    """Refuse NaN, and shapes with which compiled code would go out of bounds."""
     each = bool(state["ranges"].bounds) or np.size(state["poles"]) == n
     machines = n if each else 1
     expected = {

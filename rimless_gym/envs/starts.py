@@ -49,16 +49,12 @@ from rimless_gym.kernel.stepping import (
     PHI,
     THETA,
 )
-from rimless_gym.params import Constants, WheelParams, constants_of
+from rimless_gym.params import CHOICES, Constants, WheelParams, constants_of
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 
 #: The parameters that are numbers, in the order of the arrays `fields` (N_FIELDS, N).
-FIELDS = tuple(
-    field.name
-    for field in dataclasses.fields(WheelParams)
-    if field.name not in ("motor_mount", "impact_law")
-)
+FIELDS = tuple(field.name for field in dataclasses.fields(WheelParams) if field.name not in CHOICES)
 N_FIELDS = len(FIELDS)
 Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
 

@@ -11,7 +11,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
-from rimless_gym.checks import real
+from rimless_gym.checks import not_negative
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, SINGLE
@@ -57,9 +57,7 @@ class Task:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            object.__setattr__(self, name, real(name, value))
-            if value < 0:
-                raise ValueError(f"{name} = {value}: must be at least 0")
+            object.__setattr__(self, name, not_negative(name, value))
 
     def reward_terms(
         self, params: WheelParams, distance: Any, energy: Any, failed: Any
@@ -186,12 +184,12 @@ def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
     )
 
 
-def normal_force(params: WheelParams, state: NDArray[np.float64], voltage: float = 0.0) -> float:
-    """Fy (N) on the foot, or on both feet together, of a hybrid state (STATE_SIZE,)."""
-    return _force(params.constants_array, state, voltage)
+def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float = 0.0) -> float:
+    """The largest Fy (N) that a voltage from -limit to limit gives in a state (STATE_SIZE,)."""
+    return _force(params.constants_array, state, limit)
 
 
 @kept()
-def _force(constants, x, voltage):
+def _force(constants, x, limit):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    return foot_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], voltage, p)
+    return greatest_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], limit, p)

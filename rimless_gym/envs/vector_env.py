@@ -102,7 +102,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
       `RecordVideo` and `HumanRendering` for vectors take.
     - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
 
-    Whatever they are, `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes them again.
+    `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
     `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
     of rows that end in it too (`mode` alone is that of the state observed, after a reset).
@@ -270,11 +270,12 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`, be it of before the first episodes.
+        """Go back to a snapshot of `get_state`, even one from before the first episodes.
 
         Raises:
-            TypeError: it is no snapshot; nothing has changed then.
-            ValueError: it is that of a single environment, other rows, or another task; likewise.
+            TypeError: it is not a snapshot; nothing has changed then.
+            ValueError: it is from a single environment, or has another number of rows or another
+                task; likewise.
         """
         require_snapshot(state, _PARTS, self.num_envs, self.task, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])

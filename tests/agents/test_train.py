@@ -95,11 +95,14 @@ def test_what_is_logged_are_ratios_of_sums_of_the_infos():
         def record(self, name, value):
             seen[name] = value
 
+        def dump(self, step):
+            pass
+
     callback = LogWalking(THESIS_PHYSICAL)
-    callback.model = type("Model", (), {"logger": Logger()})()
+    callback.model = type("Model", (), {"logger": Logger(), "num_timesteps": 2})()
     callback.locals = {"infos": [info(0.01, 1.0), info(0.03, 0.2)]}
-    callback._on_step()
-    callback._record()
+    callback.on_step()
+    callback.on_training_end()
     assert seen["walk/cot"] == pytest.approx(1.2 / (THESIS_PHYSICAL.weight * 0.04))
     assert seen["walk/speed"] == pytest.approx(2.0)
     assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)
@@ -303,7 +306,11 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"seed": -1}, ValueError, "seed = -1: must be at least 0 and at most 4294967295"),
+        (
+            {"seed": -1},
+            ValueError,
+            "seed = -1: must be an integer of at least 0 and at most 4294967295",
+        ),
         ({"seed": np.int64(-3)}, ValueError, "seed = -3"),
         ({"seed": 2**32}, ValueError, "seed = 4294967296"),
         ({"seed": 1.0}, TypeError, r"seed = 1\.0: must be an integer"),

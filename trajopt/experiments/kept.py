@@ -1,4 +1,4 @@
-"""Solved cases in files, so that a run that was interrupted goes on from there."""
+"""Solved cases in files, from which an interrupted run goes on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trajopt.extremal import Extremal
 from trajopt.provenance import provenance
 from trajopt.saved import ExtremalFileError
 
-#: What a file says of a search, besides its best solution.
+#: What a file records of a search besides its best solution.
 SEARCH = ("optima", "failed", "reaching", "seconds")
 
 
@@ -24,7 +24,7 @@ def place(folder: Path, key: Key) -> Path:
 
 
 def store(folder: Path, solution: Solved) -> None:
-    """Keep a solved case."""
+    """Save a solved case."""
     folder.mkdir(parents=True, exist_ok=True)
     search = {name: getattr(solution, name) for name in SEARCH}
     made = solution.extremal.provenance | {"search": search}
@@ -32,7 +32,7 @@ def store(folder: Path, solution: Solved) -> None:
 
 
 def recalled(folder: Path, cases: Sequence[Case]) -> dict[Key, Solved]:
-    """Of some cases, in order, those in a folder that this version of everything solved."""
+    """Those cases, in order, that a folder holds as solved by these versions of all software."""
     found: dict[Key, Solved] = {}
     for case in cases:
         before = found.get(case.after.key) if case.after else None

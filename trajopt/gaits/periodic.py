@@ -36,15 +36,15 @@ DEFAULT_STARTS, REFINED = 24, 3
 #: Shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
-#: Of a stride: what a mesh has room for.
+#: Most steps in a stride: what a mesh has room for.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
-#: Steps of continuation in speed (m/s), and by what share one may be longer: speeds of gaits and
-#: whole numbers of steps apart are so only to a solver's tolerance.
+#: Steps of continuation in speed (m/s), and by what fraction one may be longer: gaits that are a
+#: whole number of steps apart are so only to a solver's tolerance.
 SPEED_STEP, STRETCH = 0.025, 1e-6
 
 #: A gait of the same machine whose speed differs by less (m/s) is followed with a smaller barrier.
-#: (No round number, as differences of speeds are.)
+#: (Not a round number, because differences of speeds are.)
 SAME_SPEED = 9e-4
 
 

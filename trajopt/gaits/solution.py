@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import flag, real_array
+from rimless_gym.checks import flag, integer, real_array
 from rimless_gym.params import WheelParams
 from trajopt.extremal import Extremal
 from trajopt.files import (
@@ -24,6 +24,7 @@ from trajopt.files import (
     write_arrays,
 )
 from trajopt.gaits.stability import floquet_multipliers
+from trajopt.gaits.stance import MOST_TURNS
 from trajopt.gaits.verify import Verification
 from trajopt.problem import Array
 from trajopt.provenance import provenance
@@ -332,7 +333,7 @@ class Solution:
         return cls(
             params=params,
             phases=phases,
-            theta_turns=_turns(header["theta_turns"]),
+            theta_turns=integer("theta_turns", header["theta_turns"], -MOST_TURNS, MOST_TURNS),
             regeneration=flag("regeneration", header["regeneration"]),
             verification=checked,
             optimality=Optimality(**header["optimality"]),
@@ -344,7 +345,7 @@ class Solution:
 def _require_stride(
     params: WheelParams, phases: Sequence[PhaseTrajectory], verification: Verification
 ) -> None:
-    """Refuse phases that are no stride of a wheel, or another one than was verified."""
+    """Refuse phases that are not a stride of the wheel, or not the stride that was verified."""
     for i, phase in enumerate(phases):
         sizes = phase.states.shape[-1], phase.controls.shape[-1]
         if sizes != (4, 1):
@@ -359,9 +360,3 @@ def _require_stride(
     ):
         if not math.isclose(own, verified, rel_tol=1e-9):
             raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
-
-
-def _turns(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"theta_turns = {value!r}: must be an integer")
-    return value

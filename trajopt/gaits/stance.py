@@ -31,10 +31,10 @@ MIN_NORMAL_FORCE = 0.05
 #: Least phi' just before and just after a touchdown (rad/s): the guard must be crossed.
 MIN_TOUCHDOWN_RATE = 0.01
 
-#: Of a phase (s): a tenth of the quickest step of any machine that walks.
+#: Shortest duration of a phase (s): a tenth of the quickest step of any machine that walks.
 SHORTEST_STEP = 0.02
 
-#: Of theta in a stride, either way; more than the fastest whirls make in a minute.
+#: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
 MOST_TURNS = 600
 
 #: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.

@@ -322,7 +322,7 @@ def test_a_delay_given_as_a_list_is_no_longer_the_callers():
         (lambda: Disturbances(pushes=3.0), TypeError, "pushes = 3.0"),
         (lambda: Disturbances(actuator_delay=-1), ValueError, "actuator_delay = -1"),
         (lambda: Disturbances(actuator_delay=(3, 1)), ValueError, "the least first"),
-        (lambda: Disturbances(actuator_delay=0.5), TypeError, "must be integers"),
+        (lambda: Disturbances(actuator_delay=0.5), TypeError, "must be an integer"),
         (lambda: Disturbances(actuator_delay=(1, 2, 3)), ValueError, "one number, or two"),
         (lambda: Ranges({"n_legs": (4, 6)}), ValueError, "'n_legs' cannot be drawn"),
         (lambda: Ranges({"slope": (0.1, -0.1)}), ValueError, "slope = "),

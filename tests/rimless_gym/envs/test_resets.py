@@ -36,7 +36,7 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
         (
             {"state": [1.5, 3.0, 0, MAX_RATE]},
-            r"from -20 to 20 V must press .* greater than 0; .* any gives is -.* N: give a slower",
+            r"no voltage from -20 to 20 V .* largest force is -.* greater than 0: give a slower",
         ),
         ({"state": [1.5, 1e300, 0, 0]}, r"theta = 1e\+300: must be within 100000 rad"),
         ({"state": [1.5, -1e17, 0, 0]}, r"theta = -1e\+17: .* modulo 2 pi"),

@@ -114,7 +114,7 @@ def test_playing_back_gives_up_on_what_an_explicit_integrator_cannot_follow(
         (lambda x, u, p: tuple(x), "casadi.vertsplit"),
         (lambda x, u, p: (x[1], ca.SX.sym("g")), "symbols of its own arguments alone"),
         (lambda x, u, p: ca.SX.zeros(2, 2), r"matrix of shape \(2, 2\)"),
-        (lambda x, u, p: (x[1], math.nan), "not a finite number"),
+        (lambda x, u, p: (x[1], math.nan), "not finite for any"),
         (lambda x, u, p: x[1], "1 rates for the 2 states"),
         (3.0, "flow = 3.0: must be a function"),
         (None, "flow = None: must be a function"),
