@@ -24,7 +24,7 @@ from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
 from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
-from agents.folder import BEST, CLONE, LAST, make_folder, sole_user
+from agents.folder import BEST, CLONE, LAST, sole_user
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
 from agents.study import Study
@@ -64,9 +64,13 @@ class Comparison:
     def __init__(self, study: Study, out: Path, progress: bool = True) -> None:
         self.study, self.out, self.progress = study, out, progress
         self.params = study.params
-        wanted = json.loads(json.dumps(dataclasses.asdict(study)))
-        written = out / "study.json"
-        make_folder(out)
+        with sole_user(out):
+            self._claim()
+
+    def _claim(self) -> None:
+        """Make the folder that of this study, or find that it is already."""
+        wanted = json.loads(json.dumps(dataclasses.asdict(self.study)))
+        written = self.out / "study.json"
         if written.exists():
             has = _read_json(written).get("study", {})
             differing = {
@@ -74,7 +78,8 @@ class Comparison:
             }
             if differing:
                 raise ValueError(
-                    f"{out} holds another study: {differing}; choose another --out, or remove it"
+                    f"{self.out} holds another study: {differing}; choose another --out, or "
+                    "remove it"
                 )
         _write_json(written, {"study": wanted} | provenance())
 

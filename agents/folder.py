@@ -19,18 +19,6 @@ NOTES, STATE = "train.json", "state.npz"
 CLONE, BEST, LAST = "clone.zip", "best.zip", "last.zip"
 
 
-def make_folder(out: Path) -> None:
-    """Make a folder if there is none.
-
-    Raises:
-        ValueError: it is a file.
-        OSError: it cannot be made.
-    """
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"{out} is a file: choose a folder as --out")
-    out.mkdir(parents=True, exist_ok=True)
-
-
 @contextmanager
 def sole_user(out: Path) -> Iterator[None]:
     """Make a folder if there is none, and lock it against other processes.
@@ -41,7 +29,9 @@ def sole_user(out: Path) -> Iterator[None]:
         ValueError: it is a file, or another process is using it.
         OSError: it cannot be written.
     """
-    make_folder(out)
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out} is a file: choose a folder as --out")
+    out.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(out / ".lock", timeout=0):
             yield
