@@ -72,7 +72,12 @@ def restore(model: Any, state: dict[str, Any]) -> None:
         StateError: the state is from another kind of model or another number of environments.
     """
     try:
-        model.set_parameters(state["parameters"], exact_match=True)
+        parameters = state["parameters"]
+        if not isinstance(parameters, dict):  # of a path, it would read the file there
+            raise TypeError(f"its parameters are a {type(parameters).__name__}")
+        if not set(state["counters"]) <= set(COUNTERS):
+            raise ValueError(f"it has the counters {list(state['counters'])}")
+        model.set_parameters(parameters, exact_match=True)
         for name, value in state["variables"].items():
             recursive_getattr(model, name).data.copy_(value)
         for name, value in state["counters"].items():

@@ -91,6 +91,9 @@ def read_arrays(
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
+        foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+        if foreign:  # numpy hands over as bytes whatever in the archive is not called .npy
+            raise ValueError(f"{foreign} are no arrays")
         header = json.loads(str(arrays[HEADER]))
         found = header.pop("format")
     except Exception as cause:  # a damaged archive raises almost anything

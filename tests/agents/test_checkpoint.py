@@ -125,6 +125,19 @@ def signed(arrays):
     return file.getvalue()
 
 
+def test_a_policy_that_holds_more_than_arrays_is_refused_though_it_is_signed(tmp_path, new_model):
+    path = save_policy(tmp_path / "p.zip", new_model("ppo"), THESIS_PHYSICAL, Task(), 0)
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files if name != DIGEST}
+    file = io.BytesIO()
+    np.savez(file, **arrays, **{DIGEST: np.array(digest(arrays | {"policy.x": b"abc"}))})
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("policy.x", b"abc")
+    path.write_bytes(file.getvalue())
+    with pytest.raises(CheckpointError, match=r"policy\.x.*no arrays"):
+        load_policy(path)
+
+
 @pytest.mark.parametrize("part", ["weights", HEADER, "beside"])
 def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_model, part):
     mark = tmp_path / "mark"

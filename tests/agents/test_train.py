@@ -17,10 +17,11 @@ from agents.evaluate import Protocol
 from agents.folder import sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, actor_of
-from agents.resumption import StateError
+from agents.resumption import FORMAT, StateError
 from agents.train import train
 from agents.training_env import training_env
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from trajopt.files import read_arrays, write_arrays
 
 BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
 QUICK = Cloning(
@@ -279,6 +280,23 @@ def test_a_damaged_state_is_named_with_the_remedy(folder, content):
     (folder / "state.npz").write_bytes(content)
     with pytest.raises(StateError, match=r"state\.npz: damaged.*delete it.*--out"):
         run(folder)
+
+
+@pytest.mark.parametrize(
+    ("part", "content", "message"),
+    [
+        ("parameters", "stranger.zip", "parameters are a str"),
+        ("counters", {"dict": [["policy", 3]]}, "counters.*policy"),
+    ],
+)
+def test_a_signed_state_of_other_parts_is_refused(folder, part, content, message):
+    header, arrays = read_arrays(folder / "state.npz", FORMAT, StateError, "")
+    [[_, model]] = [pair for pair in header["tree"]["dict"] if pair[0] == "model"]
+    [pair] = [pair for pair in model["dict"] if pair[0] == part]
+    pair[1] = content
+    write_arrays(folder / "state.npz", FORMAT, {"tree": header["tree"]}, arrays)
+    with pytest.raises(StateError, match=message):
+        run(folder, timesteps=256)
 
 
 def test_a_record_with_an_entry_missing_is_another_training(folder):
