@@ -12,10 +12,11 @@ from agents.checkpoint import (
     architecture,
     built,
     load_policy,
+    origin,
     save_policy,
 )
 from agents.expert import gait_expert
-from agents.folder import CLONE, origin
+from agents.folder import CLONE, CLONING
 from agents.hyperparameters import Hyperparameters
 from agents.imitate import Cloning, clone
 from agents.policies import Controller
@@ -57,10 +58,7 @@ class Training:
         Raises:
             CheckpointError: the policy to start from cannot be read.
         """
-        try:
-            init = self.init if self.init in INITS else origin(self.init)
-        except OSError as error:
-            raise CheckpointError(f"init = {self.init!r}: {error}; check the path") from error
+        init = self.init if self.init in INITS else origin(self.init)
         return {
             "algo": self.algo,
             "init": init,
@@ -115,7 +113,7 @@ def cloned(
     model = training.model(env)
     if expert is None:
         expert = gait_expert(periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=progress))
-    kept = out / "cloning.npz"
+    kept = out / CLONING
     report = clone(model, expert, params, cloning, seed=training.seed, kept=kept, progress=progress)
     notes = {"cloning": dataclasses.asdict(report)}
     save_policy(out / CLONE, model, params, training.task, training.seed, **notes)

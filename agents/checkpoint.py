@@ -22,7 +22,7 @@ from agents.training_env import training_env
 from rimless_gym.envs import task as walking
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from trajopt.files import jsonable, read_arrays, write_arrays
+from trajopt.files import digest, jsonable, read_arrays, write_arrays
 from trajopt.provenance import provenance
 
 FORMAT = "rimless-gym policy 2"
@@ -190,6 +190,16 @@ def find_policy(path: str | Path) -> Path:
 def read_record(path: str | Path) -> dict[str, Any]:
     """The record of a policy file; raises what `load_policy` raises."""
     return _read(find_policy(path))[0]
+
+
+def origin(path: str | Path) -> str:
+    """A policy to start from, in words: its algorithm and a digest of its weights.
+
+    Raises:
+        CheckpointError: it cannot be read.
+    """
+    record, weights = _read(find_policy(path))
+    return f"{record.get('algo')} policy, SHA-256 of its weights {digest(weights)[:16]}"
 
 
 def load_policy(

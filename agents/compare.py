@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -27,22 +28,21 @@ from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cyc
 from agents.folder import BEST, CLONE, LAST, sole_user
 from agents.policies import Policy, controller_policy, model_policy
 from agents.report import format_table, gait_row, policy_row
+from agents.stages import read_stage, write_stage
 from agents.study import Study
 from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.files import jsonable, write_text
-from trajopt.gaits.fronts import CotFront, cot_front, front_file
+from trajopt.gaits.front_files import front_file
+from trajopt.gaits.fronts import CotFront, cot_front
 from trajopt.gaits.shipped import leads_for
 from trajopt.provenance import provenance
 from trajopt.ties import tied
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
-
-#: What each stage's file holds besides its result.
-_STAMP = ("wall_time_s", "git_revision")
 
 #: Where the trainings leave the policies that are shown.
 CLONED, TUNED = f"imitation/{CLONE}", f"fine_tuned/{BEST}"
@@ -64,15 +64,17 @@ class Comparison:
     def __init__(self, study: Study, out: Path, progress: bool = True) -> None:
         self.study, self.out, self.progress = study, out, progress
         self.params = study.params
+        self._wanted = json.loads(json.dumps(dataclasses.asdict(study)))
         with sole_user(out):
             self._claim()
 
     def _claim(self) -> None:
         """Make the folder that of this study, or find that it is already."""
-        wanted = json.loads(json.dumps(dataclasses.asdict(self.study)))
-        written = self.out / "study.json"
+        wanted, written = self._wanted, self.out / "study.json"
         if written.exists():
-            has = _read_json(written).get("study", {})
+            has = _read_json(written).get("study")
+            if not isinstance(has, dict):
+                raise ValueError(f"{written}: damaged; remove it, or choose another --out")
             differing = {
                 k: f"{has.get(k)} (not {wanted[k]})" for k in wanted if has.get(k) != wanted[k]
             }
@@ -110,35 +112,25 @@ class Comparison:
         return self._report(done)
 
     def _stage(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """The result of a stage, from its file if it was run before and its files still exist."""
-        file, made_by = self.out / f"{name}.json", provenance()
-        result = self._finished(file)
-        if result is None:
+        """The result of a stage, from its file if it was run before and its files are unchanged."""
+        made_by = provenance()
+        result, changed = read_stage(self.out, name, self._wanted)
+        if changed:
+            self._tell(f"{', '.join(changed)} is missing or changed: run again")
+            shutil.rmtree(self.out / name, ignore_errors=True)  # of a training
+        if result is None or changed:
             began = time.perf_counter()
-            result = work() | {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
-            _write_json(file, result)
+            done = work() | {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
+            write_stage(self.out, name, self._wanted, done)
+            result = read_stage(self.out, name, self._wanted)[0] or {}
             self._tell(f"done in {result['wall_time_s']} s")
         else:
             self._tell("kept")
         if result["git_revision"] != made_by["git_revision"]:
             self._tell(
-                f"warning: {file} was made by revision {result['git_revision']}, this is "
+                f"warning: {name} was made by revision {result['git_revision']}, this is "
                 f"{made_by['git_revision']}; remove {self.out} to make it anew"
             )
-        return result
-
-    def _finished(self, file: Path) -> dict[str, Any] | None:
-        """A stage's result from its file; None if it was not run or one of its files is missing."""
-        if not file.exists():
-            return None
-        result = _read_json(file)
-        for name in _STAMP:
-            if name not in result:
-                raise ValueError(f"{file}: damaged: no {name} in it; remove it")
-        missing = [name for name in result.get("files", ()) if not (self.out / name).exists()]
-        if missing:
-            self._tell(f"{', '.join(missing)} is missing from {self.out}: run again")
-            return None
         return result
 
     def _tell(self, text: str) -> None:
@@ -224,7 +216,7 @@ class Comparison:
     @cached_property
     def front(self) -> CotFront:
         """The optimal front, as the stage left it."""
-        names = _read_json(self.out / "front.json")["files"]
+        names = (read_stage(self.out, "front", self._wanted)[0] or {})["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
     @cached_property

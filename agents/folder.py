@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,9 @@ from trajopt.provenance import provenance
 #: What a training leaves in its folder, besides TensorBoard's events.
 NOTES, STATE = "train.json", "state.npz"
 CLONE, BEST, LAST = "clone.zip", "best.zip", "last.zip"
+
+#: The rounds of a cloning, until the training that goes on from it has a state.
+CLONING = "cloning.npz"
 
 
 @contextmanager
@@ -63,16 +65,6 @@ def claim(out: Path, identity: dict[str, Any]) -> None:
             "--out"
         )
     write_text(notes, json.dumps(identity | provenance(), indent=1) + "\n")
-
-
-def origin(init: str | Path) -> str:
-    """A file to start from, as part of a training's identity: its name and a digest of its content.
-
-    Raises:
-        OSError: the file cannot be read.
-    """
-    path = Path(init)
-    return f"{path.name}, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
 
 
 def _require_same(notes: Path, identity: dict[str, Any]) -> None:

@@ -128,7 +128,8 @@ def clone(
         params: the machine.
         config: default `Cloning()`.
         seed: of starts and batches.
-        kept: file to which each finished round is saved; removed at the end.
+        kept: file to which each finished round is saved. It stays: whoever saves the model
+            removes it then.
         progress: whether to show a progress bar.
 
     Raises:
@@ -180,8 +181,6 @@ def clone(
             bar.set_postfix(error=f"{errors[-1]:.4f}")
             if kept is not None:
                 _keep(kept, config, seed, learning, rng, walks, errors)
-    if kept is not None:
-        kept.unlink(missing_ok=True)
     set_exploration(model, config.log_std)
     return CloneReport(sum(len(seen.when) for seen in walks), tuple(errors))
 

@@ -60,7 +60,7 @@ def load_state(path: Path) -> dict[str, Any]:
         state = from_arrays(header["tree"], arrays)
         if set(state) != {"model", "notes"}:
             raise ValueError(f"it has the parts {list(state)}")
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise StateError(f"{path}: damaged ({error!r}); {remedy}") from error
     return dict(state)
 
@@ -90,7 +90,7 @@ def restore(model: Any, state: dict[str, Any]) -> None:
             _restore_replay(model.replay_buffer, state["replay"])
         set_environments_state(model.env, state["environments"])
         _restore_generators(model, state["generators"])
-    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except Exception as error:  # stable-baselines3 and torch raise almost anything
         raise StateError(
             f"the state does not fit this training ({error!r}): go on with the versions that "
             "began it, or begin another with another --out"

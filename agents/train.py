@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -14,13 +15,13 @@ from agents.begin import Training, cloned, started_from
 from agents.callbacks import Freeze, KeepBest, LogWalking, Progress, SaveState
 from agents.checkpoint import architecture, save_policy
 from agents.evaluate import SHORT_PROTOCOL, Evaluation, Protocol
-from agents.folder import BEST, CLONE, LAST, STATE, claim, sole_user
+from agents.folder import BEST, CLONE, CLONING, LAST, STATE, claim, sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning
 from agents.interrupts import requests
 from agents.logs import event_log
 from agents.policies import Controller
-from agents.resumption import load_state, restore, save_state
+from agents.resumption import StateError, load_state, restore, save_state
 from rimless_gym.checks import integer
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
@@ -44,7 +45,7 @@ class TrainResult:
         last: the policy as it is now.
         clone: the clone that it began from, if any.
         timesteps: environment steps in the saved state, from which the same call goes on.
-        interrupted: whether it was stopped before its end.
+        interrupted: whether somebody asked to stop, be it in its last moments.
         evaluations: (timesteps, evaluation) pairs of this call, by the short protocol.
     """
 
@@ -71,6 +72,12 @@ class Standing:
     due: int | None = None
     over: int | None = None
     logged: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        steps = [step for step in (self.due, self.over) if step is not None]
+        if not (type(self.best) is float and all(type(step) is int for step in steps)):
+            raise TypeError(f"{self}: a score, and whole numbers of steps")
+        self.logged = dict(self.logged)
 
 
 def train(
@@ -159,11 +166,31 @@ def _begun(
 
 
 def _resumed(training: Training, out: Path) -> tuple[Any, Standing]:
-    """The model with which a training goes on, and how far it has come."""
-    state = load_state(out / STATE)
-    model = training.model(training.env(), state["notes"]["policy_kwargs"])
-    restore(model, state["model"])
-    return model, Standing(**state["notes"]["standing"])
+    """The model with which a training goes on, and how far it has come.
+
+    Raises:
+        StateError: its state is damaged, or of another training.
+        ValueError: a policy that it had saved is missing.
+    """
+    needed = [BEST, LAST] + [CLONE] * (training.init == "imitation")
+    missing = [name for name in needed if not (out / name).exists()]
+    if missing:
+        raise ValueError(
+            f"{out}: {' and '.join(missing)} is missing: put it back, or remove {out} to train anew"
+        )
+    state, remedy = load_state(out / STATE), f"remove {out} to train anew"
+    try:
+        notes = state["notes"]
+        if notes["identity"] != json.loads(json.dumps(training.identity)):
+            raise ValueError("it is of another training")
+        standing = Standing(**notes["standing"])
+        model = training.model(training.env(), notes["policy_kwargs"])
+        restore(model, state["model"])
+    except StateError:
+        raise
+    except Exception as error:  # stable-baselines3 raises almost anything
+        raise StateError(f"{out / STATE}: {error!r}; {remedy}") from error
+    return model, standing
 
 
 def _learned(
@@ -177,6 +204,7 @@ def _learned(
 ) -> TrainResult:
     """Learn until `total` time steps, or until asked to stop."""
     of = (model, training.params, training.task, training.seed)
+    identity = training.identity
 
     def keep(evaluation: Evaluation, score: float) -> None:
         save_policy(out / BEST, *of, score=score, evaluation=evaluation.to_dict())
@@ -185,8 +213,9 @@ def _learned(
         standing.best, standing.due = keeper.best, keeper.due
         standing.logged = dict(model.logger.name_to_value)
         save_policy(out / LAST, *of)
-        notes = {"standing": vars(standing), "policy_kwargs": architecture(model)}
-        save_state(out / STATE, model, notes)
+        notes = {"identity": identity, "standing": vars(standing)}
+        save_state(out / STATE, model, notes | {"policy_kwargs": architecture(model)})
+        (out / CLONING).unlink(missing_ok=True)
 
     kept, interrupted = model.num_timesteps, False
     if standing.over is None or standing.over < total:
@@ -210,7 +239,7 @@ def _learned(
                 interrupted = True
             finally:
                 bar.close()
-            kept = saver.kept
+            kept, interrupted = saver.kept, interrupted or stop.made
         model.logger.close()
     return TrainResult(
         best=out / BEST,

@@ -10,7 +10,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
 import pickle
+import stat
 import sys
 import uuid
 import warnings
@@ -118,19 +120,29 @@ def _announce(part: str | None) -> None:
 
 @functools.cache
 def _warn_once(trouble: str) -> None:
-    text = f"{trouble}; set NUMBA_CACHE_DIR to a folder that can be written"
+    text = f"{trouble}; set NUMBA_CACHE_DIR to a folder of your own"
     # Not attributed to a file, so that no source line is printed below the warning.
     warnings.warn_explicit(text, RuntimeWarning, "rimless_gym", 0)
 
 
 def _read(path: Path) -> bytes | None:
-    """What `_write` wrote; None if the file is missing or damaged."""
+    """What `_write` wrote; None if the file is missing, damaged, or somebody else's."""
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            if not _is_ours(os.fstat(file.fileno())):
+                return None
+            content = file.read()
     except OSError:
         return None
     code = content[_DIGEST_SIZE:]
     return code if content[:_DIGEST_SIZE] == hashlib.sha256(code).digest() else None
+
+
+def _is_ours(status: os.stat_result) -> bool:
+    """Whether nobody but this user or root wrote a file: to load machine code is to run it."""
+    if not hasattr(os, "getuid"):
+        return True
+    return status.st_uid in (os.getuid(), 0) and not status.st_mode & stat.S_IWOTH
 
 
 def _write(path: Path, code: bytes) -> None:

@@ -135,10 +135,7 @@ def solve(
     transcription, result, qualities = best
     if passes and result.success:
         sharper = _certified(transcription, result, hamiltonian_tolerance, attempts, options)
-        for transcription, result in (sharper, best[:2]):
-            result = _backed_off(transcription, result, limit_tolerance, options)
-            if _overshoot(transcription, result) < limit_tolerance:
-                break
+        transcription, result = _within(sharper, best[:2], limit_tolerance, options)
         qualities = _assess(transcription, result)
     return Extremal(
         problem=problem,
@@ -258,6 +255,27 @@ def _certified(
 
 def _violation(result: Result) -> float:
     return result.breaches[0].amount if result.breaches else 0.0
+
+
+def _within(
+    sharper: tuple[Transcription, Result],
+    plain: tuple[Transcription, Result],
+    tolerance: float,
+    options: dict[str, Any],
+) -> tuple[Transcription, Result]:
+    """The sharper of two solutions within its limits; the other where that costs clearly less.
+
+    How much it costs to stay within limits depends on the mesh, where an optimal control switches.
+    """
+    transcription, before = sharper
+    result = _backed_off(transcription, before, tolerance, options)
+    inside = _overshoot(transcription, result) < tolerance
+    if inside and not _dearer(result, before):
+        return transcription, result
+    other = _backed_off(*plain, tolerance, options)
+    if not inside or (_overshoot(plain[0], other) < tolerance and _dearer(result, other)):
+        return plain[0], other
+    return transcription, result
 
 
 def _backed_off(

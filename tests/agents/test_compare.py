@@ -9,62 +9,58 @@ import pytest
 
 from agents.compare import Comparison
 from agents.report import format_table, gap_to_front
+from agents.stages import read_stage, write_stage
 from agents.study import Study
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 
-
-def test_a_finished_stage_is_not_run_again(tmp_path: Path) -> None:
-    comparison, calls = Comparison(Study(), tmp_path, progress=False), []
-
-    def work() -> dict[str, int]:
-        calls.append(1)
-        return {"figure": 7}
-
-    first = comparison._stage("stage", work)
-    again = Comparison(Study(), tmp_path, progress=False)._stage("stage", work)
-    assert first == again
-    assert first["figure"] == 7
-    assert first["wall_time_s"] >= 0
-    assert len(calls) == 1
+STUDY = {"seed": 0}
 
 
-def test_an_interrupted_stage_leaves_no_result_and_keeps_those_before(tmp_path: Path) -> None:
-    comparison = Comparison(Study(), tmp_path, progress=False)
-    comparison._stage("finished", dict)
-
-    def interrupted() -> dict[str, int]:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        comparison._stage("unfinished", interrupted)
-    assert (tmp_path / "finished.json").exists()
-    assert not (tmp_path / "unfinished.json").exists()
-    assert comparison._stage("unfinished", lambda: {"figure": 7})["figure"] == 7
+def test_a_stage_is_read_as_it_was_written(tmp_path: Path) -> None:
+    assert read_stage(tmp_path, "lqr", STUDY) == (None, [])
+    (tmp_path / "gait.npz").write_bytes(b"a gait")
+    result = {"cot": 0.03, "unknown": None, "files": ["gait.npz"]}
+    write_stage(tmp_path, "lqr", STUDY, result)
+    assert read_stage(tmp_path, "lqr", STUDY) == (result, [])
 
 
-def test_a_stage_whose_files_are_missing_is_run_again(tmp_path: Path) -> None:
-    comparison, calls = Comparison(Study(), tmp_path, progress=False), []
-
-    def work() -> dict[str, list[str]]:
-        calls.append(1)
-        (tmp_path / "gait.npz").write_bytes(b"a gait")
-        return {"files": ["gait.npz"]}
-
-    for _ in range(2):
-        comparison._stage("stage", work)
-    assert len(calls) == 1
+@pytest.mark.parametrize("content", [None, b"", b"another gait"])
+def test_files_of_a_stage_that_are_missing_or_changed_are_named(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    (tmp_path / "gait.npz").write_bytes(b"a gait")
+    write_stage(tmp_path, "gait", STUDY, {"files": ["gait.npz"]})
     (tmp_path / "gait.npz").unlink()
-    comparison._stage("stage", work)
-    assert len(calls) == 2
+    if content is not None:
+        (tmp_path / "gait.npz").write_bytes(content)
+    assert read_stage(tmp_path, "gait", STUDY)[1] == ["gait.npz"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "null", "[1]", "{}", "\xff"])
+@pytest.mark.parametrize(
+    "text", ["", "{", "null", "[1]", "{}", "\xff", '{"digest": 3}', "[" * 9999]
+)
 def test_a_damaged_stage_is_named_with_the_remedy(tmp_path: Path, text: str) -> None:
-    comparison = Comparison(Study(), tmp_path, progress=False)
-    (tmp_path / "stage.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"stage\.json: damaged.*remove it"):
-        comparison._stage("stage", dict)
+    (tmp_path / "lqr.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"lqr\.json: damaged.*remove it"):
+        read_stage(tmp_path, "lqr", STUDY)
+
+
+def test_a_stage_that_was_edited_or_is_of_another_study_is_refused(tmp_path: Path) -> None:
+    write_stage(tmp_path, "lqr", STUDY, {"cot": 0.03})
+    with pytest.raises(ValueError, match=r"of another study.*remove it"):
+        read_stage(tmp_path, "lqr", {"seed": 1})
+    path = tmp_path / "lqr.json"
+    path.write_text(path.read_text().replace("0.03", "0.01"))
+    with pytest.raises(ValueError, match=r"edited since.*remove it"):
+        read_stage(tmp_path, "lqr", STUDY)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"study": 3}', "{}"])
+def test_a_damaged_study_is_named_with_the_remedy(tmp_path: Path, text: str) -> None:
+    (tmp_path / "study.json").write_text(text)
+    with pytest.raises(ValueError, match=r"study\.json: damaged.*remove it"):
+        Comparison(Study(), tmp_path, progress=False)
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
@@ -87,12 +83,6 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_bad_settings_are_refused_before_a_folder_is_claimed(settings, message) -> None:
     with pytest.raises(ValueError, match=message):
         Study(**settings)
-
-
-def test_a_damaged_file_is_named_with_the_remedy(tmp_path: Path) -> None:
-    (tmp_path / "study.json").write_text("{")
-    with pytest.raises(ValueError, match=r"study\.json: damaged.*remove it"):
-        Comparison(Study(), tmp_path, progress=False)
 
 
 def test_a_folder_with_another_study_is_refused(tmp_path: Path) -> None:

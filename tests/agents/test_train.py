@@ -12,14 +12,15 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from agents import train as training
 from agents.callbacks import LogWalking, SaveState
-from agents.checkpoint import CheckpointError, load_policy, read_record
+from agents.checkpoint import CheckpointError, load_policy, read_record, save_policy
 from agents.evaluate import Protocol
 from agents.folder import sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, actor_of
-from agents.resumption import FORMAT, StateError
+from agents.resumption import FORMAT, StateError, load_state
 from agents.train import train
 from agents.training_env import training_env
+from agents.trees import to_arrays
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from trajopt.files import read_arrays, write_arrays
 
@@ -299,6 +300,84 @@ def test_a_signed_state_of_other_parts_is_refused(folder, part, content, message
         run(folder, timesteps=256)
 
 
+@pytest.mark.parametrize("name", ["best.zip", "last.zip"])
+def test_a_training_whose_policies_are_missing_does_not_go_on(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(ValueError, match=rf"{name} is missing: put it back, or remove"):
+        run(folder)
+
+
+def test_a_state_of_another_training_is_refused(folder, tmp_path):
+    run(tmp_path / "other", seed=1, timesteps=128)
+    shutil.copyfile(tmp_path / "other" / "state.npz", folder / "state.npz")
+    with pytest.raises(StateError, match=r"state\.npz: .*of another training"):
+        run(folder, timesteps=256)
+
+
+@pytest.mark.parametrize(
+    "notes",
+    [
+        {"standing": {"best": "high"}},
+        {"standing": {"due": "soon"}},
+        {"standing": {"logged": [1]}},
+        {"standing": {"much": 1}},
+        {"standing": 3},
+        {"policy_kwargs": 3},
+        {"policy_kwargs": {"net_arch": "wide"}},
+    ],
+)
+def test_a_signed_state_of_the_wrong_kind_is_named(folder, notes):
+    tree = load_state(folder / "state.npz")
+    plain, arrays = to_arrays(tree | {"notes": tree["notes"] | notes})
+    write_arrays(folder / "state.npz", FORMAT, {"tree": plain}, arrays)
+    with pytest.raises(StateError, match=r"state\.npz: .*remove .* to train anew"):
+        run(folder, timesteps=256)
+
+
+def test_a_request_in_the_last_moments_is_not_lost(tmp_path, monkeypatch):
+    ended = LogWalking._on_training_end
+
+    def ask(self):
+        signal.raise_signal(signal.SIGTERM)
+        ended(self)
+
+    monkeypatch.setattr(LogWalking, "_on_training_end", ask)
+    result = run(tmp_path)
+    assert (result.interrupted, result.timesteps) == (True, STEPS["ppo"])
+    assert not run(tmp_path).interrupted
+
+
+def test_a_clone_is_kept_until_the_training_has_a_state(tmp_path, swing, monkeypatch):
+    whole = run(tmp_path / "whole", init="imitation", expert=swing, cloning=QUICK)
+
+    def killed(*arguments):
+        raise SystemExit
+
+    monkeypatch.setattr(training, "save_state", killed)
+    with pytest.raises(SystemExit):
+        run(tmp_path / "killed", init="imitation", expert=swing, cloning=QUICK)
+    monkeypatch.undo()
+    shrink(monkeypatch)
+
+    def never(x, mode):
+        raise AssertionError("the expert is asked again")
+
+    resumed = run(tmp_path / "killed", init="imitation", expert=never, cloning=QUICK)
+    np.testing.assert_array_equal(weights(resumed.last), weights(whole.last))
+    assert not (tmp_path / "killed" / "cloning.npz").exists()
+
+
+def test_a_policy_to_start_from_is_known_by_its_weights(tmp_path, swing):
+    first = run(tmp_path / "a", init="imitation", expert=swing, cloning=QUICK, timesteps=0)
+    run(tmp_path / "b", init=first.clone, timesteps=0)
+    loaded = load_policy(first.clone)
+    note = {"note": "made by another revision"}
+    save_policy(tmp_path / "c.zip", loaded.model, loaded.params, loaded.task, 0, **note)
+    run(tmp_path / "b", init=tmp_path / "c.zip", timesteps=0)
+    with pytest.raises(ValueError, match="with init = ppo policy"):
+        run(tmp_path / "b", timesteps=0)
+
+
 def test_a_record_with_an_entry_missing_is_another_training(folder):
     notes = json.loads((folder / "train.json").read_text())
     del notes["task"]
@@ -308,8 +387,7 @@ def test_a_record_with_an_entry_missing_is_another_training(folder):
 
 
 def test_a_training_killed_before_its_first_state_begins_anew(folder, finished):
-    for name in ("state.npz", "last.zip"):
-        (folder / name).unlink()
+    (folder / "state.npz").unlink()
     run(folder, timesteps=128)
     np.testing.assert_array_equal(weights(folder / "last.zip"), weights(finished / "last.zip"))
 

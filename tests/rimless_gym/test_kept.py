@@ -133,3 +133,20 @@ def test_a_full_disk_costs_a_warning_and_no_result(folder: Path) -> None:
     with pytest.warns(RuntimeWarning, match="cannot be kept in .*NUMBA_CACHE_DIR"):
         assert compiled()[0] == 1
     assert files() == [file]  # no unfinished one is left
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners here")
+def test_machine_code_that_others_may_have_written_is_not_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "code.nbc"
+    keeping._write(path, b"code")
+    assert keeping._read(path) == b"code"
+    path.chmod(0o666)
+    assert keeping._read(path) is None
+    path.chmod(0o644)
+    if os.getuid() == 0:
+        os.chown(path, 65534, -1)
+    else:
+        monkeypatch.setattr(os, "getuid", lambda: 65534)
+    assert keeping._read(path) is None

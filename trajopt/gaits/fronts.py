@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, positive, real_array, require_kind
 from rimless_gym.params import WheelParams
+from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
@@ -81,7 +82,6 @@ def cot_front(
 
     Raises:
         NoGaitError: no gait was found at any speed.
-        GaitFileError: a gait in `folder` is damaged.
         TypeError: an argument is of the wrong kind.
         ValueError: no speed or no number of steps is given, or one is out of its range.
     """
@@ -95,14 +95,14 @@ def cot_front(
     for count in steps:
         own: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
-            try:
-                solution = _kept(folder, params, speed, count, regeneration)
-                if solution is None:
-                    solution = _best_at(params, speed, count, regeneration, own)
-                    if folder is not None:
-                        solution.save(folder / front_file(count, speed))
-            except NoGaitError as error:
-                missing.append((count, speed, str(error)))
+            wanted = Wanted(params, speed, count, regeneration)
+            solution = None if folder is None else kept(folder, wanted)
+            if solution is None:
+                solution = _best_of(wanted, own)
+                if folder is not None:
+                    keep(folder, wanted, solution)
+            if isinstance(solution, str):
+                missing.append((count, speed, solution))
             else:
                 own.append(solution)
             bar.update()
@@ -117,22 +117,6 @@ def cot_front(
     return CotFront(verified, tuple(missing))
 
 
-def front_file(steps: int, speed: float) -> str:
-    """The name of the file in which a gait of a front is kept."""
-    return f"front_{steps}_steps_{speed:g}.npz"
-
-
-def _kept(
-    folder: Path | None, params: WheelParams, speed: float, steps: int, regeneration: bool
-) -> Solution | None:
-    """The very gait that is wanted, if it was solved before."""
-    if folder is None or not (folder / front_file(steps, speed)).exists():
-        return None
-    gait = Solution.load(folder / front_file(steps, speed))
-    same = (gait.params, gait.steps, gait.regeneration) == (params, steps, regeneration)
-    return gait if same and abs(gait.speed - speed) < 1e-9 else None
-
-
 def _row(name: str, values: Any) -> list[Any]:
     """One or more numbers."""
     array = real_array(name, values)
@@ -141,13 +125,15 @@ def _row(name: str, values: Any) -> list[Any]:
     return list(array.tolist())
 
 
-def _best_at(
-    params: WheelParams, speed: float, steps: int, regeneration: bool, own: Sequence[Solution]
-) -> Solution:
-    """From the most promising of the shipped gaits and those already on this front."""
+def _best_of(wanted: Wanted, own: Sequence[Solution]) -> Solution | str:
+    """From the most promising of the shipped gaits and those already on this front; or why not."""
+    params, speed, steps, regeneration = wanted
     known = [s for s in [*leads_for(params, speed, steps), *own] if s.params == params]
     guess = next(iter(by_promise(known, params, speed)), None)
-    return periodic_gait(params, speed, steps, regeneration, guess=guess)
+    try:
+        return periodic_gait(params, speed, steps, regeneration, guess=guess)
+    except NoGaitError as error:
+        return str(error)
 
 
 def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: int) -> list[float]:

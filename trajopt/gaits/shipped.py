@@ -58,13 +58,25 @@ def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
 
 
 def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> list[Solution]:
-    """Guesses sorted by machine, then by speed to within `NEAR`, then by cost of transport."""
+    """Guesses sorted by machine, by speed to within `NEAR`, then by their families' costs.
+
+    A family is what has as many turns of the pendulum. It counts by its gait nearest in speed, for
+    a slower one of the same family costs less and is no better a guess.
+    """
 
     def nearness(solution: Solution) -> tuple[int, int]:
         differing, gap = _distance(solution, params, speed)
         return differing, round(gap / NEAR - 1e-3)  # round speeds are not on the brink
 
-    return sorted(least_first(leads, lambda solution: solution.cot), key=nearness)
+    def gap(solution: Solution) -> float:
+        return round(_distance(solution, params, speed)[1], 6)
+
+    families: dict[tuple[tuple[int, int], int], list[Solution]] = {}
+    for lead in sorted(least_first(leads, lambda lead: lead.cot), key=gap):
+        families.setdefault((nearness(lead), lead.theta_turns), []).append(lead)
+    ranked = least_first(families.values(), lambda family: family[0].cot)
+    ranked.sort(key=lambda family: nearness(family[0]))
+    return [lead for family in ranked for lead in family]
 
 
 def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[int, float]:

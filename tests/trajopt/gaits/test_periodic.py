@@ -9,6 +9,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
+from trajopt.gaits import fronts
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
 from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
@@ -240,6 +241,33 @@ def test_a_lead_is_chosen_by_more_than_rounding(rounding):
     leads = by_promise(leads, THESIS_PHYSICAL, 0.5)
     again = by_promise(leads[::-1], THESIS_PHYSICAL, 0.5 + rounding)
     assert [s.speed for s in again] == [s.speed for s in leads]
+
+
+def test_of_a_family_the_gait_nearest_in_speed_leads_though_slower_ones_cost_less():
+    family = [s for s in shipped() if s.steps == 1 and s.theta_turns == -1]
+    assert min(family, key=lambda s: s.cot).speed < 0.59
+    assert by_promise(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
+
+
+def test_gaits_of_a_front_and_reasons_for_none_are_read_as_they_were_kept(tmp_path, monkeypatch):
+    gait = next(s for s in shipped() if s.steps == 1)
+    speeds = [gait.speed, 20.0]
+    front = cot_front(THESIS_PHYSICAL, speeds, steps=(1,), folder=tmp_path)
+    assert len(front.missing) == 1
+
+    def solved_again(*_, **__):
+        raise AssertionError("it was kept")
+
+    monkeypatch.setattr(fronts, "periodic_gait", solved_again)
+    again = cot_front(THESIS_PHYSICAL, speeds, steps=(1,), folder=tmp_path)
+    assert again.missing == front.missing
+    assert [s.cot for s in again.solutions] == [s.cot for s in front.solutions]
+    with pytest.raises(AssertionError, match="it was kept"):
+        cot_front(THESIS_PHYSICAL.replace(friction=0.9), speeds, steps=(1,), folder=tmp_path)
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(AssertionError, match="it was kept"):
+        cot_front(THESIS_PHYSICAL, speeds, steps=(1,), folder=tmp_path)
 
 
 @pytest.mark.slow

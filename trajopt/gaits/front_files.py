@@ -1,0 +1,70 @@
+"""Gaits of a front in files, one by one: what was found, or why nothing was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from rimless_gym.params import WheelParams
+from trajopt.files import read_arrays, write_arrays
+from trajopt.gaits.solution import GaitFileError, Solution
+
+MISSING = "rimless-gym missing gait 1"
+
+
+class Wanted(NamedTuple):
+    """A gait of a front.
+
+    Attributes:
+        params: the machine.
+        speed: m/s.
+        steps: per stride.
+        regeneration: whether the battery takes energy back.
+    """
+
+    params: WheelParams
+    speed: float
+    steps: int
+    regeneration: bool
+
+
+def front_file(steps: int, speed: float) -> str:
+    """The name of the file in which a gait is kept."""
+    return f"front_{steps}_steps_{speed:g}.npz"
+
+
+def keep(folder: Path, wanted: Wanted, found: Solution | str) -> None:
+    """Write a gait, or why there is none."""
+    path = folder / front_file(wanted.steps, wanted.speed)
+    if isinstance(found, str):
+        write_arrays(path, MISSING, _described(wanted) | {"why": found}, {})
+    else:
+        found.save(path)
+
+
+def kept(folder: Path, wanted: Wanted) -> Solution | str | None:
+    """The very gait, or why there is none; None if that is not known or the file is damaged."""
+    path = folder / front_file(wanted.steps, wanted.speed)
+    if not path.exists():
+        return None
+    try:
+        gait = Solution.load(path)
+    except GaitFileError:
+        return _why(path, wanted)
+    same = (gait.params, gait.steps, gait.regeneration) == (
+        *(wanted.params, wanted.steps, wanted.regeneration),
+    )
+    return gait if same and abs(gait.speed - wanted.speed) < 1e-9 else None
+
+
+def _why(path: Path, wanted: Wanted) -> str | None:
+    try:
+        header, _ = read_arrays(path, MISSING, GaitFileError, "")
+    except GaitFileError:
+        return None
+    why = header.pop("why", None)
+    return why if header == _described(wanted) else None
+
+
+def _described(wanted: Wanted) -> dict[str, object]:
+    return wanted._asdict() | {"params": wanted.params.to_dict()}
