@@ -175,8 +175,9 @@ def find_policy(path: str | Path) -> Path:
         CheckpointError: neither exists.
     """
     found = Path(path)
-    if found.is_file():
-        return found
+    for file in (found, Path(f"{path}.zip")):  # as stable-baselines3 names what it saves
+        if file.is_file():
+            return file
     if str(path) in PRETRAINED:
         return PRETRAINED[str(path)]
     if found.is_dir():

@@ -40,7 +40,8 @@ vectorised = _called_from_compiled_code(fastmath={"contract"})
 inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
 
 #: What is announced, once, by the function that takes longest or is compiled first.
-ENVIRONMENT = "the simulator (about 15 s)"
+ENVIRONMENT = "the simulator for environments (about 15 s)"
+ROLLOUTS = "the simulator for roll-outs of policies (about 10 s)"
 REFERENCE = "the reference simulator (about 1 s)"
 
 

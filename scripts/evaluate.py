@@ -101,11 +101,16 @@ def print_table(names: list[str], evaluations: list[Evaluation], summary: dict[s
     print(" " * width + "".join(f"{title:>14}" for _, title in COLUMNS))
     for name, evaluation in zip(names, evaluations, strict=True):
         figures = [getattr(evaluation, column) for column, _ in COLUMNS]
-        print(f"{name:{width}}" + "".join(f"{figure:14.4g}" for figure in figures))
+        print(f"{name:{width}}" + "".join(_cell(figure) for figure in figures))
     if summary:
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
             figures = [summary.get(column, {}).get(key, math.nan) for column, _ in COLUMNS]
-            print(f"{title:{width}}" + "".join(f"{figure:14.4g}" for figure in figures))
+            print(f"{title:{width}}" + "".join(_cell(figure) for figure in figures))
+
+
+def _cell(figure: float) -> str:
+    """A figure of the table; a dash where nothing walks."""
+    return f"{figure:14.4g}" if math.isfinite(figure) else f"{'-':>14}"
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
-from rimless_gym.jit import ENVIRONMENT, inner, kept
+from rimless_gym.jit import ROLLOUTS, inner, kept
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, drag_pole, runs
 from rimless_gym.kernel.booking import open_interval
@@ -124,7 +124,7 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
     return enqueue(tile, count, work, waiting)
 
 
-@kept(ENVIRONMENT, nogil=True)
+@kept(ROLLOUTS, nogil=True)
 def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 

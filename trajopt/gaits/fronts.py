@@ -95,6 +95,7 @@ def cot_front(
     for count in steps:
         own: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
+            bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
             solution = None if folder is None else kept(folder, wanted)
             if solution is None:
