@@ -26,7 +26,7 @@ from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 from rimless_gym.zeros import with_zeros
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
-SAMPLES = 8  # per step, on which guards are watched, and the tops between them
+SAMPLES = 16  # per step, on which guards are watched, and the tops between them
 RECORDED = 4  # per step, of which the largest forces and the like are taken
 GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
 
