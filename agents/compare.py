@@ -38,8 +38,8 @@ from trajopt.files import jsonable, write_text
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import CotFront, cot_front
 from trajopt.gaits.shipped import leads_for
+from trajopt.ocp.solving.ties import tied
 from trajopt.provenance import provenance
-from trajopt.ties import tied
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)

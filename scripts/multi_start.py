@@ -19,12 +19,12 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
-from trajopt.extremal import Extremal
-from trajopt.guesses import Family, Waves, Waypoints
-from trajopt.interrupted import Interrupted
-from trajopt.mesh import Mesh
-from trajopt.problem import Problem
-from trajopt.search import DEGREE, ELEMENTS, Search, best_of, multi_start
+from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, Search, best_of, multi_start
+from trajopt.ocp.solving.guesses import Family, Waves, Waypoints
+from trajopt.ocp.solving.interrupted import Interrupted
+from trajopt.ocp.transcribe.mesh import Mesh
 
 FAMILIES: dict[str, type[Family]] = {"waves": Waves, "waypoints": Waypoints}
 
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if the best optimum was verified, 1 if not, 2 if none was found."""
     parser = Parser(__doc__)
     parser.add_argument(
-        "problem", nargs="?", default="trajopt.textbook:cart_pole", help="module:function"
+        "problem", nargs="?", default="trajopt.ocp.textbook:cart_pole", help="module:function"
     )
     parser.add_argument("--family", choices=FAMILIES, default="waypoints", help="of the guesses")
     parser.add_argument("--starts", type=whole(1), default=200, help="how many")

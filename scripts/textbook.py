@@ -11,8 +11,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
-from trajopt.mesh import SCHEMES
-from trajopt.textbook import EXAMPLES, Example
+from trajopt.ocp.textbook import EXAMPLES, Example
+from trajopt.ocp.transcribe.mesh import SCHEMES
 
 HEADER = """\
 | problem | known | found | error | mesh | runs | states' error | Hamiltonian |

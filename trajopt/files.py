@@ -19,7 +19,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.trajectory import PhaseTrajectory
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Entries of a file besides its arrays.
 HEADER, DIGEST = "header", "digest"

@@ -19,10 +19,10 @@ from scripts import (
     publish,
     solve_gait,
     textbook,
-    thesis,
     train,
 )
 from scripts.commandline import terminated_like_ctrl_c
+from scripts.thesis import command as thesis
 
 #: What each of them would begin with; it must not be reached.
 WORK: dict[str, tuple[Any, str]] = {
@@ -48,9 +48,10 @@ def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     """Run a command line in this process; the one line that it ends with."""
 
     def run(script: str, *arguments: object) -> str:
-        module = importlib.import_module(f"scripts.{script}")
-        owner, name = WORK[script]
-        monkeypatch.setattr(owner or module, name, work)
+        name = "thesis.command" if script == "thesis" else script
+        module = importlib.import_module(f"scripts.{name}")
+        owner, begun = WORK[script]
+        monkeypatch.setattr(owner or module, begun, work)
         with pytest.raises(SystemExit) as ended:
             module.main([str(argument) for argument in arguments])
         told = capsys.readouterr()
@@ -158,9 +159,9 @@ def test_numbers_and_names_that_make_no_sense_are_refused(
     ("problem", "told"),
     [
         ("nothing:here", "No module named 'nothing'"),
-        ("trajopt.textbook", "can be imported"),
-        ("trajopt.textbook:none", "none"),
-        ("trajopt.textbook:gear_ratio", "gives float, not a trajopt.Problem"),
+        ("trajopt.ocp.textbook", "can be imported"),
+        ("trajopt.ocp.textbook:none", "none"),
+        ("trajopt.ocp.textbook:gear_ratio", "gives float, not a trajopt.Problem"),
     ],
 )
 def test_what_is_no_problem_is_refused(

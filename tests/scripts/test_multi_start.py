@@ -11,7 +11,7 @@ import pytest
 from scripts import multi_start
 
 TROLLEY = """
-from trajopt.problem import Phase, Problem
+from trajopt.ocp.pose.problem import Phase, Problem
 
 def trolley(far=1.0):
     return Problem((Phase(

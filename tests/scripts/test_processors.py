@@ -31,7 +31,7 @@ def which(names: str, code: str) -> int:
 def test_every_processor_asked_for_is_run_or_said_to_be_skipped(
     missing: None, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert which("Prescott SkylakeX", "tests/trajopt/engine/test_ties.py") == 0
+    assert which("Prescott SkylakeX", "tests/trajopt/ocp/test_ties.py") == 0
     summary = capfd.readouterr().out.split("\n\n")[-1].splitlines()
     assert [line.split()[:2] for line in summary] == [
         ["SkylakeX", "skipped:"],

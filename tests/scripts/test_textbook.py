@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from scripts import textbook
-from trajopt.textbook import EXAMPLES
+from trajopt.ocp.textbook import EXAMPLES
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "optimal-control.md"
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from scripts import thesis
-from trajopt.experiments import kept, run
-from trajopt.experiments.case import Case, Effort
-from trajopt.experiments.cases import every_case, experiment_1
-from trajopt.experiments.run import Solved, needed
+from scripts.thesis import command as thesis
+from scripts.thesis.experiments import kept, run
+from scripts.thesis.experiments.case import Case, Effort
+from scripts.thesis.experiments.cases import every_case, experiment_1
+from scripts.thesis.experiments.run import Solved, needed
 
 QUICK = Effort(2, elements=10)
 

@@ -24,7 +24,8 @@ from trajopt.processes import pool
 
 def busy(solving):
     if solving:
-        from trajopt import Mesh, solve, textbook
+        from trajopt import Mesh, solve
+        from trajopt.ocp import textbook
         problem = textbook.passive_wheel()
         while True:  # IPOPT, most of the time
             solve(problem, mesh=Mesh.uniform(problem, 200, 8), verify=False)

@@ -7,9 +7,9 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.bounds import Bounds
 from trajopt.gaits.stance import WheelPhases
-from trajopt.problem import Problem
+from trajopt.ocp.pose.bounds import Bounds
+from trajopt.ocp.pose.problem import Problem
 
 
 def designed_gait(

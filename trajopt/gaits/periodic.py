@@ -10,22 +10,22 @@ from typing import Any
 from rimless_gym.checks import flag, integer, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
-from trajopt.extremal import Extremal
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Optimality, Optimum, Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP, gait_problem
 from trajopt.gaits.verify import polished, verify
-from trajopt.mesh import Mesh
-from trajopt.nlp import Transcription
-from trajopt.optima import Outcome, distinct
-from trajopt.problem import Problem
+from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.judge.refinement import MAX_ELEMENTS
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.search.optima import Outcome, distinct
+from trajopt.ocp.solving.solve import solve
+from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.transcribe.rows import Breach
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
-from trajopt.refinement import MAX_ELEMENTS
-from trajopt.rows import Breach
-from trajopt.solve import solve
-from trajopt.ties import least_first
-from trajopt.trajectory import PhaseTrajectory
 
 #: A first mesh for gaits that come without one of their own.
 ELEMENTS, DEGREE = 16, 7

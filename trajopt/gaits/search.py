@@ -9,11 +9,11 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem, posed
-from trajopt.guesses import Guess, polyline
-from trajopt.mesh import Mesh
-from trajopt.optima import Outcome, Start
-from trajopt.problem import Problem
-from trajopt.search import Search, multi_start
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.search.multi_start import Search, multi_start
+from trajopt.ocp.search.optima import Outcome, Start
+from trajopt.ocp.solving.guesses import Guess, polyline
+from trajopt.ocp.transcribe.mesh import Mesh
 
 #: Enough to tell good optima from bad ones; winners are refined.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
@@ -66,7 +66,7 @@ def search_gaits(
     """Local optima from random starts; their `kind` is the turns of theta per stride.
 
     Raises:
-        Interrupted: see `trajopt.search.multi_start`.
+        Interrupted: see `trajopt.ocp.search.multi_start.multi_start`.
     """
     problem = family.problem
     mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
-from trajopt.ties import least_first
+from trajopt.ocp.solving.ties import least_first
 
 #: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
 NEAR = 0.02

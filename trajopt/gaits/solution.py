@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import flag, integer, real_array
 from rimless_gym.params import WheelParams
-from trajopt.extremal import Extremal
 from trajopt.files import (
     jsonable,
     phases_from_arrays,
@@ -26,9 +25,10 @@ from trajopt.files import (
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.stance import MOST_TURNS
 from trajopt.gaits.verify import Verification
-from trajopt.problem import Array
+from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
 from trajopt.provenance import provenance
-from trajopt.trajectory import PhaseTrajectory, require_side
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +57,7 @@ class Optimality:
 
     Attributes:
         mesh_error: largest estimated relative error of the states within an element.
-        hamiltonian_spread: see `trajopt.costates.Certificate`.
+        hamiltonian_spread: see `trajopt.ocp.judge.costates.Certificate`.
         transversality_error: likewise.
     """
 
@@ -278,7 +278,7 @@ class Solution:
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
         from trajopt.gaits.stance import gait_problem
-        from trajopt.plots import drawn  # matplotlib takes a second to import
+        from trajopt.ocp.judge.plots import drawn  # matplotlib takes a second to import
 
         problem = gait_problem(
             self.params,

@@ -10,9 +10,9 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.problem import Array
-from trajopt.schemes.polynomials import differentiation_matrix, radau_nodes
-from trajopt.trajectory import PhaseTrajectory
+from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.transcribe.schemes.polynomials import differentiation_matrix, radau_nodes
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 
 @lru_cache(maxsize=8)

@@ -16,8 +16,8 @@ from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
-from trajopt.problem import Constraint, Linkage, Phase, Problem
-from trajopt.refinement import MAX_ELEMENTS
+from trajopt.ocp.judge.refinement import MAX_ELEMENTS
+from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)

@@ -16,7 +16,7 @@ from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.stance import MIN_NORMAL_FORCE
-from trajopt.trajectory import PhaseTrajectory
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)

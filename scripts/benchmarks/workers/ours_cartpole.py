@@ -7,10 +7,10 @@ from typing import Any
 
 from scripts.benchmarks import cartpole
 from scripts.benchmarks.protocol import Measure, serve
-from trajopt.guesses import straight_lines
-from trajopt.mesh import Mesh
-from trajopt.nlp import Transcription
-from trajopt.textbook import cart_pole
+from trajopt.ocp.solving.guesses import straight_lines
+from trajopt.ocp.textbook import cart_pole
+from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.transcribe.nlp import Transcription
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:

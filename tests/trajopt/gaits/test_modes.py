@@ -14,7 +14,7 @@ from rimless_gym.symbolic import Design, HybridModel
 from trajopt import Extremal, Mesh, Phase, Problem, solve
 from trajopt.gaits.shipped import nearest
 from trajopt.gaits.stance import CONTROL_DEGREE, WheelPhases
-from trajopt.guesses import polyline
+from trajopt.ocp.solving.guesses import polyline
 
 P = THESIS_PHYSICAL
 A = P.constants.a

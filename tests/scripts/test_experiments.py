@@ -1,0 +1,192 @@
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scripts.thesis.experiments import document, report
+from scripts.thesis.experiments.cases import (
+    EXPERIMENTS,
+    every_case,
+    experiment_1,
+    experiment_2,
+    experiment_6,
+)
+from scripts.thesis.experiments.run import Starts, run, solved
+from scripts.thesis.experiments.steps import steps
+from scripts.thesis.experiments.tables import COST_4_5, TABLE_4_4
+from trajopt import Mesh, solve
+from trajopt.ocp.search.multi_start import multi_start
+
+KEYS = {
+    "experiment": int,
+    "variant": str,
+    "thesis_cost": float,
+    "cost": float,
+    "thesis_energy_J": float,
+    "energy_J": float,
+    "final_time": float,
+    "max_state_error": float,
+    "touchdown_time_error": float,
+    "min_normal_force_over_weight": float,
+    "peak_voltage": float,
+    "converged": bool,
+    "starts": int,
+    "starts_reaching_best": int,
+}
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def elastic_chain():
+    """Experiment 1 with cost 4.4, and its continuation in Experiment 6."""
+    first = solved(experiment_1()[1])
+    return first, solved(experiment_6()[0], first)
+
+
+def test_experiment_1_comes_out_to_all_printed_digits(elastic_chain):
+    (row,) = elastic_chain[0].rows()
+    assert f"{row['cost']:.6f}" == "0.040904"
+    assert row["energy_J"] == pytest.approx(0.001559, abs=2e-6)
+    assert row["peak_voltage"] < 4e-6
+    assert row["converged"]
+    assert row["starts_reaching_best"] == row["starts"]
+
+
+def test_the_elastic_chain_comes_out_to_all_printed_digits(elastic_chain):
+    (row,) = elastic_chain[1].rows()
+    assert f"{row['cost']:.6f}" == "0.040907"
+    assert row["energy_J"] == pytest.approx(0.003125, abs=5e-6)
+    assert row["converged"]
+    assert row["touchdown_time_error"] < 1e-8
+    assert max(row["thesis_style_touchdown_time_errors"]) < 1e-8
+
+
+def test_the_chain_is_simulated_from_its_first_step(elastic_chain):
+    first, second = elastic_chain
+    assert len(second.motion) == 2
+    assert len(second.simulated.touchdown_time_errors) == 2
+    assert second.simulated.times[-1] == pytest.approx(
+        first.extremal.duration + second.extremal.duration, abs=1e-6
+    )
+
+
+def test_results_have_their_keys(elastic_chain):
+    for solution in elastic_chain:
+        for row in solution.rows():
+            for key, kind in KEYS.items():
+                assert isinstance(row[key], kind), key
+            json.dumps(row, allow_nan=False)
+
+
+def test_the_report_is_self_contained(elastic_chain, tmp_path):
+    report.write(elastic_chain, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 6
+    assert "http" not in page
+    assert len(json.loads((tmp_path / "results.json").read_text())) == 2
+
+
+def test_a_passive_step_costs_no_voltage():
+    solution = solved(experiment_1()[0])
+    assert solution.extremal.cost < 1e-12
+    assert solution.converged
+
+
+def test_every_case_has_a_name_of_its_own():
+    keys = [case.key for case in every_case()]
+    assert len(set(keys)) == len(keys)
+    assert set(EXPERIMENTS) == {key[0] for key in keys}
+
+
+def test_the_page_shows_the_results_beside_it():
+    rows = json.loads((DOCS / "figures" / "thesis" / "results.json").read_text())
+    page = (DOCS / "thesis.md").read_text()
+    assert document.filled(page, rows) == page
+
+
+@pytest.fixture(scope="module")
+def everything():
+    return {solution.key: solution for solution in run(list(EXPERIMENTS), workers=2)}
+
+
+@pytest.mark.slow
+def test_every_case_converges_again_and_again(everything):
+    assert set(everything) == {case.key for case in every_case()}
+    for key, solution in everything.items():
+        assert solution.converged, key
+        assert solution.extremal.mesh_error <= 1e-7, key
+        assert solution.reaching > 1, key
+        for row in solution.rows():
+            if not solution.case.limit:
+                assert row["max_state_error"] <= 1e-6, key
+                assert row["touchdown_time_error"] <= 1e-8, key
+
+
+@pytest.mark.slow
+def test_printed_costs_are_beaten_wherever_they_are_wrong(everything):
+    for (experiment, _), solution in everything.items():
+        for row in solution.rows():
+            if row["thesis_cost"] is not None and experiment in (3, 4, 5):
+                assert row["cost"] < row["thesis_cost"] / 100
+
+
+@pytest.mark.slow
+def test_a_chain_aimed_at_an_optimum_costs_as_much(everything):
+    both = everything[5, "plastic, phi'(0) <= 10"].extremal.cost
+    chain = [everything[6, f"plastic, step {i}"].extremal.cost for i in (1, 2)]
+    assert sum(chain) == pytest.approx(both, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_mass_seeks_its_bound_unless_walking_is_to_be_cheap(everything):
+    for key, solution in everything.items():
+        names = list(solution.extremal.problem.parameters)
+        if key[0] == 3 and names == ["m2"] and "periodic" not in key[1]:
+            low = solution.extremal.problem.parameters["m2"][0]
+            assert solution.extremal.parameters[0] == pytest.approx(low, abs=1e-5)
+    cheap = everything[3, "periodic, plastic, least E+, m2 free"].extremal
+    assert 2.5 < cheap.parameters[0] < 3.2
+
+
+@pytest.mark.slow
+def test_a_floor_that_can_but_push_bears_no_collisionless_step(everything):
+    assert everything[2, "least pull of the foot"].extremal.parameters[0] > 3
+    for key, solution in everything.items():
+        if "not held down" in key[1]:
+            assert solution.rows()[0]["min_normal_force_over_weight"] > -1e-6
+
+
+@pytest.mark.slow
+def test_the_printed_bound_admits_no_collisionless_step(everything):
+    slowest = everything[2, "least |theta'| at the end"].extremal
+    assert math.sqrt(slowest.cost) > 4 * math.pi
+    problem = steps(experiment_2()[0].params, TABLE_4_4, COST_4_5)
+    starts = Starts(problem, durations=(0.15, 1.5))
+    assert not multi_start(problem, starts, 10, mesh=Mesh.uniform(problem, 10)).optima
+
+
+@pytest.mark.slow
+def test_a_coarse_mesh_gives_what_experiment_2_printed(everything):
+    fine = everything[2, "|theta'| <= 8 pi at the end"].extremal
+    mesh = Mesh.uniform(fine.problem, 2, 3)
+    coarse = solve(fine.problem, fine.phases, mesh, passes=0, mu_init=1e-3)
+    assert coarse.cost == pytest.approx(1.246894, abs=3e-3)
+    assert coarse.phases[0].start[3] / math.pi == pytest.approx(-7.14, abs=0.03)
+    assert fine.cost == pytest.approx(1.267271, abs=1e-6)
+
+
+def test_guesses_last_as_long_as_they_are_asked_to():
+    problem = experiment_1()[1].problem(None)
+    family = Starts(problem, durations=(0.3, 0.5))
+    for index in range(5):
+        (guess,) = family(np.random.default_rng(index), index)
+        assert 0.3 <= guess.duration <= 0.5
+
+
+def test_a_case_that_does_not_converge_says_so(elastic_chain):
+    solution = elastic_chain[0]
+    off = dataclasses.replace(solution.simulated, state_error=1e-5)
+    assert not dataclasses.replace(solution, simulated=off).converged

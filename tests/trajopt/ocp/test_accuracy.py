@@ -1,0 +1,186 @@
+"""Estimates of errors are honest: against known solutions and other integrators."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from trajopt import Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
+from trajopt.ocp import textbook
+from trajopt.ocp.judge.accuracy import assess, audit, cost_errors
+from trajopt.ocp.judge.resimulation import played, resimulated
+from trajopt.ocp.solving.guesses import straight_lines
+from trajopt.ocp.transcribe.nlp import Transcription
+
+NONE = np.zeros(0)
+
+
+def pendulum(**more: Any) -> Problem:
+    swing = Phase(
+        "swing",
+        states=("q", "dq"),
+        flow=lambda x, u, p: (x[1], -ca.sin(x[0])),
+        start={"q": 2.0, "dq": 0.0},
+        duration=6.0,
+        **more,
+    )
+    return Problem((swing,))
+
+
+def exact(t: np.ndarray, start: np.ndarray) -> np.ndarray:
+    run = solve_ivp(
+        lambda t, x: [x[1], -math.sin(x[0])],
+        (t[0], t[-1]),
+        start,
+        "DOP853",
+        t,
+        rtol=1e-13,
+        atol=1e-14,
+    )
+    return run.y.T
+
+
+@pytest.mark.parametrize(
+    ("scheme", "degree", "elements"),
+    [
+        ("trapezoid", 2, 40),
+        ("hermite-simpson", 3, 12),
+        ("hermite-simpson", 3, 40),
+        ("radau", 3, 6),
+        ("radau", 4, 6),
+        ("radau", 6, 4),
+    ],
+)
+def test_the_reported_error_of_an_element_is_the_true_one_within_a_factor(
+    scheme: str, degree: int, elements: int
+) -> None:
+    problem = pendulum()
+    mesh = Mesh.uniform(problem, elements, degree, scheme)
+    found = Transcription(problem, mesh).solve(straight_lines(problem), tol=1e-12)
+    trajectory = found.phases[0]
+    quality = assess(problem.phases[0], trajectory, NONE)
+    scale = 1 + np.abs(trajectory.states).max(axis=(0, 1))
+    for e in range(elements):
+        t = np.linspace(trajectory.edges[e], trajectory.edges[e + 1], 30)
+        t[-1] -= 1e-9
+        within = np.abs(trajectory.state(t) - exact(t, trajectory.states[e, 0])) / scale
+        assert within.max() / 4 < quality.state_error[e] + 1e-12
+        assert quality.state_error[e] < 20 * within.max() + 1e-12
+
+
+def test_the_step_is_that_of_an_adaptive_integrator() -> None:
+    problem = textbook.cart_pole()
+    found = solve(problem, passes=0)
+    quality = assess(problem.phases[0], found.phases[0], NONE)
+    trajectory, phase = found.phases[0], problem.phases[0]
+    scale = 1 + np.abs(trajectory.states).max(axis=(0, 1))
+    for e in (0, 4, 9):
+        begin, end = trajectory.edges[e : e + 2]
+
+        def rates(t: float, x: np.ndarray) -> np.ndarray:
+            inside = min(t, end - 1e-12)  # noqa: B023 - used at once
+            return np.asarray(phase.flow(x, trajectory.control(inside)[0], NONE)).ravel()
+
+        run = solve_ivp(
+            rates, (begin, end), trajectory.states[e, 0], "RK45", rtol=1e-10, atol=1e-12
+        )
+        error = np.abs(run.y[:, -1] - trajectory.states[e, -1]) / scale
+        assert quality.step_error[e] == pytest.approx(error.max(), rel=0.1, abs=1e-8)
+
+
+def test_playing_back_finds_the_exact_cost_of_a_wrong_quadrature() -> None:
+    problem = textbook.least_effort_move()
+    coarse = solve(problem, mesh=Mesh.uniform(problem, 4, scheme="trapezoid"), passes=0)
+    t = np.linspace(0.0, coarse.duration, 200001)
+    u = coarse.phases[0].control(t)[:, 0]
+    assert coarse.cost == pytest.approx(np.mean(0.5 * (u[1:] ** 2 + u[:-1] ** 2)), rel=1e-8)
+    assert abs(coarse.cost - coarse.transcribed_cost) > 0.1
+
+
+@pytest.mark.parametrize("floor", [0.0, 0.3, -math.inf])
+def test_playing_back_finds_the_exact_cost_of_a_power_that_passes_its_floor(floor: float) -> None:
+    """v' = u and u linear in time, one second long: u v is cubic, and so are all its pieces."""
+    flow, power = (lambda x, u, p: (u[0],)), (lambda x, u, p: u[0] * x[0])
+    phase = Phase("push", ("v",), flow, ("u",), powers=power, floor=floor)
+    (phase,) = Problem((phase,)).phases
+    rng, nodes = np.random.default_rng(1), np.array([0.0, 0.5, 1.0])
+    for _ in range(30):
+        u = np.polynomial.Polynomial(rng.uniform([-2.0, 3.0], [-1.0, 5.0]))
+        v = u.integ() + rng.uniform(-1.0, 1.0)
+        trajectory = PhaseTrajectory(
+            *(np.array([0.0, 1.0]), nodes, v(nodes)[None, :, None]),
+            *(nodes[::2], u(nodes[::2])[None, :, None]),
+        )
+        excess = u * v - (0.0 if math.isinf(floor) else floor)
+        roots = excess.roots()
+        inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
+        pieces = np.diff(excess.integ()(np.array([0.0, *np.sort(inside), 1.0])))
+        exact = pieces.sum() if math.isinf(floor) else floor + pieces[pieces > 0].sum()
+        error, _, paid = played(phase, trajectory, trajectory.start, NONE)
+        assert error < 1e-12
+        assert paid == pytest.approx(exact, abs=1e-13)
+
+
+def test_the_error_of_the_cost_is_what_its_quadrature_misses() -> None:
+    problem = textbook.least_effort_move()
+    transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
+    result = transcription.solve(straight_lines(problem))
+    _, _, paid = played(problem.phases[0], result.phases[0], result.phases[0].start, NONE)
+    errors = cost_errors(transcription, result)[0]
+    assert errors.sum() * (1 + result.cost) == pytest.approx(result.cost - paid, rel=1e-9)
+
+
+def test_the_quadrature_of_bounded_integrals_is_judged_too() -> None:
+    problem = textbook.hanging_chain()
+    transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
+    coarse = cost_errors(transcription, transcription.solve(straight_lines(problem)))[0]
+    assert coarse.max() > 1e-3
+    found = solve(problem, mesh=Mesh.uniform(problem, 4, scheme="trapezoid"))
+    t = np.linspace(0.0, 1.0, 200001)
+    slope = found.phases[0].control(t)[:, 0]
+    assert np.mean(np.hypot(1, slope)) == pytest.approx(1.5, abs=3e-4)
+
+
+def test_a_perturbed_solution_is_found_out() -> None:
+    problem = textbook.cart_pole()
+    found = solve(problem)
+    right = found.phases[0]
+    wrong = PhaseTrajectory(
+        right.edges, right.nodes, right.states, right.control_nodes, right.controls + 1e-3
+    )
+    assert assess(problem.phases[0], right, NONE).state_error.max() < 1e-7
+    assert assess(problem.phases[0], wrong, NONE).state_error.max() > 1e-6
+    assert max(resimulated(problem, [wrong], NONE).phase_errors) > 1e-4
+
+
+def test_what_happens_between_the_nodes_is_seen_also_close_to_an_edge() -> None:
+    """A polynomial of degree 9, within its bound but for 0.5 % of the element."""
+    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(10) / 9)
+    bump = np.polynomial.Polynomial([0.0, 1.0, -200.0])  # t - 200 t^2: positive up to t = 0.005
+    states = bump(nodes)[None, :, None]
+    trajectory = PhaseTrajectory(
+        np.array([0.0, 1.0]), nodes, states, np.array([0.0, 1.0]), np.zeros((1, 2, 0))
+    )
+    phase = Phase("one", ("x",), lambda x, u, p: (x,), bounds={"x": (-math.inf, 0.0)})
+    problem = Problem((phase,))
+    worst = audit(problem, [trajectory], NONE)[0]
+    assert worst.amount > 0.4 * 0.00125
+    assert worst.time < 0.005
+    assert "bound of x of phase 'one' at t = 0.004" in str(worst)
+
+
+def test_path_constraints_are_audited_by_name() -> None:
+    path = nonnegative(lambda x, u, p: (1 - x[0], x[1] + 0.2), "below one", "not back")
+    problem = pendulum(path=path)
+    t = np.linspace(0.0, 6.0, 40)
+    states = np.stack([exact(t, np.array([2.0, 0.0]))[:-1], exact(t, np.array([2.0, 0.0]))[1:]], 1)
+    ends = np.array([0.0, 1.0])
+    trajectory = PhaseTrajectory(t, ends, states, ends, np.zeros((39, 2, 0)))
+    names = {breach.name: breach for breach in audit(problem, [trajectory], NONE)}
+    assert names["below one"].amount == pytest.approx(1.0, abs=1e-3)
+    assert names["not back"].amount > 1.0

@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from trajopt.files import HEADER, digest, read_arrays, write_arrays
+from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.judge.saved import ExtremalFileError, load_phases
+from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
+from trajopt.ocp.solving.solve import solve
+from trajopt.ocp.transcribe.mesh import Mesh
+
+
+def relay(weight: float = 1.0, fastest: float = 5.0) -> Problem:
+    """A trolley hands a load of mass m to another one halfway; m may be chosen."""
+    leg = Phase(
+        "first",
+        states=("x", "v"),
+        controls=("f",),
+        flow=lambda x, u, p: [x[1], u[0] / p[0]],
+        cost=lambda x, u, p: weight * u[0] ** 2 + 1.0 / p[0],
+        bounds={"v": (0.0, fastest)},
+        start={"x": 0.0, "v": 0.0},
+        end={"x": 0.5},
+        duration=(0.2, 2.0),
+    )
+    second = dataclasses.replace(leg, name="second", start={}, end={"x": 1.0, "v": 0.0})
+    link = Linkage(0, 1, map=lambda x, p: ca.vertcat(x[0], 0.9 * x[1]))
+    return Problem((leg, second), (link,), parameters={"m": (0.5, 2.0)}, duration=1.5)
+
+
+RELAY = relay()
+
+
+@pytest.fixture(scope="module")
+def extremal() -> Extremal:
+    return solve(RELAY)
+
+
+@pytest.fixture
+def path(extremal: Extremal, tmp_path: Path) -> Path:
+    extremal.save(tmp_path / "relay.npz")
+    return tmp_path / "relay.npz"
+
+
+def test_a_solution_is_the_same_when_it_is_loaded(extremal: Extremal, path: Path) -> None:
+    loaded = Extremal.load(path, RELAY)
+    assert extremal.converged
+    assert loaded.report() == extremal.report()
+    assert loaded.to_dict() == extremal.to_dict()
+    assert loaded.mesh == extremal.mesh
+    for name in ("attempts", "breaches", "audit", "resimulation", "provenance"):
+        assert getattr(loaded, name) == getattr(extremal, name)
+    for one, other in zip(loaded.certificate.costates, extremal.certificate.costates, strict=True):
+        assert np.array_equal(one, other)
+    assert np.array_equal(loaded.state(0.7), extremal.state(0.7))
+
+
+def test_a_solution_that_failed_can_be_saved_too(tmp_path: Path) -> None:
+    failed = solve(RELAY, passes=0, ladder=({"max_iter": 2},), verify=False)
+    failed.save(tmp_path / "failed.npz")
+    loaded = Extremal.load(tmp_path / "failed.npz", RELAY)
+    assert not loaded.converged
+    assert loaded.failures == failed.failures
+    assert loaded.resimulation is None
+
+
+def test_a_loaded_trajectory_is_a_guess_on_any_mesh(extremal: Extremal, path: Path) -> None:
+    mesh = Mesh.uniform(RELAY, (7, 3), 5)
+    again = solve(RELAY, load_phases(path), mesh, parameters=extremal.parameters)
+    assert again.cost == pytest.approx(extremal.cost, rel=1e-6)
+
+
+def test_figures_are_strict_json(extremal: Extremal) -> None:
+    figures = json.loads(json.dumps(extremal.to_dict(), allow_nan=False))
+    assert figures["cost"] == extremal.cost
+    assert figures["converged"] is True
+    assert figures["parameters"]["m"] == extremal.parameters[0]
+
+
+@pytest.mark.parametrize(
+    ("other", "reason"),
+    [
+        (relay(weight=1.1), "flow or the running cost"),
+        (relay(fastest=0.6), "bound of v"),
+        (Problem((RELAY.phases[0],), parameters={"m": 1.0}), "load_phases"),
+    ],
+)
+def test_a_solution_of_another_problem_is_refused(path: Path, other: Problem, reason: str) -> None:
+    with pytest.raises(ExtremalFileError, match=reason):
+        Extremal.load(path, other)
+
+
+def test_integral_constraints_do_not_hide_another_problem(tmp_path: Path) -> None:
+    impulse = Constraint(lambda x, u, p: [x[0] * u[0]], np.array([0.2]), np.array([np.inf]), ("j",))
+
+    def work(weight: float) -> Problem:
+        first = dataclasses.replace(relay(weight).phases[0], integral=impulse)
+        return Problem((first,), parameters={"m": 1.0})
+
+    solve(work(1.0)).save(tmp_path / "work.npz")
+    assert Extremal.load(tmp_path / "work.npz", work(1.0)).converged
+    with pytest.raises(ExtremalFileError, match="another problem"):
+        Extremal.load(tmp_path / "work.npz", work(1.1))
+
+
+def rewritten(path: Path, change: dict[str, Any], **closed: Any) -> None:
+    with np.load(path) as data:
+        arrays = {**data} | change
+    np.savez_compressed(path, **arrays, **closed)
+
+
+def test_an_edited_file_is_refused(path: Path) -> None:
+    rewritten(path, {"parameters": np.array([1.0])})
+    with pytest.raises(ExtremalFileError, match="edited or damaged"):
+        Extremal.load(path, RELAY)
+
+
+def test_an_edited_header_is_refused(path: Path) -> None:
+    with np.load(path) as data:
+        header = str(data[HEADER]).replace('"mesh_error": ', '"mesh_error": 1')
+    rewritten(path, {HEADER: np.array(header)})
+    with pytest.raises(ExtremalFileError, match="edited or damaged"):
+        load_phases(path)
+
+
+def test_a_flipped_byte_is_noticed_or_touches_nothing(extremal: Extremal, path: Path) -> None:
+    content = path.read_bytes()
+    refused = 0
+    for at in np.linspace(0, len(content) - 1, 60, dtype=int):
+        damaged = bytearray(content)
+        damaged[at] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            assert Extremal.load(path, RELAY).report() == extremal.report()
+        except ExtremalFileError:
+            refused += 1
+    assert refused > 40
+
+
+def test_a_file_cut_short_a_folder_or_none_is_refused(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(ExtremalFileError, match="solve its problem again"):
+        Extremal.load(path, RELAY)
+    with pytest.raises(ExtremalFileError, match="folder"):
+        Extremal.load(path.parent, RELAY)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        Extremal.load(path.parent / "none.npz", RELAY)
+
+
+def test_pickles_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "pickle.npz"
+    np.savez(path, header=np.array([{"format": "any"}], dtype=object))
+    with pytest.raises(ExtremalFileError, match="damaged, or not a file"):
+        load_phases(path)
+
+
+def test_files_of_another_format_name_both(tmp_path: Path) -> None:
+    path = tmp_path / "other.npz"
+    write_arrays(path, "stamps 3", {}, {"a": np.ones(2)})
+    with pytest.raises(ExtremalFileError, match="stamps 3"):
+        load_phases(path)
+
+
+def test_what_is_written_is_read_and_replaces_the_file_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "stamps.npz"
+    for value in (1.0, 2.0):
+        write_arrays(path, "stamps 3", {"value": value}, {"a": np.full(2, value)})
+    header, arrays = read_arrays(path, "stamps 3", ValueError, "draw it again")
+    assert header == {"value": 2.0}
+    assert arrays["a"].tolist() == [2.0, 2.0]
+    assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
+
+
+def test_the_digest_sees_names_types_and_shapes() -> None:
+    a = np.arange(4.0)
+    different: list[dict[str, np.ndarray]] = [
+        *({"a": a}, {"b": a}, {"a": a.reshape(2, 2)}, {"a": a.astype(np.float32)}),
+    ]
+    assert len({digest(arrays) for arrays in different}) == len(different)

@@ -1,0 +1,140 @@
+"""Every textbook problem, by every scheme, against its closed form."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+
+from trajopt import Mesh, solve
+from trajopt.ocp import textbook
+from trajopt.ocp.textbook import EXAMPLES, Example
+
+#: Of the cost played back, with radau and hermite-simpson, relative to the closed form; larger
+#: where the solution has kinks or a constraint on the state, which holds to 1e-6.
+LOOSER = {"least work move": 3e-6, "bryson denham": 3e-6}
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.name)
+def test_radau_finds_the_closed_forms_cost_with_few_elements(example: Example) -> None:
+    found, known = solve(example.problem()), example.known()
+    assert found.converged, found.report()
+    assert found.cost == pytest.approx(known, rel=LOOSER.get(example.name, 1e-7))
+    assert found.transcribed_cost == pytest.approx(known, rel=LOOSER.get(example.name, 1e-7))
+    assert found.mesh.elements <= 40
+    assert len(found.attempts) <= 15
+
+
+@pytest.mark.parametrize(
+    "example", [e for e in EXAMPLES if e.name != "least work move"], ids=lambda e: e.name
+)
+def test_hermite_simpson_finds_them_too(example: Example) -> None:
+    problem = example.problem()
+    found = solve(problem, mesh=Mesh.uniform(problem, 7, scheme="hermite-simpson"))
+    assert found.status == "Solve_Succeeded"
+    assert found.mesh_error <= 1e-7
+    assert found.cost == pytest.approx(example.known(), rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    "example", [e for e in EXAMPLES if e.name != "least work move"], ids=lambda e: e.name
+)
+def test_so_does_the_trapezoid_as_far_as_its_order_reaches(example: Example) -> None:
+    problem = example.problem()
+    found = solve(problem, mesh=Mesh.uniform(problem, 10, scheme="trapezoid"), tolerance=1e-5)
+    assert found.attempts[-1].succeeded
+    assert found.cost == pytest.approx(example.known(), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "time"),
+    [
+        (math.pi / 2 - 1, 1.0, math.pi / 2 / math.sqrt(9.81)),  # a quarter turn of radius 1 m
+        (math.pi, 2.0, math.pi / math.sqrt(9.81)),  # half a turn
+    ],
+)
+def test_the_brachistochrone_is_a_cycloid(x: float, y: float, time: float) -> None:
+    assert textbook.brachistochrone_time(x, y) == pytest.approx(time, rel=1e-14)
+    found = solve(textbook.brachistochrone(x, y))
+    assert found.cost == pytest.approx(time, rel=1e-7)
+    q = np.linspace(0.0, time, 9) * math.sqrt(9.81)
+    exact = np.stack([q - np.sin(q), 1 - np.cos(q)], axis=1)
+    np.testing.assert_allclose(found.phases[0].state(q / math.sqrt(9.81))[:, :2], exact, atol=3e-6)
+
+
+@pytest.mark.parametrize("brake", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("elements", [7, 10])
+def test_full_force_switches_to_full_brake_at_one_time(brake: float, elements: int) -> None:
+    problem = textbook.fastest_move(2.0, brake)
+    found = solve(problem, mesh=Mesh.uniform(problem, elements))
+    time = textbook.fastest_move_time(2.0, brake)
+    assert found.cost == pytest.approx(time, rel=1e-6)
+    switch, margin = time * brake / (1 + brake), 0.02 * time
+    assert found.control(switch - margin) == pytest.approx(1.0, abs=1e-5)
+    assert found.control(switch + margin) == pytest.approx(-brake, abs=1e-5)
+
+
+@pytest.mark.parametrize("limit", [0.05, 1 / 9, 1 / 6])
+def test_a_block_rests_at_its_limit_in_bryson_denhams_problem(limit: float) -> None:
+    found = solve(textbook.bryson_denham(limit))
+    assert found.cost == pytest.approx(textbook.bryson_denham_cost(limit), rel=1e-5)
+    t = np.linspace(0.0, 1.0, 301)
+    highest = found.phases[0].state(t)[:, 0]
+    assert highest.max() == pytest.approx(limit, abs=1e-6)
+    assert np.all(highest[(t > 3 * limit) & (t < 1 - 3 * limit)] > limit - 1e-4)
+
+
+def test_the_ball_is_thrown_at_45_degrees_and_bounces_by_its_restitution() -> None:
+    found = solve(textbook.bouncing_ball(3.0, 0.8))
+    flights = found.phases
+    assert flights[0].start[2] == pytest.approx(flights[0].start[3], rel=1e-6)
+    rates = [flight.start[3] for flight in flights]
+    assert rates[1:] == pytest.approx([0.8 * rates[0], 0.64 * rates[0]], rel=1e-9)
+    durations = [flight.duration for flight in flights]
+    assert durations == pytest.approx([2 * v / 9.81 for v in rates], rel=1e-9)
+
+
+def test_the_gears_ratio_matches_the_inertias() -> None:
+    found = solve(textbook.gear())
+    assert found.parameters == pytest.approx([textbook.gear_ratio()], rel=1e-6)
+
+
+@pytest.mark.parametrize(("legs", "slope"), [(6, 0.25), (8, 0.12), (10, 0.06)])
+def test_the_passive_wheels_cycle_is_found_whatever_its_legs(legs: int, slope: float) -> None:
+    found = solve(textbook.passive_wheel(legs, slope))
+    assert found.cost == pytest.approx(textbook.passive_wheel_rate(legs, slope), rel=1e-7)
+
+
+def test_the_swing_up_satisfies_pontryagins_conditions_found_another_way() -> None:
+    """Kelly's cart-pole by the indirect method: u = -costate . d flow / du / 2, by shooting."""
+    problem = textbook.cart_pole()
+    found = solve(problem)
+    assert found.converged
+    x, costates = ca.SX.sym("x", 4), ca.SX.sym("costates", 4)
+    flow, u = problem.phases[0].flow, ca.SX.sym("u")
+    pushed = ca.jacobian(flow(x, u, ca.SX(0, 1)), u)
+    best = -0.5 * ca.dot(costates, pushed)
+    pays = best**2 + ca.dot(costates, flow(x, best, ca.SX(0, 1)))
+    fixed = u**2 + ca.dot(costates, flow(x, u, ca.SX(0, 1)))
+    slope = ca.substitute(-ca.gradient(fixed, x), u, best)
+    rhs = ca.Function("rhs", [x, costates], [ca.vertcat(ca.gradient(pays, costates), slope), best])
+
+    def shot(costate: np.ndarray) -> np.ndarray:
+        def rates(t: float, y: np.ndarray) -> np.ndarray:
+            slopes, u = (np.asarray(part).ravel() for part in rhs(y[:4], y[4:8]))
+            return np.concatenate([slopes, u**2])
+
+        y = np.concatenate([found.phases[0].start, costate, [0.0]])
+        return solve_ivp(rates, (0.0, 2.0), y, "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+
+    ours = found.certificate.costates[0][0]
+    costate, _, ok, _ = fsolve(
+        lambda guess: shot(guess)[:4] - found.phases[0].end, ours, full_output=True
+    )
+    assert ok == 1
+    assert found.cost == pytest.approx(shot(costate)[-1], rel=1e-9)
+    assert ours == pytest.approx(costate, rel=1e-6)

@@ -1,0 +1,1 @@
+"""Posing a problem: phases of smooth motion, linkages, bounds and costs."""

@@ -1,0 +1,1 @@
+"""Looking for better solutions: many starts, and continuation along a parameter."""

@@ -1,0 +1,187 @@
+"""Guesses for a problem about which nothing is known: one, and families of random ones."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TypeAlias
+
+import numpy as np
+
+from rimless_gym.checks import integer, positive, require_kind
+from trajopt.ocp.pose.bounds import pair
+from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+
+#: One trajectory per phase, on any mesh.
+Guess: TypeAlias = tuple[PhaseTrajectory, ...]
+
+#: Times at which a random guess is sampled, as fractions of its phase.
+_SAMPLES = np.linspace(0.0, 1.0, 41)
+
+
+def straight_lines(problem: Problem) -> Guess:
+    """States on straight lines from the middle of the start's bounds to that of the end's.
+
+    A state that is free at an end keeps the value of the other end, or 0. Controls are in the
+    middle of their bounds; durations are 1 s, or the nearest that their bounds allow.
+    """
+    phases = []
+    low, high = pair(problem.duration)
+    share = 1.0 if not np.isfinite(high) else high / len(problem.phases)
+    for phase in problem.phases:
+        least, most = pair(phase.duration)
+        T = min(max(share if low > 0 or np.isfinite(high) else 1.0, least), most)
+        first, last = (middles(*phase.state_bounds(where)) for where in ("start", "end"))
+        first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+        control = np.nan_to_num(middles(*phase.control_bounds()))
+        phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, T))
+    return tuple(phases)
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Random guesses, one per index of a start, as `trajopt.multi_start` asks for them.
+
+    Start 0 is that of `straight_lines`; the others are made of them, phase by phase.
+
+    Attributes:
+        problem: what the guesses are for.
+    """
+
+    problem: Problem
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        require_kind("problem", self.problem, Problem)
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
+        """Guess number `index`."""
+        lines = straight_lines(self.problem)
+        if index == 0:
+            return lines
+        pairs = zip(self.problem.phases, lines, strict=True)
+        return tuple(self.varied(phase, trajectory, rng) for phase, trajectory in pairs)
+
+    def varied(
+        self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
+    ) -> PhaseTrajectory:
+        """A random relative of a straight line."""
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class Waves(Family):
+    """Straight lines with smooth random waves upon them, in random durations.
+
+    Attributes:
+        size: of the largest waves: 1 spans the bounds, or three times the way from start to end
+            of what has no bounds.
+        waves: sines added up, the k-th of k half or k whole periods.
+    """
+
+    size: float = 1.0
+    waves: int = 3
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        super().__post_init__()
+        positive("size", self.size)
+        integer("waves", self.waves, 1)
+
+    def varied(
+        self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
+    ) -> PhaseTrajectory:
+        """A straight line with waves."""
+        line = _values(trajectory, _SAMPLES)
+        lower, upper = _all_bounds(phase)
+        widths = np.maximum(3.0 * np.abs(line[-1] - line[0]), 1.0)
+        bounded = np.isfinite(upper - lower)
+        widths[bounded] = (upper - lower)[bounded]
+        periods = np.arange(1, self.waves + 1) * rng.choice([0.5, 1.0])
+        shape = (self.waves, len(widths))
+        lags, shares = rng.uniform(0.0, 2 * np.pi, shape), rng.uniform(0.0, 0.5, shape)
+        angles = 2 * np.pi * (_SAMPLES[:, None] * periods)[:, :, None] + lags
+        waves = np.einsum("tka,ka->ta", np.sin(angles), self.size * rng.uniform() * shares)
+        times = random_duration(phase, trajectory, rng) * _SAMPLES
+        return _joined(times, np.clip(line + widths * waves, lower, upper), len(phase.states))
+
+
+@dataclasses.dataclass(frozen=True)
+class Waypoints(Family):
+    """Straight lines from the start through random points to the end, in random durations.
+
+    Attributes:
+        points: on the way, at most.
+        spread: to either side, of what has no bounds, in units of its way from start to end.
+    """
+
+    points: int = 3
+    spread: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges."""
+        super().__post_init__()
+        integer("points", self.points, 1)
+        positive("spread", self.spread)
+
+    def varied(
+        self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
+    ) -> PhaseTrajectory:
+        """A straight line bent through random points."""
+        count = int(rng.integers(1, self.points, endpoint=True))
+        knots = np.array([0.0, *np.sort(rng.uniform(0.1, 0.9, count)), 1.0])
+        values = _values(trajectory, knots)
+        lower, upper = _all_bounds(phase)
+        width = self.spread * np.maximum(np.abs(values[-1] - values[0]), 1.0)
+        low = np.where(np.isfinite(lower), lower, np.minimum(values[0], upper) - width)
+        high = np.where(np.isfinite(upper), upper, np.maximum(values[0], lower) + width)
+        values[1:-1] = rng.uniform(low, high, (count, len(low)))
+        times = random_duration(phase, trajectory, rng) * knots
+        return _joined(times, values, len(phase.states))
+
+
+def random_duration(phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator) -> float:
+    """Evenly within a phase's bounds (s); where there is no upper one, within a factor e."""
+    least, most = pair(phase.duration)
+    if np.isfinite(most):
+        return float(rng.uniform(least, most))
+    return max(least, trajectory.duration * float(np.exp(rng.uniform(-1.0, 1.0))))
+
+
+def _values(trajectory: PhaseTrajectory, fractions: Array) -> Array:
+    """States and controls at fractions of the duration, shape (N, nx + nu)."""
+    times = trajectory.duration * fractions
+    return np.hstack([trajectory.state(times), trajectory.control(times)])
+
+
+def _all_bounds(phase: Phase) -> tuple[Array, Array]:
+    """(lower, upper) of states and controls all along, each (nx + nu,)."""
+    both = zip(phase.state_bounds(), phase.control_bounds(), strict=True)
+    lower, upper = (np.concatenate(side) for side in both)
+    return lower, upper
+
+
+def _joined(t: Array, values: Array, states: int) -> PhaseTrajectory:
+    """Columns of states and then of controls at times t (N,), joined by straight lines."""
+    ends = np.array([0.0, 1.0])
+    pieces = np.stack([values[:-1], values[1:]], axis=1)
+    return PhaseTrajectory(t, ends, pieces[..., :states], ends, pieces[..., states:])
+
+
+def line(first: Array, last: Array, control: Array, duration: float) -> PhaseTrajectory:
+    """A straight line between two states in `duration` (s), at constant control."""
+    ends = np.array([0.0, 1.0])
+    controls = np.tile(control, (1, 2, 1))
+    return PhaseTrajectory(duration * ends, ends, np.stack([first, last])[None], ends, controls)
+
+
+def polyline(t: Array, x: Array, controls: int = 1) -> PhaseTrajectory:
+    """States x (N, nx) at times t (N,), joined by straight lines; controls of 0."""
+    return _joined(t, np.hstack([x, np.zeros((len(t), controls))]), x.shape[1])
+
+
+def middles(lower: Array, upper: Array) -> Array:
+    """Middles of bounds (n,); NaN where there is no finite one."""
+    both = np.isfinite(lower) & np.isfinite(upper)
+    one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
+    return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)

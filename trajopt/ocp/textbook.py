@@ -1,0 +1,298 @@
+"""Problems with known answers: what a solver has to find before it is believed.
+
+Every function returns a `Problem`; `EXAMPLES` lists them with their least costs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+from scipy.optimize import brentq
+
+from rimless_gym import WheelParams
+from rimless_gym.symbolic import HybridModel
+from trajopt.ocp.pose.problem import Linkage, Phase, Problem, equal
+
+GRAVITY = 9.81
+
+
+def brachistochrone(x: float = 1.0, y: float = 1.0) -> Problem:
+    """The wire along which a bead slides from rest, x (m) along and y (m) down, fastest."""
+    slide = Phase(
+        "slide",
+        states=("x", "y", "v"),
+        controls=("slope",),  # from the vertical
+        flow=lambda s, u, p: (s[2] * ca.sin(u), s[2] * ca.cos(u), GRAVITY * ca.cos(u)),
+        cost=lambda s, u, p: 1.0,
+        bounds={"slope": (0.0, math.pi)},
+        start={"x": 0.0, "y": 0.0, "v": 0.0},
+        end={"x": x, "y": y},
+    )
+    return Problem((slide,))
+
+
+def brachistochrone_time(x: float = 1.0, y: float = 1.0) -> float:
+    """The cycloid's: x = r (q - sin q), y = r (1 - cos q) at time q sqrt(r / g) (Bernoulli)."""
+    q = _root(lambda q: (q - math.sin(q)) * y - (1 - math.cos(q)) * x, 1e-3, 2 * math.pi - 1e-9)
+    return q * math.sqrt(y / (1 - math.cos(q)) / GRAVITY)
+
+
+def cart_pole() -> Problem:
+    """Swing a pole up by pushing its cart 1 m aside in 2 s (Kelly, SIAM Review 59 (2017), 6)."""
+    m1, m2, length, g = 1.0, 0.3, 0.5, GRAVITY
+
+    def flow(x: Any, u: Any, p: Any) -> Any:
+        s, c = ca.sin(x[1]), ca.cos(x[1])
+        push = length * m2 * s * x[3] ** 2 + u
+        d = m1 + m2 * s**2
+        cart = (push + m2 * g * c * s) / d
+        pole = -(push * c + (m1 + m2) * g * s) / (length * d)
+        return x[2], x[3], cart, pole
+
+    swing = Phase(
+        "swing-up",
+        states=("q1", "q2", "dq1", "dq2"),
+        controls=("u",),
+        flow=flow,
+        cost=lambda x, u, p: u**2,
+        bounds={"u": (-20.0, 20.0), "q1": (-2.0, 2.0)},
+        start={"q1": 0.0, "q2": 0.0, "dq1": 0.0, "dq2": 0.0},
+        end={"q1": 1.0, "q2": math.pi, "dq1": 0.0, "dq2": 0.0},
+        duration=2.0,
+    )
+    return Problem((swing,))
+
+
+#: By shooting from Pontryagin's conditions (as the tests do again): there is no closed form.
+SWING_UP = 58.80766746
+
+
+def bouncing_ball(distance: float = 3.0, restitution: float = 0.8) -> Problem:
+    """Throw a ball from the ground so that it lands for the third time `distance` (m) away.
+
+    The launch is free; it costs its kinetic energy.
+    """
+
+    def flight(name: str, start: dict[str, float], end: dict[str, float]) -> Phase:
+        return Phase(
+            name,
+            states=("x", "y", "vx", "vy"),
+            flow=lambda s, u, p: (s[2], s[3], 0.0, -GRAVITY),
+            start={"vy": (0.0, math.inf), **start},
+            end={"y": 0.0, **end},
+            duration=(0.01, 10.0),
+        )
+
+    def bounce(s: Any, p: Any) -> Any:
+        return s[0], s[1], s[2], -restitution * s[3]
+
+    return Problem(
+        phases=(
+            flight("first flight", {"x": 0.0, "y": 0.0}, {}),
+            flight("second flight", {}, {}),
+            flight("third flight", {}, {"x": distance}),
+        ),
+        linkages=(Linkage(0, 1, bounce), Linkage(1, 2, bounce)),
+        endpoint_cost=lambda starts, ends, durations, p: 0.5 * ca.sumsqr(starts[0][2:]),
+    )
+
+
+def bouncing_ball_energy(distance: float = 3.0, restitution: float = 0.8) -> float:
+    """Per kg. Flights last 2 vy / g each, vy falling by e: x = (2 / g) vx vy (1 + e + e^2).
+
+    Of all vx and vy with that product the equal ones cost least.
+    """
+    e = restitution
+    return distance * GRAVITY / (2 * (1 + e + e**2))
+
+
+def fastest_move(distance: float = 1.0, brake: float = 1.0) -> Problem:
+    """A block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
+    timed = {"cost": lambda x, u, p: 1.0, "duration": (0.1, 10.0)}
+    return Problem((_block((-brake, 1.0), distance, **timed),))
+
+
+def fastest_move_time(distance: float = 1.0, brake: float = 1.0) -> float:
+    """Full force, then full brake; the switch is in the middle where they are equal."""
+    return math.sqrt(2 * distance * (1 + 1 / brake))
+
+
+def least_effort_move() -> Problem:
+    """A block of 1 kg 1 m from rest to rest in 1 s at least integral of force squared."""
+    return Problem((_block((-math.inf, math.inf), cost=lambda x, u, p: u**2),))
+
+
+#: The force is 6 - 12 t.
+LEAST_EFFORT = 12.0
+
+
+def least_work_move(force: float = 10.0) -> Problem:
+    """The same at least work: braking costs nothing and returns nothing."""
+    return Problem((_block((-force, force), powers=lambda x, u, p: u * x[1]),))
+
+
+def least_work(force: float = 10.0) -> float:
+    """Push, coast at v, brake: 1 m = v 1 s - v^2 / force (Kelly, SIAM Review 59 (2017), 5)."""
+    v = 0.5 * force * (1 - math.sqrt(1 - 4 / force))
+    return 0.5 * v**2
+
+
+def bryson_denham(limit: float = 1 / 9) -> Problem:
+    """A block turned round within `limit` (m) at least effort."""
+    turn = Phase(
+        "turn",
+        states=("x", "v"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1], u),
+        cost=lambda x, u, p: 0.5 * u**2,
+        bounds={"x": (-math.inf, limit)},
+        start={"x": 0.0, "v": 1.0},
+        end={"x": 0.0, "v": -1.0},
+        duration=1.0,
+    )
+    return Problem((turn,))
+
+
+def bryson_denham_cost(limit: float = 1 / 9) -> float:
+    """For a limit of at most 1/6 (Bryson and Ho, Applied Optimal Control, 3.11)."""
+    return 4 / (9 * limit)
+
+
+def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
+    """Turn a load by 1 rad from rest to rest in 1 s through the gear that takes least torque.
+
+    Inertias in kg m^2; the load is `ratio` times slower than the motor.
+    """
+    turn = Phase(
+        "turn",
+        states=("angle", "rate"),
+        controls=("torque",),
+        flow=lambda x, u, p: (x[1], u * p / (motor * p**2 + load)),
+        cost=lambda x, u, p: u**2,
+        start={"angle": 0.0, "rate": 0.0},
+        end={"angle": 1.0, "rate": 0.0},
+        duration=1.0,
+    )
+    return Problem((turn,), parameters={"ratio": (0.1, 100.0)})
+
+
+def gear_ratio(motor: float = 0.02, load: float = 0.5) -> float:
+    """Inertias match: torque = (motor ratio + load / ratio) times the load's acceleration."""
+    return math.sqrt(load / motor)
+
+
+def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
+    """That of `LEAST_EFFORT` with matched inertias."""
+    return LEAST_EFFORT * 4 * motor * load
+
+
+def hanging_chain(length: float = 1.5) -> Problem:
+    """A chain between two nails 1 m apart, hanging lowest; "time" runs from nail to nail."""
+    chain = Phase(
+        "chain",
+        states=("height",),
+        controls=("slope",),
+        flow=lambda x, u, p: (u,),
+        cost=lambda x, u, p: x * ca.sqrt(1 + u**2),
+        integral=equal(lambda x, u, p: ca.sqrt(1 + u**2), [length], "length"),
+        start={"height": 0.0},
+        end={"height": 0.0},
+        duration=1.0,
+    )
+    return Problem((chain,))
+
+
+def hanging_chain_energy(length: float = 1.5) -> float:
+    """Of the catenary a cosh(x / a) - a cosh(1 / 2a), 2 a sinh(1 / 2a) long."""
+    a = _root(lambda a: 2 * a * math.sinh(0.5 / a) - length, 0.05, 50.0)
+    return 0.5 * a * (1 + a * math.sinh(1 / a)) - a * math.cosh(0.5 / a) * length
+
+
+def passive_wheel(legs: int = 8, slope: float = 0.12) -> Problem:
+    """The only cycle of a bare wheel down a slope; the cost is its rate after touchdown (rad/s)."""
+    params = _bare_wheel(legs, slope)
+    model = HybridModel(params)
+
+    def full(x: Any) -> Any:
+        return ca.vertcat(x[0], 0, x[1], 0)
+
+    stance = Phase(
+        "stance",
+        states=("phi", "dphi"),
+        flow=lambda x, u, p: model.flow(full(x), 0.0)[[0, 2]],
+        start={"phi": params.constants.a, "dphi": (0.1, 10.0)},
+        end={"phi": (params.constants.a, params.constants.a + 2 * params.constants.alpha)},
+        duration=(0.05, 5.0),
+    )
+    return Problem(
+        (stance,),
+        linkages=(Linkage(0, 0, lambda x, p: model.touchdown(full(x))[[0, 2]]),),
+        endpoint_cost=lambda starts, ends, durations, p: starts[0][1],
+    )
+
+
+def passive_wheel_rate(legs: int = 8, slope: float = 0.12) -> float:
+    """Tedrake, Underactuated Robotics, chapter "Simple legs"."""
+    params, a = _bare_wheel(legs, slope), math.pi / legs
+    push = 4 * params.gravity / params.leg_length * math.sin(a) * math.sin(slope)
+    return math.sqrt(push) / math.tan(2 * a)
+
+
+def _bare_wheel(legs: int, slope: float) -> WheelParams:
+    return WheelParams(
+        n_legs=legs,
+        slope=slope,
+        wheel_inertia=0.0,
+        pendulum_length=0.0,
+        pendulum_inertia=0.1,
+        motor_constant=0.0,
+    )
+
+
+def _block(force: tuple[float, float], distance: float = 1.0, **more: Any) -> Phase:
+    """A block of 1 kg moved from rest to rest."""
+    return Phase(
+        "move",
+        states=("x", "v"),
+        controls=("force",),
+        flow=lambda x, u, p: (x[1], u),
+        bounds={"force": force},
+        start={"x": 0.0, "v": 0.0},
+        end={"x": distance, "v": 0.0},
+        **{"duration": 1.0} | more,
+    )
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-15))
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """A problem and its least cost."""
+
+    problem: Callable[[], Problem]
+    known: Callable[[], float]
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return self.problem.__name__.replace("_", " ")
+
+
+EXAMPLES = (
+    Example(brachistochrone, brachistochrone_time),
+    Example(cart_pole, lambda: SWING_UP),
+    Example(bouncing_ball, bouncing_ball_energy),
+    Example(fastest_move, fastest_move_time),
+    Example(least_effort_move, lambda: LEAST_EFFORT),
+    Example(least_work_move, least_work),
+    Example(bryson_denham, bryson_denham_cost),
+    Example(gear, gear_cost),
+    Example(hanging_chain, hanging_chain_energy),
+    Example(passive_wheel, passive_wheel_rate),
+)

@@ -1,0 +1,168 @@
+"""Between trajectories and the unknowns of the nonlinear program."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym.checks import real_array
+from trajopt.ocp.pose.bounds import pair
+from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.transcribe.layout import Group, Key, Layout, groups
+from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix, radau_nodes
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+
+
+def pack(
+    layout: Layout,
+    problem: Problem,
+    guess: Sequence[PhaseTrajectory],
+    parameters: Array | None = None,
+) -> Array:
+    """The unknowns at a guess, one trajectory per phase, on any mesh.
+
+    Durations are scaled to the total that is asked for; static parameters are in the middle of
+    their bounds unless given.
+    """
+    _require_fit(problem, guess)
+    p = middle(problem) if parameters is None else _parameters(problem, parameters)
+    parts: dict[Key, Array] = {(-1, "parameters", 0): p.reshape(-1, 1)}
+    low, high = pair(problem.duration)
+    total = sum(trajectory.duration for trajectory in guess)
+    scale = min(max(total, low), high) / total
+    for i, (phase, trajectory) in enumerate(zip(problem.phases, guess, strict=True)):
+        edges = trajectory.duration * np.array(layout.mesh.fractions[i])
+        parts[i, "duration", 0] = np.array([[trajectory.duration * scale]])
+        parts[i, "edges", 0] = trajectory.state(edges).T
+        parts[i, "edge controls", 0] = np.concatenate(
+            [trajectory.control(edges[:-1]), trajectory.control(edges[-1:], "left")]
+        ).T
+        for group in groups(layout.mesh, i):
+            packed = _pack_group(phase, group, trajectory, edges, p)
+            parts |= {(i, kind, group.degree): values for kind, values in packed.items()}
+    return layout.join(parts)
+
+
+def _parameters(problem: Problem, values: Any) -> Array:
+    """A guess of the static parameters, checked."""
+    p, names = real_array("parameters", values), tuple(problem.parameters)
+    if p.shape != (len(names),):
+        raise ValueError(
+            f"parameters = {values!r}: of shape {p.shape}, while the problem has {len(names)}: "
+            f"{names}; give one number for each"
+        )
+    if not np.isfinite(p).all():
+        raise ValueError(f"parameters = {values!r}: must all be finite")
+    return p.astype(float)
+
+
+def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
+    if not isinstance(guess, Sequence) or not all(isinstance(t, PhaseTrajectory) for t in guess):
+        raise TypeError(
+            f"guess = {guess!r}: must be a sequence of trajopt.PhaseTrajectory, one per phase"
+        )
+    if len(guess) != len(problem.phases):
+        raise ValueError(
+            f"the guess has {len(guess)} trajectories for the {len(problem.phases)} phases: "
+            "give one each"
+        )
+    for phase, trajectory in zip(problem.phases, guess, strict=True):
+        given = trajectory.states.shape[-1], trajectory.controls.shape[-1]
+        if given != (len(phase.states), len(phase.controls)):
+            raise ValueError(
+                f"the guess of phase {phase.name!r}: {given[0]} states and {given[1]} controls "
+                f"for {phase.states} and {phase.controls}"
+            )
+        trajectory.require_sound(f"the guess of phase {phase.name!r}")
+
+
+def _pack_group(
+    phase: Phase, group: Group, trajectory: PhaseTrajectory, edges: Array, p: Array
+) -> dict[str, Array]:
+    scheme, count = group.scheme, len(group.elements)
+    left, h = edges[group.elements, None], np.diff(edges)[group.elements, None]
+    states = _sampled(trajectory.state, left + h * scheme.nodes)
+    knots = scheme.control_nodes
+    controls = _sampled(trajectory.control, left + h * knots)
+    controls[:, -1] = trajectory.control((left + h)[:, 0], "left")
+    coefficients = np.linalg.solve(scheme.control_values, controls)
+    own = coefficients[:, 1:-1] if scheme.shared_controls else coefficients
+    slacks = np.zeros((0, count))
+    if phase.powers is not None:
+        used = scheme.weighted
+        at_nodes = scheme.control_basis[used] @ coefficients
+        power = evaluated(phase.powers, states[:, used], at_nodes, p)
+        slacks = _columns(np.maximum(power, phase.floor))
+    return {
+        "interior": _columns(states[:, 1:-1]),
+        "controls": _columns(own),
+        "slacks": slacks,
+    }
+
+
+def _sampled(function: object, times: Array) -> Array:
+    values = function(times.ravel())  # type: ignore[operator]
+    return np.array(values.reshape(*times.shape, values.shape[-1]))
+
+
+def _columns(values: NDArray[Any]) -> Array:
+    """One column per element of values (elements, nodes, m), of which there may be none."""
+    return values.reshape(len(values), math.prod(values.shape[1:])).T
+
+
+def unpack(layout: Layout, w: Array) -> tuple[PhaseTrajectory, ...]:
+    """The trajectory that the unknowns stand for."""
+    parts = layout.split(w)
+    phases = range(len(layout.problem.phases))
+    return tuple(_unpack_phase(layout, i, parts) for i in phases)
+
+
+def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTrajectory:
+    phase, fractions = layout.problem.phases[i], np.array(layout.mesh.fractions[i])
+    T, edges = float(parts[i, "duration", 0][0, 0]), parts[i, "edges", 0]
+    nx, nu, count = len(phase.states), len(phase.controls), len(fractions) - 1
+    every = groups(layout.mesh, i)
+    nodes = radau_nodes(max(group.degree for group in every))
+    knots = max((group.scheme.control_nodes for group in every), key=len)
+    states, controls = np.empty((count, len(nodes), nx)), np.empty((count, len(knots), nu))
+    for group in every:
+        scheme, chosen = group.scheme, group.elements
+        inner = parts[i, "interior", group.degree].T.reshape(len(chosen), -1, nx)
+        left, right = edges[:, chosen].T[:, None], edges[:, chosen + 1].T[:, None]
+        X = np.concatenate([left, inner, right], axis=1)
+        own = parts[i, "controls", group.degree].T
+        m = len(scheme.control_nodes) - (2 if scheme.shared_controls else 0)
+        own = own.reshape(len(chosen), m, nu)
+        if scheme.shared_controls:
+            shared = parts[i, "edge controls", 0]
+            first, last = shared[:, chosen].T[:, None], shared[:, chosen + 1].T[:, None]
+            own = np.concatenate([first, own, last], axis=1)
+        values = scheme.control_values @ own
+        controls[chosen] = lagrange_matrix(scheme.control_nodes, knots) @ values
+        used, U = scheme.collocated, scheme.control_basis @ own
+        p = parts[-1, "parameters", 0].ravel()
+        F = evaluated(phase.flow, X[:, used], U[:, used], p)
+        grown = X[:, :1] + T * np.diff(fractions)[chosen, None, None] * (scheme.growth(nodes) @ F)
+        # What the solver's tolerance leaves open at the right end is spread over the element.
+        states[chosen] = grown + nodes[:, None] * (right - grown[:, -1:])
+    return PhaseTrajectory(T * fractions, nodes, states, knots, controls)
+
+
+def evaluated(function: object, states: Array, controls: Array, p: Array) -> Array:
+    """A traced function of (x, u, p) at states (..., nx) and controls (..., nu): (..., m)."""
+    shape = states.shape[:-1]
+    count = math.prod(shape)
+    columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
+    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))  # type: ignore[operator]
+    return values.T.reshape(*shape, len(values))
+
+
+def middle(problem: Problem) -> Array:
+    """Static parameters in the middle of their bounds, or at the finite one; shape (np,)."""
+    limits = np.array([pair(b) for b in problem.parameters.values()]).reshape(-1, 2)
+    finite = np.where(np.isfinite(limits), limits, limits[:, ::-1])
+    return np.asarray(np.nan_to_num(finite, posinf=0.0, neginf=0.0).mean(axis=1))

@@ -1,0 +1,128 @@
+"""Piecewise polynomials on a mesh: what a transcription's unknowns mean between its nodes."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.checks import real_array
+from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
+
+Array = NDArray[np.float64]
+
+#: Times that differ by less than this fraction of their phase are the same. Otherwise rounding
+#: would decide on which side of an edge a time lies that was computed to be on it.
+SAME_TIME = 1e-12
+
+
+@dataclasses.dataclass(frozen=True)
+class PhaseTrajectory:
+    """State and control of one phase, as polynomials on the elements of a mesh.
+
+    The control may jump at the elements' edges; it is right-continuous there unless asked for
+    the limit from the left.
+
+    Attributes:
+        edges: times of the M + 1 element edges, from 0 (s).
+        nodes: the state polynomial's nodes in [0, 1], n of them, the first 0 and the last 1.
+        states: values at the nodes, shape (M, n, nx).
+        control_nodes: the control polynomial's nodes in [0, 1], m of them.
+        controls: values there, shape (M, m, nu).
+    """
+
+    edges: Array
+    nodes: Array
+    states: Array
+    control_nodes: Array
+    controls: Array
+
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together; whether they are finite is asked where it matters."""
+        for field in dataclasses.fields(self):
+            array = real_array(field.name, getattr(self, field.name))
+            object.__setattr__(self, field.name, array.astype(np.float64, copy=False))
+        elements, nodes, knots = (
+            len(a) if a.ndim == 1 else 0 for a in (self.edges, self.nodes, self.control_nodes)
+        )
+        for name, least in (("edges", 2), ("nodes", 2), ("control_nodes", 1)):
+            array = getattr(self, name)
+            if array.ndim != 1 or len(array) < least:
+                raise ValueError(f"{name}: of shape {array.shape}, not ({least} or more,)")
+        for name, count in (("states", nodes), ("controls", knots)):
+            shape = getattr(self, name).shape
+            if len(shape) != 3 or shape[:2] != (elements - 1, count):
+                raise ValueError(
+                    f"{name}: of shape {shape}, not ({elements - 1}, {count}, any): {elements - 1} "
+                    f"elements between {elements} edges, {count} nodes"
+                )
+
+    def require_sound(self, where: str) -> None:
+        """Refuse a trajectory that is not a motion.
+
+        Raises:
+            ValueError: a number is not finite, or edges or nodes are not in order.
+        """
+        for field in dataclasses.fields(self):
+            if not np.isfinite(getattr(self, field.name)).all():
+                raise ValueError(f"{where}: {field.name}: must all be finite")
+        for name, array in (("edges", self.edges), ("nodes", self.nodes)):
+            if array[0] != 0.0 or not (np.diff(array) > 0.0).all():
+                raise ValueError(f"{where}: {name} = {array}: must increase from 0")
+        knots = self.control_nodes
+        if knots[0] < 0.0 or knots[-1] > 1.0 or not (np.diff(knots) > 0.0).all():
+            raise ValueError(f"{where}: control_nodes = {knots}: must increase within [0, 1]")
+        if self.nodes[-1] != 1.0:
+            raise ValueError(f"{where}: nodes = {self.nodes}: must end with 1")
+
+    @property
+    def duration(self) -> float:
+        """Duration (s)."""
+        return float(self.edges[-1])
+
+    @property
+    def start(self) -> Array:
+        """State at the start, shape (nx,)."""
+        return np.asarray(self.states[0, 0])
+
+    @property
+    def end(self) -> Array:
+        """State at the end, shape (nx,)."""
+        return np.asarray(self.states[-1, -1])
+
+    def state(self, t: ArrayLike) -> Array:
+        """State at times t (N,), shape (N, nx); extrapolated outside the phase."""
+        element, s = self._locate(t, "right")
+        basis = lagrange_matrix(self.nodes, s)
+        return np.asarray(np.einsum("tn,tnx->tx", basis, self.states[element]))
+
+    def control(self, t: ArrayLike, side: str = "right") -> Array:
+        """Control at times t (N,), shape (N, nu); `side` "left" or "right" of jumps."""
+        element, s = self._locate(t, side)
+        basis = lagrange_matrix(self.control_nodes, s)
+        return np.asarray(np.einsum("tn,tnx->tx", basis, self.controls[element]))
+
+    @cached_property
+    def element_durations(self) -> Array:
+        """Durations of the elements (s), shape (M,)."""
+        return np.diff(self.edges)
+
+    def _locate(self, times: ArrayLike, side: str) -> tuple[NDArray[np.intp], Array]:
+        t = np.atleast_1d(real_array("t", times))
+        require_side(side)
+        past = t + SAME_TIME * self.duration if side == "right" else t - SAME_TIME * self.duration
+        where = np.searchsorted(self.edges, past, side="right" if side == "right" else "left") - 1
+        element = np.clip(where, 0, len(self.edges) - 2)
+        return element, (t - self.edges[element]) / self.element_durations[element]
+
+
+def require_side(side: str) -> None:
+    """Refuse anything but a side of a jump.
+
+    Raises:
+        ValueError: it is neither "left" nor "right".
+    """
+    if not isinstance(side, str) or side not in ("left", "right"):
+        raise ValueError(f"side = {side!r}: choose 'left' or 'right'")
