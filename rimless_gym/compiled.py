@@ -15,14 +15,23 @@ from rimless_gym.params import N_CONSTANTS, Constants
 
 @kept()
 def rates(mode, phi, theta, dphi, dtheta, u, constants):
-    """`hybrid.rates`."""
-    return hybrid.rates(mode, phi, theta, dphi, dtheta, u, constants)
+    """(Rates of the state, electrical power, shaft power) and the losses' powers, all smooth.
+
+    The shaft's power is what the motor does to wheel and pendulum.
+    """
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    dpsi = hybrid.relative_rate(dphi, dtheta, p)
+    electrical, shaft = hybrid.electrical_power(dpsi, u, p), hybrid.motor_torque(dpsi, u, p) * dpsi
+    motion = dphi, dtheta, ddphi, ddtheta, electrical, shaft
+    return motion, hybrid.losses(dphi, dpsi, u, p)
 
 
 @kept(REFERENCE)
 def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
     """`hybrid.guards`."""
-    return hybrid.guards(mode, phi, theta, dphi, dtheta, u, pull, constants)
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return hybrid.guards(mode, phi, theta, dphi, dtheta, u, pull, p)
 
 
 @kept()

@@ -1,48 +1,86 @@
 """Energy bookkeeping: the ledger of an interval, and cost of transport. One definition everywhere.
 
-Over any interval, whatever the motion,
+Over any interval, whatever the motion, the energies of `CHANNELS` balance:
 
-    electrical = copper + friction + drag + collision + (change of mechanical energy)
+    electrical + push = (losses) + collision + mechanical_change
 
-with the foot's own descent in the mechanical energy. `Ledger.residual` is what is left over.
+with the losses of `rimless_gym.equations.LOSSES`, and the foot's own descent in the mechanical
+energy. `Ledger.residual` is what is left over.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.equations import LOSSES, Losses
 from rimless_gym.params import WheelParams
+from rimless_gym.records import places, record
 
-# Rows of the array that the stepping kernel fills; the first of them are a Ledger's fields.
-# TOUCHDOWN_TIME is when in the interval the last touchdown was (s), or -1.
-(
-    TIME,
-    DISTANCE,
-    ELECTRICAL,
-    ELECTRICAL_POSITIVE,
-    COPPER,
-    FRICTION,
-    DRAG,
-    COLLISION,
-    SHAFT,
-    MECHANICAL_CHANGE,
-    STEPS,
-    TOUCHDOWNS,
-    MIN_NORMAL_FORCE,
-    FRICTION_DEMAND,
-    IMPULSE_FRICTION_DEMAND,
-    CLEARANCE,
-    FORCE_X,
-    FORCE_Y,
-    FAILURE,
-    TOUCHDOWN_TIME,
-    N_ROWS,
-) = range(21)
+
+class Channel(NamedTuple):
+    """An energy of the ledger (J).
+
+    Attributes:
+        name: of the kernel's row, of the entry in `info` and of the ledger's field.
+        sign: in the balance: 1 what comes in, -1 where it goes, 0 what is counted beside it.
+        meaning: in words.
+    """
+
+    name: str
+    sign: int
+    meaning: str
+
+
+#: What the simulators book of every interval.
+BOOKED = (
+    Channel("electrical", 1, "integral of V i; the battery can be recharged"),
+    Channel("electrical_positive", 0, "integral of max(V i, 0); the battery cannot be recharged"),
+    *(Channel(name, -1, meaning) for name, meaning in LOSSES.items()),
+    Channel("collision", -1, "loss in touchdowns (signed under the non-physical impact laws)"),
+    Channel("shaft", 0, "integral of |T psi'|, the thesis's measure"),
+    Channel("mechanical_change", -1, "change of kinetic and potential energy, descent included"),
+)
+
+#: All channels: with those that the environment adds.
+CHANNELS = (
+    *BOOKED,
+    Channel("idle", 0, "idle power times duration"),
+    Channel("push", 1, "work of pushes on the hub"),
+)
+
+#: The stepping kernel's rows that are sums over an interval.
+SUMS = ("elapsed", "distance", *(channel.name for channel in BOOKED), "steps", "touchdowns")
+
+#: All of its rows: then come extremes, and what holds at the interval's end. `touchdown_time` is
+#: when in the interval the last touchdown was (s), or -1.
+Row = record(
+    "Row",
+    [
+        *SUMS,
+        *("min_normal_force", "friction_demand", "impulse_friction_demand", "clearance"),
+        *("force_x", "force_y", "failure", "touchdown_time"),
+    ],
+    __name__,
+)
+
+#: Where each is, such as ``rows[:, ROW.distance]``.
+ROW = places(Row)
+
+
+def balance(energies: Mapping[str, Any]) -> list[Any]:
+    """The energies that balance, by sign: their sum is what is left unexplained.
+
+    Args:
+        energies: by the names of `CHANNELS`, J; numbers or arrays. `push` may be missing.
+    """
+    signs = {channel.name: channel.sign for channel in CHANNELS if channel.sign}
+    return [sign * energies[name] for name, sign in signs.items() if name in energies]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,9 +92,7 @@ class Ledger:
         distance: net travel of the hub along the ground (m), downhill positive.
         electrical: integral of V i; the battery can be recharged.
         electrical_positive: integral of max(V i, 0); it cannot.
-        copper: integral of i^2 Rm.
-        friction: loss to viscous hub friction.
-        drag: loss to air drag.
+        losses: of smooth motion, by name: `rimless_gym.equations.LOSSES`.
         collision: loss in touchdowns (signed under the non-physical impact laws).
         shaft: integral of |T psi'|, the thesis's measure.
         mechanical_change: change of kinetic and potential energy, foot descent included.
@@ -67,9 +103,7 @@ class Ledger:
     distance: float
     electrical: float
     electrical_positive: float
-    copper: float
-    friction: float
-    drag: float
+    losses: Any
     collision: float
     shaft: float
     mechanical_change: float
@@ -77,16 +111,24 @@ class Ledger:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64], params: WheelParams) -> Ledger:
-        """From the first rows of the kernel's output array (summed over intervals or not)."""
-        names = [field.name for field in dataclasses.fields(cls)][: MECHANICAL_CHANGE + 1]
-        values = dict(zip(names, rows.tolist(), strict=False))
-        return cls(**values, idle=params.idle_power * values["time"])
+        """From the rows (len(ROW),) that the kernel booked, summed over intervals or not."""
+        booked = Row(*rows.tolist())
+        return cls(
+            time=booked.elapsed,
+            distance=booked.distance,
+            electrical=booked.electrical,
+            electrical_positive=booked.electrical_positive,
+            losses=Losses(*(getattr(booked, name) for name in LOSSES)),
+            collision=booked.collision,
+            shaft=booked.shaft,
+            mechanical_change=booked.mechanical_change,
+            idle=params.idle_power * booked.elapsed,
+        )
 
     @property
     def residual(self) -> float:
         """What the energy balance leaves unexplained (J)."""
-        spent = self.copper + self.friction + self.drag + self.collision
-        return self.electrical - spent - self.mechanical_change
+        return float(sum(balance(self._energies())))
 
     @property
     def energy(self) -> float:
@@ -107,5 +149,12 @@ class Ledger:
         return energy / (params.weight * self.distance) if self.distance > 0 else math.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields and residual as plain JSON values."""
-        return dataclasses.asdict(self) | {"residual": self.residual}
+        """Fields and residual as plain JSON values, each loss by its name."""
+        return self._energies() | {"residual": self.residual}
+
+    def _energies(self) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            values |= value._asdict() if field.name == "losses" else {field.name: value}
+        return values

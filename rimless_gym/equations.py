@@ -15,11 +15,40 @@ Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
+
+from rimless_gym.records import record
 
 PLASTIC, RELABEL, THESIS = 0, 1, 2  # indices in params.IMPACT_LAWS
+
+#: The losses of smooth motion, each with its power. A new loss is an entry here, its power in
+#: `losses` and its torque in `hub_friction` or `forces`: the ledger, the simulators, `info`, the
+#: logs and the documents take their names and numbers from this table.
+LOSSES = {
+    "copper": "i^2 Rm in the motor's windings",
+    "friction": "viscous friction at the hub",
+    "drag": "air drag on the hub",
+}
+Losses = record("Losses", LOSSES, __name__)  # powers (W), or energies (J)
+
+
+class State(NamedTuple):
+    """The smooth state: angles (rad) and their rates (rad/s)."""
+
+    phi: Any
+    theta: Any
+    dphi: Any
+    dtheta: Any
+
+
+class Accelerations(NamedTuple):
+    """Of the two angles (rad/s^2)."""
+
+    ddphi: Any
+    ddtheta: Any
 
 
 def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -109,9 +138,14 @@ def equations(
     # -- motor (3.49-3.53) --------------------------------------------------------------------
 
     @compiled
+    def motor_charge(turn, u, duration, p):
+        """Charge (C) through the armature while psi turns by `turn` at the held voltage u."""
+        return (u * duration - p.K * turn) * p.G
+
+    @compiled
     def motor_current(dpsi, u, p):
         """Armature current (A) at voltage u; no inductance."""
-        return (u - p.K * dpsi) * p.G
+        return motor_charge(dpsi, u, 1, p)
 
     @compiled
     def motor_torque(dpsi, u, p):
@@ -124,15 +158,28 @@ def equations(
         return u * motor_current(dpsi, u, p)
 
     @compiled
+    def hub_friction(dpsi, p):
+        """Torque of friction at the hub (N m), against psi'."""
+        return p.damping * dpsi
+
+    @compiled
+    def hub_torque(dpsi, u, p):
+        """Torque between wheel and pendulum (N m): the motor's less friction."""
+        return motor_torque(dpsi, u, p) - hub_friction(dpsi, p)
+
+    @compiled
     def air_drag(dphi, p):
         """Torque of the air's drag on the hub about the foot (N m), against phi'."""
         return p.Cd * abs(dphi) * dphi
 
     @compiled
     def losses(dphi, dpsi, u, p):
-        """Powers lost (W): copper, hub friction, air drag."""
-        copper = p.Rm * motor_current(dpsi, u, p) ** 2
-        return copper, p.damping * dpsi**2, air_drag(dphi, p) * dphi
+        """Powers lost (W), those of `LOSSES`."""
+        return Losses(
+            copper=p.Rm * motor_current(dpsi, u, p) ** 2,
+            friction=hub_friction(dpsi, p) * dpsi,
+            drag=air_drag(dphi, p) * dphi,
+        )
 
     # -- equations of motion (3.40-3.46) --------------------------------------------------------
 
@@ -140,7 +187,7 @@ def equations(
     def forces(phi, theta, dphi, dtheta, u, p):
         """Right-hand side of M v' = Q: motor, friction, drag, centrifugal forces and gravity."""
         dpsi = relative_rate(dphi, dtheta, p)
-        hub = motor_torque(dpsi, u, p) - p.damping * dpsi
+        hub = hub_torque(dpsi, u, p)
         c = p.Je3 * angle_sum(phi, theta)[1]
         wheel = p.S1 * (p.gy * cos(phi) - p.gx * sin(phi))
         pendulum = p.S2 * (p.gy * sin(theta) - p.gx * cos(theta))
@@ -175,6 +222,24 @@ def equations(
         leading, _ = single_stance(p.a, theta, 0.0, dtheta, u, p)
         trailing, _ = single_stance(p.b, theta, 0.0, dtheta, u, p)
         return leading, trailing
+
+    # -- guards: positive once passed ------------------------------------------------------------
+
+    @compiled
+    def touchdown_guard(direction, phi, p):
+        """How far the leg is past its touchdown (rad), forward (direction 1) or backward (-1)."""
+        return direction * (phi - (p.b if direction > 0 else p.a))
+
+    @compiled
+    def lift_off_guard(theta, dtheta, u, p):
+        """Of a wheel at rest on two feet: positive once one foot would have to be pulled down."""
+        leading, trailing = lift_off_guards(theta, dtheta, u, p)
+        return max(leading, -trailing)
+
+    @compiled
+    def contact_guard(fy, pull):
+        """How far the ground's pull on the feet (N) is beyond the largest that it can exert."""
+        return -pull - fy
 
     # -- touchdown ----------------------------------------------------------------------------
 
@@ -219,6 +284,41 @@ def equations(
         turned = p.L1 * (jx * sin(phi) + jy * cos(phi))
         jump = solve(m11, m12, m22, turned, 0.0)
         return dphi + jump[0], dtheta + jump[1]
+
+    # -- how stiff and how near to singular a machine is -----------------------------------------
+
+    @compiled
+    def regularity(angle, p):
+        """1 - M12^2 / (M11 M22) where phi + theta is `angle`: 0 where the matrix is singular.
+
+        It is least at one of the ends of M12's range, at -pi/2 or pi/2.
+        """
+        m11, m12, m22 = mass_matrix(0.0, angle, p)
+        return (m11 * m22 - m12 * m12) / (m11 * m22)
+
+    @compiled
+    def psi_mobility(angle, p):
+        """psi'' per torque of the motor (1 / (kg m^2)) where phi + theta is `angle`.
+
+        It is (M11 + M22 - 2 M12) / det M, or M11 / det M with the stator on a frame.
+        """
+        m11, m12, m22 = mass_matrix(0.0, angle, p)
+        ddphi, ddtheta = solve(m11, m12, m22, p.d1, 1.0)
+        return relative_rate(ddphi, ddtheta, p)
+
+    @compiled
+    def hub_pole(p):
+        """Fastest rate (1/s) at which back-EMF and friction damp psi', over all poses.
+
+        psi is most mobile at one of the ends of M12's range.
+        """
+        damping = hub_torque(0.0, 0.0, p) - hub_torque(1.0, 0.0, p)
+        return damping * max(psi_mobility(-0.5 * math.pi, p), psi_mobility(0.5 * math.pi, p))
+
+    @compiled
+    def drag_pole(dphi, p):
+        """How fast the air drag damps phi' (1/s), at most."""
+        return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
 
     # -- ground ---------------------------------------------------------------------------------
 

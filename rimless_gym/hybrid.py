@@ -2,8 +2,8 @@
 
 The equations are those of `rimless_gym.equations`, compiled by numba with sines and cosines that
 vectorise, and always inlined: a loop with a call in it would not vectorise. Both simulators, the
-stepping kernel and the SciPy reference, call the functions of this file, so that they share every
-guard, reset and threshold and differ only in how they integrate and locate events.
+stepping kernel and the SciPy reference, take their equations, guards, resets and thresholds from
+this file. They differ only in how they integrate and locate events.
 """
 
 from __future__ import annotations
@@ -12,13 +12,10 @@ import enum
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
-from numba.np.unsafe.ndarray import to_fixed_tuple
-
-from rimless_gym.equations import RELABEL, THESIS, equations
+from rimless_gym.equations import RELABEL, THESIS, Accelerations, equations
 from rimless_gym.jit import inlined, inner
-from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
 
 SINGLE, DOUBLE = 0, 1  # stance modes
@@ -69,24 +66,33 @@ MAX_RATE = 60.0
 eq = equations(sin, cos, inlined)
 #: The same equations of angles phi and theta given as `rimless_gym.trigonometry.sin_turned` does.
 turned = equations(sin_turned, cos_turned, inlined)
+
+# Compiled code finds functions as names of modules only.
 hub_position = eq.hub_position
 relative_rate = eq.relative_rate
 mass_matrix = eq.mass_matrix
 kinetic_energy = eq.kinetic_energy
 mechanical_energy = eq.mechanical_energy
-electrical_power = eq.electrical_power
+motor_charge = eq.motor_charge
 motor_current = eq.motor_current
 motor_torque = eq.motor_torque
+electrical_power = eq.electrical_power
 losses = eq.losses
 single_stance = eq.single_stance
 double_stance = eq.double_stance
 lift_off_guards = eq.lift_off_guards
+touchdown_guard = eq.touchdown_guard
+lift_off_guard = eq.lift_off_guard
+contact_guard = eq.contact_guard
 impact = eq.impact
 stop_on_two_feet = eq.stop_on_two_feet
 push = eq.push
 ground_reaction = eq.ground_reaction
 linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
+regularity = eq.regularity
+hub_pole = eq.hub_pole
+drag_pole = eq.drag_pole
 
 
 def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:
@@ -97,7 +103,8 @@ def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:
         """(phi'', theta'') in either stance mode, without a branch: loops over it vectorise."""
         ddphi, ddtheta = single_stance(phi, theta, dphi, dtheta, u, p)
         standing = double_stance(phi, theta, dphi, dtheta, u, p)
-        return (0.0, standing) if mode == DOUBLE else (ddphi, ddtheta)
+        stands = mode == DOUBLE
+        return Accelerations(0.0 if stands else ddphi, standing if stands else ddtheta)
 
     return accelerations
 
@@ -124,20 +131,50 @@ def rocks_too_fast(theta, dphi, dtheta, u, p):
 
 
 @inner
-def after_touchdown(direction, theta, dphi, dtheta, u, p):
-    """What a touchdown leads to: (mode, phi, theta', phi', foot shift, ok).
+def guards(mode, phi, theta, dphi, dtheta, u, pull, p):
+    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
+    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    contact = contact_guard(ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1], pull)
+    if mode == DOUBLE:
+        return -1.0, -1.0, lift_off_guard(theta, dtheta, u, p), contact
+    return touchdown_guard(1, phi, p), touchdown_guard(-1, phi, p), -1.0, contact
 
-    `direction` is +1 at phi = b rising, -1 at phi = a falling; the foot shift counts legs. The
-    wheel goes on over the new foot if the impact leaves it travelling, else (or when its motion
-    is below `REST_ENERGY`, or under "relabel" faster than `SHORTEST_ROCKING`, and both feet press)
-    it stands on both, phi then being the leading leg's.
+
+class Landing(NamedTuple):
+    """What a touchdown leads to.
+
+    Attributes:
+        mode: stance mode.
+        phi: of the new stance leg, or of the leading one of two.
+        dphi: its rate.
+        dtheta: the pendulum's rate.
+        shift: legs by which the stance foot has moved forward.
+        legal: whether the impact law covers it; nothing else has changed if not.
+    """
+
+    mode: Any
+    phi: Any
+    dphi: Any
+    dtheta: Any
+    shift: Any
+    legal: Any
+
+
+@inner
+def after_touchdown(direction, theta, dphi, dtheta, u, p):
+    """What a touchdown leads to: a `Landing`.
+
+    `direction` is +1 at phi = b rising, -1 at phi = a falling. The wheel goes on over the new foot
+    if the impact leaves it travelling. It comes to rest on both feet if not, or if both feet would
+    press there and its motion is below `REST_ENERGY`, or (under the impact law "relabel") it would
+    rock faster than `SHORTEST_ROCKING`.
     """
     if direction > 0:
         phi_old, phi_new = p.b, p.a
     else:
         phi_old, phi_new = p.a, p.b
         if p.law == THESIS:
-            return SINGLE, phi_old, dtheta, dphi, 0, False
+            return Landing(SINGLE, phi_old, dphi, dtheta, 0, False)
     dphi_new, dtheta_new = impact(phi_new, phi_old, theta, dphi, dtheta, p)
     dtheta_rest = stop_on_two_feet(phi_old, theta, dphi, dtheta, p)
     m11 = mass_matrix(phi_new, theta, p)[0]
@@ -145,8 +182,8 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
     if p.law == RELABEL:
         slow = slow or rocks_too_fast(theta, dphi_new, dtheta_rest, u, p)
     if direction * dphi_new > 0 and not (slow and both_feet_press(theta, dtheta_rest, u, p)):
-        return SINGLE, phi_new, dtheta_new, dphi_new, direction, True
-    return DOUBLE, p.a, dtheta_rest, 0.0, max(direction, 0), True
+        return Landing(SINGLE, phi_new, dphi_new, dtheta_new, direction, True)
+    return Landing(DOUBLE, p.a, 0.0, dtheta_rest, max(direction, 0), True)
 
 
 @inner
@@ -159,30 +196,3 @@ def after_lift_off(theta, dtheta, u, p):
     if leading > -trailing:
         return p.a, 0
     return p.b, -1
-
-
-@inner
-def rates(mode, phi, theta, dphi, dtheta, u, constants):
-    """Derivatives of the state and of the reference simulator's energy integrals, all smooth.
-
-    Electrical energy, copper, friction and drag losses, and the motor's work on the pendulum.
-    """
-    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
-    dpsi = relative_rate(dphi, dtheta, p)
-    power = electrical_power(dpsi, u, p)
-    copper, friction, drag = losses(dphi, dpsi, u, p)
-    shaft = motor_torque(dpsi, u, p) * dpsi
-    return dphi, dtheta, ddphi, ddtheta, power, copper, friction, drag, shaft
-
-
-@inner
-def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
-    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
-    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
-    fy = ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
-    if mode == DOUBLE:
-        leading, trailing = lift_off_guards(theta, dtheta, u, p)
-        return -1.0, -1.0, max(leading, -trailing), -pull - fy
-    return phi - p.b, p.a - phi, -1.0, -pull - fy

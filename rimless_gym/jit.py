@@ -39,6 +39,18 @@ vectorised = _called_from_compiled_code(fastmath={"contract"})
 #: The same, always part of its caller: a loop with a call in it would not vectorise.
 inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
 
+
+def written(source: str, **names: Any) -> Callable[..., Any]:
+    """The function that `source` defines, whose lines depend on a layout; it knows `names`.
+
+    Loops over the fields of a tuple do not vectorise, and the same lines written out do.
+    """
+    exec(source, names)
+    function: Callable[..., Any] = names[source[len("def ") : source.index("(")]]
+    function.__module__ = __name__
+    return function
+
+
 #: What is announced, once, by the function that takes longest or is compiled first.
 ENVIRONMENT = "the simulator for environments (about 15 s)"
 ROLLOUTS = "the simulator for roll-outs of policies (about 10 s)"

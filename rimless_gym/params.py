@@ -17,6 +17,7 @@ from rimless_gym.equations import equations
 MOTOR_MOUNTS = ("wheel", "frame")
 MOST_LEGS = 1_000_000  # so near together the model still tells them apart
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
+LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
 _eq = equations(np.sin, np.cos)
@@ -51,7 +52,6 @@ class Constants(NamedTuple):
     G: Any
     damping: Any
     Cd: Any
-    gamma: Any
     gx: Any
     gy: Any
     alpha: Any
@@ -184,11 +184,12 @@ class WheelParams:
         pendulum = self.pendulum_mass * self.pendulum_length**2 + self.pendulum_inertia
         if pendulum + self.rotor_inertia * self.gear_ratio**2 < SMALLEST**4:
             return True
-        c, angles = self.constants, (-math.pi / 2, math.pi / 2)  # it is concave in their sine
-        if c.Je1 - c.Je3**2 * c.mobility <= 1e-12 * c.Je1:
+        c = self.constants
+        if c.Je1 - c.Je3**2 * c.mobility <= LEAST_REGULARITY * c.Je1:
             return True
-        matrices = (_eq.mass_matrix(0.0, angle, c) for angle in angles)
-        return any(m11 * m22 - m12**2 <= 1e-12 * m11 * m22 for m11, m12, m22 in matrices)
+        return any(
+            _eq.regularity(angle, c) <= LEAST_REGULARITY for angle in (-math.pi / 2, math.pi / 2)
+        )
 
     @property
     def total_mass(self) -> float:
@@ -198,12 +199,12 @@ class WheelParams:
     @property
     def weight(self) -> float:
         """``(m1 + m2) g`` (N)."""
-        return self.total_mass * self.gravity
+        return float(weight_of(self))
 
     @property
     def leg_angle(self) -> float:
         """``alpha = 2 pi / n`` between neighbouring legs (rad)."""
-        return 2 * math.pi / self.n_legs
+        return float(leg_angle_of(self))
 
     @property
     def step_length(self) -> float:
@@ -225,10 +226,7 @@ class WheelParams:
     @cached_property
     def motor_pole(self) -> float:
         """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
-        c = self.constants
-        m11, m12, m22 = _eq.mass_matrix(0.0, np.arcsin(np.linspace(-1.0, 1.0, 201)), c)
-        inverse_inertia = _eq.relative_rate(*_eq.solve(m11, m12, m22, c.d1, 1.0), c)
-        return float((c.K**2 / c.Rm + c.damping) * inverse_inertia.max())
+        return float(_eq.hub_pole(self.constants))
 
     def replace(self, **changes: Any) -> WheelParams:
         """A copy with some fields changed, validated like a new one.
@@ -242,21 +240,19 @@ class WheelParams:
                 raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
         return dataclasses.replace(self, **changes)
 
-    def to_mjcf(self) -> str:
-        """The machine as MuJoCo's XML; see `rimless_gym.export`."""
-        from rimless_gym.export import to_mjcf  # which needs this class
-
-        return to_mjcf(self)
-
-    def to_urdf(self) -> str:
-        """The machine as URDF, for Drake and others; see `rimless_gym.export`."""
-        from rimless_gym.export import to_urdf  # which needs this class
-
-        return to_urdf(self)
-
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
         return dataclasses.asdict(self)
+
+
+def weight_of(params: Any) -> Any:
+    """``(m1 + m2) g`` (N) of anything with the fields of `WheelParams`; numba compiles it too."""
+    return (params.wheel_mass + params.pendulum_mass) * params.gravity
+
+
+def leg_angle_of(params: Any) -> Any:
+    """``alpha = 2 pi / n`` (rad), likewise."""
+    return 2 * math.pi / params.n_legs
 
 
 def shorthand(
@@ -282,7 +278,7 @@ def constants_of(
         params.leg_length,
         params.pendulum_length,
     )
-    alpha = 2 * math.pi / params.n_legs
+    alpha = leg_angle_of(params)
     Je2, Jr = m2 * L2**2 + params.pendulum_inertia, params.rotor_inertia * params.gear_ratio**2
     return Constants(
         m1=m1,
@@ -303,7 +299,6 @@ def constants_of(
         G=1 / params.armature_resistance,
         damping=params.hub_damping,
         Cd=params.drag * L1**3,
-        gamma=params.slope,
         gx=params.gravity * sin(params.slope),
         gy=params.gravity * cos(params.slope),
         alpha=alpha,

@@ -16,33 +16,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
-from scipy.optimize import brentq, minimize_scalar
 
 from rimless_gym import compiled, hybrid
+from rimless_gym.crossings import SAMPLES, first_crossing, with_zeros
 from rimless_gym.energy import Ledger
+from rimless_gym.equations import LOSSES, Losses
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES, SINGLE
 from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
-from rimless_gym.zeros import with_zeros
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
-SAMPLES = 16  # per step, on which guards are watched, and the tops between them
 RECORDED = 4  # per step, of which the largest forces and the like are taken
-GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
-ELECTRICAL, COPPER, FRICTION, DRAG, SHAFT = range(4, 9)  # integrals, behind the state
+# Integrals behind the state, as `compiled.rates` has them: electrical work, the shaft's, losses.
+ELECTRICAL, SHAFT, LOST = 4, 5, slice(6, 6 + len(LOSSES))
 
 Control = Callable[[float, NDArray[np.float64]], float]
-Guards = Callable[[float, NDArray[np.float64]], tuple[float, ...]]
 
 
 @dataclasses.dataclass
 class _Motion:
     """The moving state of one simulation."""
 
-    y: NDArray[np.float64]  # state (4) and energy integrals (5), as `hybrid.rates` has them
+    y: NDArray[np.float64]  # state (4) and integrals
     mode: int
     foot: int
     arcs: list[Arc] = dataclasses.field(default_factory=list)
@@ -93,7 +91,7 @@ def simulate(
             raise ValueError(f"{name} = {tolerance}: must be finite and greater than 0")
     start, mode_index = validated_start(params, x0, mode)
     law, knots = _control_law(control, duration, breakpoints)
-    motion = _Motion(np.concatenate([start, np.zeros(5)]), mode_index, 0)
+    motion = _Motion(np.concatenate([start, np.zeros(LOST.stop - 4)]), mode_index, 0)
     failure = None
     for t0, t1 in itertools.pairwise(knots):
         failure = _advance(params, motion, law, t0, t1, pull, rtol, atol)
@@ -153,7 +151,9 @@ def _advance(
         return u
 
     def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
-        return compiled.rates(motion.mode, y[0], y[1], y[2], y[3], voltage(time, y), constants)
+        u = voltage(time, y)
+        smooth, lost = compiled.rates(motion.mode, y[0], y[1], y[2], y[3], u, constants)
+        return *smooth, *lost
 
     def guards(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         u = voltage(time, y)
@@ -179,7 +179,7 @@ def _advance(
             if solver.status == "failed" or np.abs(solver.y[2:4]).max() > hybrid.MAX_RATE:
                 raise RuntimeError(f"the motion diverges at t = {solver.t} s: {message}")
             dense = solver.dense_output()
-            event = _first_crossing(guards, dense, solver.t_old, solver.t)
+            event = first_crossing(guards, dense, solver.t_old, solver.t)
             end = solver.t if event is None else event[1]
             motion.arcs.append(Arc(solver.t_old, end, motion.mode, motion.foot, dense))
             _add_work(motion, params, voltage, motion.arcs[-1])
@@ -196,50 +196,6 @@ def _advance(
                 _lift_off(params, motion, t, u)
             elif not _touch_down(params, motion, t, 1 if event[0] == FORWARD else -1, u):
                 return hybrid.Failure.BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW.name.lower()
-    return None
-
-
-def _first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[int, float] | None:
-    """The first guard to turn positive within a step, and when; None if none does."""
-    times = np.linspace(t0, t1, SAMPLES + 1)
-    values = np.array([guards(time, dense(time)) for time in times])
-    found: tuple[int, float] | None = None
-    for kind in range(values.shape[1]):
-
-        def guard(time: float, kind: int = kind) -> float:
-            return guards(time, dense(time))[kind]
-
-        bracket = _first_positive(guard, times, values[:, kind])
-        if bracket is None:
-            continue
-        low, high = bracket
-        # Just after an impact the state is on the guard it left: look for a time when it was off.
-        while guard(low) >= 0 and high - low > 1e-15:
-            low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
-        root = low if guard(low) >= 0 else float(brentq(guard, low, high, xtol=1e-15))
-        if found is None or root < found[1]:
-            found = (kind, root)
-    return found
-
-
-def _first_positive(
-    guard: Callable[[float], float], times: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[float, float] | None:
-    """Two times around the first crossing: samples, or a sample and a top between samples."""
-    if not np.all(np.isfinite(values)):
-        return None  # a pin joint never lets go
-    last = len(times) - 1
-    bend = np.abs(np.diff(values, 2)).max()  # a top is at most bend / 8 above the nearest sample
-    for i, value in enumerate(values):
-        if i and value > GUARD_TOLERANCE:
-            return times[i - 1], times[i]
-        before, after = max(i - 1, 0), min(i + 1, last)
-        if value >= max(values[before], values[after]) and value > -bend / 4:
-            top = minimize_scalar(
-                lambda t: -guard(t), bounds=(times[before], times[after]), options={"xatol": 1e-12}
-            )
-            if -top.fun > GUARD_TOLERANCE:
-                return times[before], float(top.x)
     return None
 
 
@@ -284,14 +240,12 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
     motion.y[0] = p.b if direction > 0 else p.a
     before = motion.y[:4].copy()
     _sample(motion, t, motion.y, u)
-    mode, phi, dtheta, dphi, shift, legal = compiled.after_touchdown(
-        direction, *before[1:], u, constants
-    )
-    if not legal:
+    landing = compiled.after_touchdown(direction, *before[1:], u, constants)
+    if not landing.legal:
         return False
-    after = np.array([phi, before[1], dphi, dtheta])
-    motion.y[:4], motion.mode, motion.foot = after, mode, motion.foot + shift
-    descent = params.weight * params.step_length * math.sin(params.slope) * shift
+    after = np.array([landing.phi, before[1], landing.dphi, landing.dtheta])
+    motion.y[:4], motion.mode, motion.foot = after, landing.mode, motion.foot + landing.shift
+    descent = params.weight * params.step_length * math.sin(params.slope) * landing.shift
     (_, energy0, momentum0, _, _), (_, energy1, momentum1, _, _) = (
         compiled.measured(SINGLE, *x, u, constants) for x in (before, after)
     )
@@ -299,7 +253,7 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
     impulse = np.subtract(momentum1, momentum0)
     motion.events.append(
         Event(
-            *("touchdown", t, direction, before, after, MODE_NAMES[mode]),
+            *("touchdown", t, direction, before, after, MODE_NAMES[landing.mode]),
             float(energy0 - energy1 + descent),
             impulse=(float(impulse[0]), float(impulse[1])),
         )
@@ -325,9 +279,7 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         distance=float(hubs[1] - hubs[0]),
         electrical=float(motion.y[ELECTRICAL]),
         electrical_positive=motion.electrical_positive,
-        copper=float(motion.y[COPPER]),
-        friction=float(motion.y[FRICTION]),
-        drag=float(motion.y[DRAG]),
+        losses=Losses(*motion.y[LOST].tolist()),
         collision=float(motion.collision),
         shaft=motion.shaft,
         mechanical_change=float(energies[1] - energies[0]),

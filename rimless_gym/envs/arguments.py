@@ -7,7 +7,7 @@ from typing import Any
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.interval import NO_LIMIT
+from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.plain import made_of
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable

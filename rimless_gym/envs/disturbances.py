@@ -11,10 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rimless_gym.checks import integer, not_negative, real
+from rimless_gym.envs.perturbation import Settings
 from rimless_gym.envs.plain import made_of
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import CHOICES, WheelParams
@@ -119,12 +117,11 @@ class Disturbances:
         delay = self.actuator_delay
         return delay if isinstance(delay, tuple) else (delay, delay)
 
-    def settings(self, period: float) -> NDArray[np.float64]:
-        """The numbers in the order of `perturbation`, for intervals of `period` (s)."""
+    def settings(self, period: float) -> Settings:
+        """The numbers that compiled code takes, for intervals of `period` (s)."""
         pushes = self.pushes or Pushes(rate=0.0, impulse=(0.0, 0.0))
         noise = dataclasses.astuple(self.sensor_noise or SensorNoise())
-        chance = -math.expm1(-pushes.rate * period)
-        return np.array([chance, *pushes.impulse, *self.delays, *noise], dtype=np.float64)
+        return Settings(-math.expm1(-pushes.rate * period), *pushes.impulse, *self.delays, noise)
 
 
 @dataclasses.dataclass(frozen=True)

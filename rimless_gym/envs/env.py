@@ -14,7 +14,6 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 from rimless_gym.checks import integer, real_array
-from rimless_gym.envs import interval
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
     Machine,
@@ -27,22 +26,25 @@ from rimless_gym.envs.arguments import (
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.generators import restore
 from rimless_gym.envs.info import begun, entries
-from rimless_gym.envs.interval import BLOCK_SIZE, COMMAND, FAILURE_MARK, REWARD, TERMINATED
+from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, Mark, marks
 from rimless_gym.envs.lazy_info import LazyInfo, serves_all
+from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
+from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
-from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE, Task
+from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
-_BOUND = ("_advance", "_command", "_values")
+_REWARD = BLOCK.reward
+_BOUND = ("_advance", "_held", "_values")
 _PARTS = ("fleet", "generators")  # of a snapshot
 _NO_FAILURE = {"failure": 0}
 
 
+@completed
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """An actuated rimless wheel that should walk far on little energy.
 
@@ -71,11 +73,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 5 | 1 while resting on two feet, else 0 | 1 |
 
     ## Rewards
-    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, with dx the hub's travel along the
-    ground and E+ the electrical energy drawn, without regeneration, plus idle power. An episode
-    that ends early is charged `value_of_distance * fall_distance` and the idle energy of `horizon`.
-    The terms are `info["reward_distance"]`, `info["reward_energy"]` and `info["reward_end"]`; their
-    sum in this order is the reward, exactly. Resting earns 0 (idle power apart).
+    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less a charge for an early end. The
+    prices are fields of `task`. The terms are in `info`; their sum in this order is the reward,
+    exactly.
+
+    {terms}
+
+    Resting earns 0 (idle power apart).
 
     ## Starting State
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
@@ -117,17 +121,26 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `env.spec` holds all of them as plain JSON values:
     `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the same environment again.
 
-    `info` holds each term of the step's energy ledger (J), `electrical + push = copper + friction +
-    drag + collision + mechanical_change`, with `push` the work of a push; `idle` energy; net and
-    total touchdowns `steps` and `touchdowns`, the last of them at `touchdown_time` in the step (s;
-    -1: none); the ground reaction at the end of the step and its extremes (N), where two feet of
-    which one lifts at once do not count as a stance; the pendulum's `clearance` (m); `elapsed` time
-    in this step (s); the stance `mode`, 0 on one foot and 1 on two; `failure`, 0 or what ended the
-    episode, a `rimless_gym.Failure`: 1 contact lost, 2 rate exceeded; and `slips`: whether a force
-    or an impulse asked for more friction than `params.friction` offers (the model's foot holds all
-    the same). Each entry has the same type in every step. `reset` gives the same entries, all 0
-    except the mode.
-    `step` returns a dictionary that makes its entries when they are first read.
+    `info` holds, for the step:
+
+    - the terms of the energy ledger (J), `{balance}`, and beside them `electrical_positive`,
+      `shaft` and `idle`; `rimless_gym.energy.CHANNELS` says what each is;
+    - `elapsed`: its time (s), and `distance`: the hub's travel (m);
+    - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: when in the
+      step the last one was (s), or -1;
+    - `force_x` and `force_y`: the ground reaction at its end (N); `min_normal_force`,
+      `friction_demand` and `impulse_friction_demand`: the extremes. A wheel that touches down on a
+      second foot and lifts the first at once never stood on both; such forces do not count;
+    - `clearance`: the least height of the pendulum's end above the ground (m);
+    - `mode`: 0 on one foot, 1 on two;
+    - `failure`: 0, or what ended the episode, a `rimless_gym.Failure`: 1 contact lost, 2 rate
+      exceeded;
+    - `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
+      (the model's foot holds all the same);
+    - the terms of the reward.
+
+    Each entry has the same type in every step. `reset` gives the same entries, all 0 except the
+    mode. `step` returns a dictionary that makes its entries when they are first read.
 
     `get_state` and `set_state` save and restore everything, the generator included, so that a
     planner can branch; pickles and deep copies go on likewise.
@@ -160,7 +173,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
         self._fleet = fleet_of(machines_of(as_params(params), 1), self.task, ranges, disturbances)
-        self._block = np.zeros((BLOCK_SIZE, 1))
+        self._block = np.zeros((len(BLOCK), 1))
         self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
         self._ended = True
         self._watched = render_mode == "human"
@@ -211,7 +224,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._watched = self.render_mode == "human" or not serves_all()
         if self.render_mode == "human":
             self.render()
-        return observation, begun(int(fleet.memory[MODE, 0]))
+        return observation, begun(int(fleet.memory[MEMORY.mode, 0]))
 
     def step(
         self, action: NDArray[np.float32]
@@ -226,17 +239,17 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
         usual = action.__class__ is ndarray and action.shape == (1,)
-        command = action.item() if usual else None
-        if command.__class__ is not float or command != command:
-            command = _as_command(action)
+        number = action.item() if usual else None
+        if number.__class__ is not float or number != number:
+            number = _as_number(action)
         info = LazyInfo(_NO_FAILURE)
-        self._command[0] = command
+        self._held[0] = number
         if self._advance():
             info["failure"] = self._end()
         info.source = entries, self._values.tobytes()
         if self._watched:
             info = self._show(info)
-        return self._observation.copy(), self._values[REWARD], self._ended, False, info
+        return self._observation.copy(), self._values[_REWARD], self._ended, False, info
 
     def _show(self, info: LazyInfo) -> Any:
         """Draw the step if there is a window; its info in a form that all its readers accept."""
@@ -247,15 +260,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _end(self) -> int:
         """End the episode and return why, or raise if the motion left the model's range."""
         self._ended = True
-        marks = interval.marks(self._block)[:, 0].tolist()
-        if not marks[TERMINATED]:
-            raise self._fleet.range_left(0, marks[FAILURE_MARK])
-        return marks[FAILURE_MARK]
+        mark = Mark(*marks(self._block)[: len(MARK), 0].tolist())
+        if not mark.terminated:
+            raise self._fleet.range_left(0, mark.failure)
+        return mark.failure
 
     def _bind(self) -> None:
         """Look up what `step` needs of the fleet as it is now."""
         self._advance = self._fleet.stepper(self._block, self._observation)
-        self._command: Any = memoryview(self._fleet.memory[COMMAND].data)
+        self._held: Any = memoryview(self._fleet.memory[MEMORY.action].data)
         self._values: Any = memoryview(self._block[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -327,7 +340,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._window = None
 
 
-def _as_command(action: Any) -> float:
+def _as_number(action: Any) -> float:
     """The number in an action that is not simply one float.
 
     Raises:
@@ -337,7 +350,7 @@ def _as_command(action: Any) -> float:
     array = real_array("action", action)
     if array.shape not in ((1,), ()):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")
-    command = float(array.item())
-    if math.isnan(command):
+    number = float(array.item())
+    if math.isnan(number):
         raise ValueError("action = NaN: must be a number in [-1, 1]; check the policy's output")
-    return command
+    return number

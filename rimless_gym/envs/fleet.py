@@ -17,24 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.interval import (
-    BEGIN,
-    BLOCK_AT,
-    END,
-    MEMORY_SIZE,
-    NO_LIMIT,
-    OBSERVATIONS_AT,
-    TIME,
-    columns,
-    orders_for,
-    step_rows,
-)
-from rimless_gym.envs.perturbation import account_rows, disturb_rows
+from rimless_gym.envs.layout import MEMORY, Prices, columns
+from rimless_gym.envs.machines import NUMBERS, draw_machines, set_terms
+from rimless_gym.envs.orders import AT, NO_LIMIT, give_results, orders_for, step_rows
+from rimless_gym.envs.perturbation import disturb_rows, observe_noisily
 from rimless_gym.envs.snapshots import ARRAYS
-from rimless_gym.envs.starts import FIELDS, draw_machines, set_terms, start_rows
-from rimless_gym.envs.task import NO_START, Task
+from rimless_gym.envs.starts import NO_START, start_rows
+from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD, Failure
-from rimless_gym.kernel.stepping import PHI, STATE_SIZE, machine_arrays, scratch
+from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
 #: Rows that a thread takes at least; fewer are not worth waking it.
@@ -54,8 +45,8 @@ class Fleet:
 
     Attributes:
         params: the machine of each row before anything of it is drawn, a list of N.
-        memory: what is remembered of each row, see `rimless_gym.envs.interval`.
-        fields: the parameters that are numbers as they are now, (N_FIELDS, N).
+        memory: what is remembered of each row, see `rimless_gym.envs.layout`.
+        numbers: the parameters that are numbers as they are now, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
     """
 
@@ -71,15 +62,15 @@ class Fleet:
         n = len(params)
         self.num_threads, self.limit = num_threads, limit
         self.task = task
-        self.memory = np.zeros((MEMORY_SIZE, columns(n)))
+        self.memory = np.zeros((len(MEMORY), columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
-        self._prices = tuple(float(price) for price in dataclasses.astuple(task))
+        self._prices = Prices(*dataclasses.astuple(task))
         self._works = [scratch() for _ in range(num_threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._pool_of = 0  # the process that made it
-        self._orders: list[tuple[NDArray[np.int64], int]] | None = None
-        self.fields, self.constants, self.poles = np.zeros((3, 1, 1))
+        self._orders: list[NDArray[np.int64]] | None = None
+        self.numbers, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_machines(params, ranges, np.arange(n))
         self.set_disturbances(disturbances)
 
@@ -89,7 +80,7 @@ class Fleet:
     @property
     def begun(self) -> bool:
         """Whether an episode has, of any row."""
-        return bool(self.memory[PHI].any())  # which is never 0 on the ground
+        return bool(self.memory[MEMORY.phi].any())  # which is never 0 on the ground
 
     @property
     def states(self) -> NDArray[np.float64]:
@@ -101,21 +92,21 @@ class Fleet:
     ) -> None:
         """Give each row its machine; `rows` begin a new episode with it, the others keep theirs."""
         kept = np.setdiff1d(np.arange(len(self)), rows)
-        before = [a + np.zeros(len(self)) for a in (self.fields, self.constants, self.poles)]
+        before = [a + np.zeros(len(self)) for a in (self.numbers, self.constants, self.poles)]
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
         which = [different[machine] for machine in params]
-        numbers = [[getattr(machine, name) for name in FIELDS] for machine in different]
+        numbers = [[getattr(machine, name) for name in NUMBERS] for machine in different]
         self.constants, self.poles = machine_arrays(list(different))
-        self.fields = np.array(numbers, dtype=np.float64).T[:, which].copy()
+        self.numbers = np.array(numbers, dtype=np.float64).T[:, which].copy()
         if len(different) > 1 or ranges.bounds:  # else one column serves all rows
             self.constants, self.poles = self.constants[:, which].copy(), self.poles[which]
-            now = self.fields, self.constants, self.poles
+            now = self.numbers, self.constants, self.poles
             for array, values in zip(now, before, strict=True):
                 array[..., kept] = values[..., kept]
         self.params, self.ranges = list(params), ranges
-        self._ranged = np.array([FIELDS.index(name) for name in ranges.bounds], dtype=np.int64)
+        self._ranged = np.array([NUMBERS.index(name) for name in ranges.bounds], dtype=np.int64)
         self._bounds = np.array(list(ranges.bounds.values()), dtype=np.float64).reshape(-1, 2)
-        set_terms(self.fields, self._prices, self.memory)
+        set_terms(self.numbers, self._prices, self.memory)
         self._orders = None
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
@@ -129,7 +120,7 @@ class Fleet:
         """Row i's machine as it is now, what has been drawn included."""
         if not self.ranges.bounds:
             return self.params[i]
-        drawn = {name: self.fields[FIELDS.index(name), i] for name in self.ranges.bounds}
+        drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
         return self.params[i].replace(**drawn)
 
     def begin(
@@ -159,12 +150,12 @@ class Fleet:
 
     def _draw_machines(self, rows: NDArray[np.int64]) -> None:
         failed = draw_machines(
-            *(rows, self._ranged, self._bounds, self.fields, self._prices),
+            *(rows, self._ranged, self._bounds, self.numbers, self._prices),
             *(self.constants, self.poles, self.memory, self.streams),
         )
         if failed >= 0:
             names = self.ranges.bounds
-            drawn = {name: float(self.fields[FIELDS.index(name), failed]) for name in names}
+            drawn = {name: float(self.numbers[NUMBERS.index(name), failed]) for name in names}
             raise RuntimeError(
                 f"row {failed}: a machine with {drawn} cannot be stepped (its mass matrix is "
                 "singular, or its motor too stiff): narrow the ranges"
@@ -173,59 +164,50 @@ class Fleet:
     def stepper(
         self, block: NDArray[np.float64], observations: NDArray[np.float32]
     ) -> Callable[[], int]:
-        """What holds the commands in `memory` for one interval, and returns what `step_rows` does.
+        """What holds the actions in `memory` for one interval, and returns what `step_rows` does.
 
-        It overwrites `block` (BLOCK_SIZE, columns) and `observations` (flat). What sets something
+        It overwrites `block` (len(BLOCK), columns) and `observations` (flat). What sets something
         of the fleet puts it out of date.
         """
         if self._orders is None:
             self._orders = self._divided()
-        where = block.ctypes.data, observations.ctypes.data
-        steps = [self._part(*part, block, observations, *where) for part in self._orders]
+        steps = [self._part(orders, block, observations) for orders in self._orders]
         return steps[0] if len(steps) == 1 else functools.partial(self._together, steps)
 
-    def _divided(self) -> list[tuple[NDArray[np.int64], int]]:
-        """Orders for each thread that is worth waking, and their addresses."""
+    def _divided(self) -> list[NDArray[np.int64]]:
+        """Orders for each thread that is worth waking."""
         n = len(self)
         parts = max(1, min(self.num_threads, n // LEAST_ROWS))
         cuts = [n * k // parts for k in range(parts + 1)]
         arrays = self.memory, self.constants, self.poles
-        each = [
-            orders_for(*arrays, self._works[k], self.limit, cuts[k], cuts[k + 1])
+        return [
+            orders_for(*arrays, self._works[k], self.limit, (cuts[k], cuts[k + 1]))
             for k in range(parts)
         ]
-        return [(orders, orders.ctypes.data) for orders in each]
 
     def _part(
         self,
         orders: NDArray[np.int64],
-        orders_at: int,
         block: NDArray[np.float64],
         observations: NDArray[np.float32],
-        block_at: int,
-        observations_at: int,
     ) -> Callable[[], int]:
-        orders[BLOCK_AT], orders[OBSERVATIONS_AT] = block_at, observations_at
-        step = functools.partial(step_rows, orders_at)
+        give_results(orders, block, observations)
+        step = functools.partial(step_rows, orders.ctypes.data)
         arrays = block, observations, self.memory, self.constants, self.poles
         step.alive = orders, arrays, self._works  # type: ignore[attr-defined]
         if not self._rough:
             return step
-        first, last = int(orders[BEGIN]), int(orders[END])
-        return functools.partial(self._disturbed, step, block, observations, first, last)
+        rows = int(orders[AT.begin]), int(orders[AT.end])
+        return functools.partial(self._disturbed, step, observations, *rows)
 
     def _disturbed(
-        self,
-        step: Callable[[], int],
-        block: NDArray[np.float64],
-        observations: NDArray[np.float32],
-        first: int,
-        last: int,
+        self, step: Callable[[], int], observations: NDArray[np.float32], first: int, last: int
     ) -> int:
         memory, streams, settings = self.memory, self.streams, self._settings
         disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
         unusual = step()
-        account_rows(observations, block, memory, streams, settings, first, last)
+        if settings.noisy:
+            observe_noisily(observations, memory, streams, settings.noise, first, last)
         return unusual
 
     def _together(self, steps: Sequence[Callable[[], int]]) -> int:
@@ -237,7 +219,7 @@ class Fleet:
         """The error for a motion of row i that left the model's range."""
         return RuntimeError(
             f"row {i}: the motion left the model's range ({Failure(code).name.lower()}) at t = "
-            f"{self.memory[TIME, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
+            f"{self.memory[MEMORY.time, i]:.2f} s, state {self.memory[:STATE_SIZE, i]}: check the "
             f"parameters, {self.machine(i)}"
         )
 

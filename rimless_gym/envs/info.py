@@ -13,31 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.envs.interval import (
-    BLOCK_SIZE,
-    FAILURE_MARK,
-    INFO_NAMES,
-    MARKS,
-    MODE_MARK,
-    N_MARKS,
-    SLIPS,
-    marks,
-)
+from rimless_gym.envs.layout import BLOCK, INFO_NAMES, MARK, marks
 
-_BLOCK = struct.Struct(f"{BLOCK_SIZE - 1}d{N_MARKS}b")
+_BLOCK = struct.Struct(f"{BLOCK.marks}d8b")
 
 
 def entries(block: bytes) -> dict[str, Any]:
     """The entries in a block of one row."""
     values = _BLOCK.unpack(block)
-    codes = values[MARKS:]
+    codes = values[BLOCK.marks :]
     info = dict(zip(INFO_NAMES, values, strict=False))
-    info["slips"] = bool(codes[SLIPS])
-    info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
+    info["slips"] = bool(codes[MARK.slips])
+    info["mode"], info["failure"] = codes[MARK.mode], codes[MARK.failure]
     return info
 
 
-_NOTHING_YET = entries(bytes(8 * BLOCK_SIZE))
+_NOTHING_YET = entries(bytes(8 * len(BLOCK)))
 
 
 def begun(mode: int) -> dict[str, Any]:
@@ -48,8 +39,8 @@ def begun(mode: int) -> dict[str, Any]:
 def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str, Any]:
     """The entries of all rows, views (N,) of a block and its marks."""
     info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
-    info["slips"] = codes[SLIPS].view(np.bool_)
-    info["mode"], info["failure"] = codes[MODE_MARK], codes[FAILURE_MARK]
+    info["slips"] = codes[MARK.slips].view(np.bool_)
+    info["mode"], info["failure"] = codes[MARK.mode], codes[MARK.failure]
     return info
 
 
@@ -69,7 +60,7 @@ def final_info(
     if not len(rows):
         return {}
     seen, last = np.zeros_like(observations), np.zeros(block.shape)
-    seen[rows], last[:MARKS, rows] = observations[rows], block[:MARKS, rows]
+    seen[rows], last[: BLOCK.marks, rows] = observations[rows], block[: BLOCK.marks, rows]
     marks(last)[:, rows] = codes[:, rows]
     return {
         "final_obs": seen,

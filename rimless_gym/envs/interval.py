@@ -1,111 +1,81 @@
-"""One control interval of many rows: the stepping kernel between a command and its reward.
+"""One control interval of many rows: the stepping kernel between actions and rewards.
 
-Every array is field-major: a quantity's values over the rows lie side by side, so that these
-loops and the kernel's run over several rows at once. A row's results are the same however many
-rows there are and however they are divided among calls: the single environment is one row.
+A row's results are the same however many rows there are and however they are divided among calls:
+the single environment is one row.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
-from numba import carray, types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-from rimless_gym import energy as row
-from rimless_gym.envs.task import OBSERVATION_SIZE, observation
-from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, RATE_EXCEEDED
-from rimless_gym.jit import ENVIRONMENT, inner, kept
-from rimless_gym.kernel.stepping import (
-    DPHI,
-    DTHETA,
-    MODE,
-    PHI,
-    SCRATCH_SIZE,
-    STATE_SIZE,
-    THETA,
-    advance_batch,
+from rimless_gym.envs.layout import (
+    BLOCK,
+    MARK,
+    MEMORY,
+    ends_episode,
+    interval_of,
+    machine_of,
+    marks,
+    prices_of,
 )
-from rimless_gym.params import N_CONSTANTS
-
-# What is remembered of each row from step to step, `memory` (MEMORY_SIZE, N): the hybrid state
-# (`rimless_gym.kernel.stepping`), where the episode is, and what task and machine ask for.
-(
-    VOLTAGE,  # held over the interval (V)
-    COMMAND,  # last one given, voltage in units of the limit
-    TIME,  # since the episode began (s)
-    COUNT,  # intervals since then
-    DELAY,  # intervals from command to voltage
-    VOLTAGE_LIMIT,
-    IDLE_POWER,
-    FRICTION,
-    WEIGHT,
-    SLOPE,
-    LEG_SCALE,  # of the observed leg angle
-    VALUE_OF_DISTANCE,
-    END_CHARGE,  # what an early end costs
-    PUSH_WORK,  # of a push before the interval (J)
-    PUSH_SHIFT,  # legs by which it moved the stance foot
-    MEMORY_SIZE,
-) = range(STATE_SIZE, STATE_SIZE + 16)
-
-# What an interval gives, `block` (BLOCK_SIZE, N): the kernel's rows (`rimless_gym.energy`), then
-IDLE, PUSH, REWARD_DISTANCE, REWARD_ENERGY, REWARD_END, REWARD, MARKS, BLOCK_SIZE = range(
-    row.N_ROWS, row.N_ROWS + 8
-)
-
-# and, in the bytes of the row MARKS, what takes a byte: `marks(block)`, int8 (8, N).
-TERMINATED, TRUNCATED, SLIPS, MODE_MARK, FAILURE_MARK, N_MARKS = 0, 1, 2, 3, 4, 8
-
-#: What `info` calls the first rows of a block; "failure" is a code there.
-INFO_NAMES = (
-    *("elapsed", "distance", "electrical", "electrical_positive", "copper", "friction", "drag"),
-    *("collision", "shaft", "mechanical_change", "steps", "touchdowns", "min_normal_force"),
-    *("friction_demand", "impulse_friction_demand", "clearance", "force_x", "force_y", "failure"),
-    *("touchdown_time", "idle", "push", "reward_distance", "reward_energy", "reward_end"),
-)
-
-
-def columns(n: int) -> int:
-    """Columns of an array for n rows of an environment; those beyond n are never used.
-
-    Rows of an array a large power of two apart would drive each other out of the cache.
-    """
-    return n if n <= 64 else 8 * (n // 8 + 2)
-
-
-def marks(block: NDArray[np.float64]) -> NDArray[np.int8]:
-    """The marks in a block, (N_MARKS, N); a view."""
-    return block[MARKS].view(np.int8).reshape(N_MARKS, -1)
-
+from rimless_gym.envs.observation import NO_ERRORS, observe_row
+from rimless_gym.envs.task import TERM_NAMES, TERMS
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.jit import inner, kept
+from rimless_gym.kernel.stepping import advance_batch
 
 _marks = inner(marks)
-_WIDTH = np.uint64(OBSERVATION_SIZE)
 
 
 @inner
 def _hold(memory, first, last):
+    """Voltages from actions."""
     for i in range(first, last):
-        memory[VOLTAGE, i] = memory[VOLTAGE_LIMIT, i] * min(max(memory[COMMAND, i], -1.0), 1.0)
+        share = min(max(memory[MEMORY.action, i], -1.0), 1.0)
+        memory[MEMORY.voltage, i] = memory[MEMORY.voltage_limit, i] * share
 
 
 @inner
-def _pay(block, memory, first, last):
+def _account(block, memory, first, last):
+    """Add what the environment knows of the interval's energies: idle power, and pushes."""
     for i in range(first, last):
-        block[IDLE, i] = memory[IDLE_POWER, i] * block[row.TIME, i]
-    for i in range(first, last):
-        block[REWARD_DISTANCE, i] = memory[VALUE_OF_DISTANCE, i] * block[row.DISTANCE, i]
-    for i in range(first, last):
-        drawn = block[row.ELECTRICAL_POSITIVE, i] + block[IDLE, i]
-        block[REWARD_ENERGY, i] = -drawn / memory[WEIGHT, i]
-    for i in range(first, last):
-        failure = block[row.FAILURE, i]
-        ended = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
-        block[REWARD_END, i] = -memory[END_CHARGE, i] if ended else 0.0
-    for i in range(first, last):
-        terms = block[REWARD_DISTANCE, i] + block[REWARD_ENERGY, i]
-        block[REWARD, i] = terms + block[REWARD_END, i]
+        block[BLOCK.idle, i] = memory[MEMORY.idle_power, i] * block[BLOCK.elapsed, i]
+        block[BLOCK.push, i] = memory[MEMORY.push_work, i]
+        block[BLOCK.mechanical_change, i] += memory[MEMORY.push_work, i]
+        block[BLOCK.steps, i] += memory[MEMORY.push_shift, i]
+        block[BLOCK.reward, i] = 0.0
+
+
+def _paying(name: str, term: Callable[..., Any]) -> Callable[..., None]:
+    """Compiled: pay a term of the reward in all rows."""
+    place, term = getattr(BLOCK, name), inner(term)
+
+    def pay(block, memory, first, last):
+        for i in range(first, last):
+            machine, prices = machine_of(memory, i), prices_of(memory, i)
+            block[place, i] = term(interval_of(block, i), machine, prices)
+            block[BLOCK.reward, i] += block[place, i]
+
+    pay.__qualname__ = f"pay_{name}"  # machine code finds functions by name
+    return inner(pay)
+
+
+def _in_turn(first_part: Callable[..., None], second_part: Callable[..., None]) -> Any:
+    """Compiled: pay by one, then by the other."""
+
+    def pay(block, memory, first, last):
+        first_part(block, memory, first, last)
+        second_part(block, memory, first, last)
+
+    pay.__qualname__ = f"pay_{first_part.__qualname__}_{second_part.__qualname__}"
+    return inner(pay)
+
+
+_pay = functools.reduce(_in_turn, [_paying(*one) for one in zip(TERM_NAMES, TERMS, strict=True)])
 
 
 @inner
@@ -113,141 +83,53 @@ def _mark(block, memory, limit, first, last):
     """Write the marks; how many rows failed in any way or reached the limit."""
     bits, unusual = _marks(block), 0
     for i in range(first, last):
-        memory[TIME, i] += block[row.TIME, i]
+        memory[MEMORY.time, i] += block[BLOCK.elapsed, i]
     for i in range(first, last):
-        memory[COUNT, i] += 1.0
-        bits[TRUNCATED, i] = memory[COUNT, i] >= limit
+        memory[MEMORY.count, i] += 1.0
+        bits[MARK.truncated, i] = memory[MEMORY.count, i] >= limit
     for i in range(first, last):
-        failure = block[row.FAILURE, i]
-        bits[FAILURE_MARK, i] = int(failure)
-        bits[TERMINATED, i] = (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
+        failure = block[BLOCK.failure, i]
+        bits[MARK.failure, i] = int(failure)
+        bits[MARK.terminated, i] = ends_episode(failure)
     for i in range(first, last):
-        demand = max(block[row.FRICTION_DEMAND, i], block[row.IMPULSE_FRICTION_DEMAND, i])
-        bits[SLIPS, i] = demand > memory[FRICTION, i]
+        demand = max(block[BLOCK.friction_demand, i], block[BLOCK.impulse_friction_demand, i])
+        bits[MARK.slips, i] = demand > memory[MEMORY.friction, i]
     for i in range(first, last):
-        bits[MODE_MARK, i] = int(memory[MODE, i])
+        bits[MARK.mode, i] = int(memory[MEMORY.mode, i])
     for i in range(first, last):
-        unusual += (bits[FAILURE_MARK, i] | bits[TRUNCATED, i]) != 0
+        unusual += (bits[MARK.failure, i] | bits[MARK.truncated, i]) != 0
     return unusual
 
 
 @inner
-def observe_row(memory, observations, i):
-    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers a row."""
-    values = observation(
-        memory[PHI, i],
-        memory[THETA, i],
-        memory[DPHI, i],
-        memory[DTHETA, i],
-        memory[MODE, i],
-        memory[LEG_SCALE, i],
-    )
-    for k in range(OBSERVATION_SIZE):
-        observations[i * _WIDTH + np.uint64(k)] = values[k]
+def step(memory, constants, poles, limit, begin, end, block, observations, work):
+    """Hold the actions in `memory` for one interval, in rows `begin` to `end`.
 
-
-# What a call of `step_rows` works on, `orders` (ORDERS_SIZE,): the addresses of its arrays, then
-# the rows of memory and block, the machines (one for all, or one a row), and the part to step.
-(
-    BLOCK_AT,
-    MEMORY_AT,
-    CONSTANTS_AT,
-    POLES_AT,
-    WORK_AT,
-    OBSERVATIONS_AT,
-    COLUMNS,
-    MACHINES,
-    LIMIT,
-    BEGIN,
-    END,
-    ORDERS_SIZE,
-) = range(12)
-
-#: A limit of intervals that no episode reaches.
-NO_LIMIT = 2**62
-
-
-@intrinsic
-def _pointer(typing_context, address):
-    """An address as a pointer."""
-
-    def codegen(context, builder, signature, arguments):
-        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
-
-    return types.voidptr(types.int64), codegen
-
-
-@kept(ENVIRONMENT, nogil=True)
-def step_rows(address):
-    """Hold `memory[COMMAND]` for one interval, in the rows of the orders at that address.
-
-    It advances `memory`, and overwrites `block` (BLOCK_SIZE, COLUMNS) and the observations
-    (float32, OBSERVATION_SIZE numbers a row). It returns how many of the rows failed in any way or
-    reached LIMIT, the greatest COUNT.
-
-    One row or many, it is one compiled function: two would be compiled apart and differ in the last
-    bit; and unpacking arrays would take as long as a row's motion.
+    It advances `memory` (len(MEMORY), columns), and overwrites `block` (len(BLOCK), columns) and
+    the flat `observations` (float32, OBSERVATION_SIZE numbers a row). It returns how many of the
+    rows failed in any way or reached `limit`, the greatest number of intervals.
     """
-    orders = carray(_pointer(address), ORDERS_SIZE, np.int64)
-    wide, machines = orders[COLUMNS], orders[MACHINES]
-    limit, begin, end = float(orders[LIMIT]), orders[BEGIN], orders[END]
-    block = carray(_pointer(orders[BLOCK_AT]), (BLOCK_SIZE, wide), np.float64)
-    memory = carray(_pointer(orders[MEMORY_AT]), (MEMORY_SIZE, wide), np.float64)
-    constants = carray(_pointer(orders[CONSTANTS_AT]), (N_CONSTANTS, machines), np.float64)
-    poles = carray(_pointer(orders[POLES_AT]), machines, np.float64)
-    work = carray(_pointer(orders[WORK_AT]), SCRATCH_SIZE, np.float64)
-    size = OBSERVATION_SIZE * end
-    observations = carray(_pointer(orders[OBSERVATIONS_AT]), size, np.float32)
     first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
     _hold(memory, first, last)
     advance_batch(
-        *(constants, poles, memory, memory[VOLTAGE], begin, end),
+        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
         *(CONTROL_PERIOD, 0.0, block, work),
     )
+    _account(block, memory, first, last)
     _pay(block, memory, first, last)
     unusual = _mark(block, memory, limit, first, last)
     for i in range(first, last):
-        block[PUSH, i] = 0.0
-    for i in range(first, last):
-        observe_row(memory, observations, i)
+        observe_row(memory, NO_ERRORS, observations, i)
     return unusual
 
 
-def orders_for(
-    memory: NDArray[np.float64],
-    constants: NDArray[np.float64],
-    poles: NDArray[np.float64],
-    work: NDArray[np.float64],
-    limit: int,
-    begin: int,
-    end: int,
-) -> NDArray[np.int64]:
-    """Orders for `step_rows`, but for BLOCK_AT and OBSERVATIONS_AT.
-
-    They hold while these arrays live.
-
-    Args:
-        memory: (MEMORY_SIZE, columns).
-        constants: (N_CONSTANTS, 1) or (N_CONSTANTS, N), see `advance_batch`.
-        poles: (1,) or (N,).
-        work: `rimless_gym.kernel.stepping.scratch()`, one per thread.
-        limit: `NO_LIMIT` for none.
-        begin: first row.
-        end: one after the last.
-    """
-    orders = np.zeros(ORDERS_SIZE, dtype=np.int64)
-    orders[MEMORY_AT : WORK_AT + 1] = [a.ctypes.data for a in (memory, constants, poles, work)]
-    orders[COLUMNS:] = memory.shape[1], constants.shape[1], limit, begin, end
-    return orders
-
-
 @kept()
-def take_commands(actions, ignored, memory):
+def take_actions(actions, ignored, memory):
     """Copy the actions (N, 1) to `memory`, unless some are NaN that are not ignored: how many."""
     wrong = 0
     for i in range(len(actions)):
         wrong += (actions[i, 0] != actions[i, 0]) & (not ignored[i])
     if wrong == 0:
         for i in range(len(actions)):
-            memory[COMMAND, i] = 0.0 if ignored[i] else actions[i, 0]
+            memory[MEMORY.action, i] = 0.0 if ignored[i] else actions[i, 0]
     return wrong

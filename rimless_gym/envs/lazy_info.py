@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from rimless_gym.envs.interval import INFO_NAMES
+from rimless_gym.envs.layout import INFO_NAMES
 
 #: What every step's `info` has.
 NAMES = frozenset({*INFO_NAMES, "slips", "mode", "failure"})

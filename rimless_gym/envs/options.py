@@ -13,8 +13,7 @@ from rimless_gym.checks import real_array
 from rimless_gym.envs.arguments import machines_of, require_valid
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING
-from rimless_gym.envs.task import normal_force
+from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING, normal_force
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import validated_start

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.interval import MEMORY_SIZE, columns
-from rimless_gym.envs.starts import N_FIELDS
-from rimless_gym.envs.task import OBSERVATION_SIZE, Task
+from rimless_gym.envs.layout import MEMORY, columns
+from rimless_gym.envs.machines import NUMBERS
+from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.envs.task import Task
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
 #: The arrays that a fleet's snapshot copies; its other parts are immutable.
-ARRAYS = ("memory", "streams", "held", "constants", "poles", "fields", "ended")
+ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")
 
 _SETTINGS = {"params": list, "ranges": Ranges, "disturbances": Disturbances, "task": Task}
 _FLOAT, _BITS, _BOOL = np.dtype(np.float64), np.dtype(np.uint64), np.dtype(np.bool_)
@@ -58,12 +59,12 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
     each = bool(state["ranges"].bounds) or np.size(state["poles"]) == n
     machines = n if each else 1
     expected = {
-        "memory": ((MEMORY_SIZE, columns(n)), _FLOAT),
+        "memory": ((len(MEMORY), columns(n)), _FLOAT),
         "streams": ((n,), _BITS),
         "held": ((state["disturbances"].delays[1] + 1, n), _FLOAT),
         "constants": ((N_CONSTANTS, machines), _FLOAT),
         "poles": ((machines,), _FLOAT),
-        "fields": ((N_FIELDS, n), _FLOAT),
+        "numbers": ((len(NUMBERS), n), _FLOAT),
         "ended": ((n,), _BOOL),
         "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment alone
     }

@@ -1,110 +1,111 @@
-"""Compiled: how episodes begin, for many rows. Machine, state, delay, first observation.
+"""Where episodes start: random states in which the feet press, or states that are given.
 
 All of an episode's randomness comes from one key per row; see `rimless_gym.envs.randomness`.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections import namedtuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
 
 from rimless_gym import hybrid
-from rimless_gym.envs.interval import (
-    COMMAND,
-    COUNT,
-    DELAY,
-    END_CHARGE,
-    FRICTION,
-    IDLE_POWER,
-    LEG_SCALE,
-    SLOPE,
-    TIME,
-    VALUE_OF_DISTANCE,
-    VOLTAGE,
-    VOLTAGE_LIMIT,
-    WEIGHT,
-    observe_row,
-)
-from rimless_gym.envs.perturbation import (
-    GREATEST_DELAY,
-    LEAST_DELAY,
-    is_noisy,
-    machine,
-    observe_noisily,
-)
+from rimless_gym.envs.layout import MEMORY
+from rimless_gym.envs.observation import NO_ERRORS, observe_row
+from rimless_gym.envs.perturbation import errors, machine_at
 from rimless_gym.envs.randomness import between, next_uniform
-from rimless_gym.envs.task import draw_state, greatest_force
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.hybrid import DOUBLE, SINGLE
 from rimless_gym.jit import inner, kept
-from rimless_gym.kernel.stepping import (
-    DPHI,
-    DTHETA,
-    FOOT,
-    MAX_POLE,
-    MODE,
-    PHI,
-    THETA,
-)
-from rimless_gym.params import CHOICES, Constants, WheelParams, constants_of
+from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
+from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 
-#: The parameters that are numbers, in the order of the arrays `fields` (N_FIELDS, N).
-FIELDS = tuple(field.name for field in dataclasses.fields(WheelParams) if field.name not in CHOICES)
-N_FIELDS = len(FIELDS)
-Fields = namedtuple("Fields", FIELDS)  # type: ignore[misc]
+#: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.
+REST_SHARE = 0.25
+REST_ANGLE, REST_RATE = 0.5, 1.0  # |theta| from hanging (rad), |theta'| (rad/s)
+MOVING_LEG_RATE = (0.0, 2.0)  # phi' (rad/s)
+MOVING_PENDULUM_RATE = 3.0  # |theta'| (rad/s), at any angle theta
+LEAST_FORCE = 0.05  # of the foot on the ground, in weights, where the wheel moves
+DRAWS = 1000  # before giving up
 
-_D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
-_solve = hybrid.eq.solve
-_constants_of = inner(constants_of)
-
-
-@inner
-def _set_terms(fields, prices, memory, i):
-    """What the task needs of row i's machine; `prices` are the fields of a `Task`."""
-    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
-    value_of_distance, fall_distance, horizon = prices
-    weight = (f.wheel_mass + f.pendulum_mass) * f.gravity
-    memory[VOLTAGE_LIMIT, i], memory[IDLE_POWER, i] = f.voltage_limit, f.idle_power
-    memory[FRICTION, i], memory[WEIGHT, i], memory[SLOPE, i] = f.friction, weight, f.slope
-    memory[LEG_SCALE, i] = 2 / (2 * math.pi / f.n_legs)
-    memory[VALUE_OF_DISTANCE, i] = value_of_distance
-    memory[END_CHARGE, i] = value_of_distance * fall_distance + f.idle_power * horizon / weight
+NO_START = (
+    "no start found in which the foot presses on the ground: the pendulum is too heavy or too "
+    "long for this wheel, or the slope too steep; give reset(options={'state': ...})"
+)
 
 
 @inner
-def _motor_pole(p):
-    """As `WheelParams.motor_pole`; beyond `MAX_POLE` where the mass matrix is singular.
+def foot_force(mode, phi, theta, dphi, dtheta, voltage, p):
+    """Fy (N) on the foot, or on both feet together."""
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, voltage, p)
+    return hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
 
-    The mobility of psi is (M11 + M22 - 2 M12) / (M11 M22 - M12^2) or M11 / (M11 M22 - M12^2),
-    greatest at the ends of M12's range.
+
+@inner
+def draw_state(slope, weight, p, streams, i):
+    """A random start from stream i: (found, mode, phi, theta, phi', theta')."""
+    for _ in range(DRAWS):
+        if next_uniform(streams, i) < REST_SHARE:
+            theta = slope + between(-REST_ANGLE, REST_ANGLE, streams, i)
+            dtheta = between(-REST_RATE, REST_RATE, streams, i)
+            if hybrid.both_feet_press(theta, dtheta, 0.0, p):
+                return True, DOUBLE, p.a, theta, 0.0, dtheta
+        else:
+            phi = between(p.a, p.b, streams, i)
+            theta = between(-math.pi, math.pi, streams, i)
+            dphi = between(MOVING_LEG_RATE[0], MOVING_LEG_RATE[1], streams, i)
+            dtheta = between(-MOVING_PENDULUM_RATE, MOVING_PENDULUM_RATE, streams, i)
+            if foot_force(float(SINGLE), phi, theta, dphi, dtheta, 0.0, p) > LEAST_FORCE * weight:
+                return True, SINGLE, phi, theta, dphi, dtheta
+    return False, SINGLE, p.a, 0.0, 0.0, 0.0
+
+
+def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.float64]:
+    """A random hybrid state (STATE_SIZE,) in which, without voltage, the feet press.
+
+    It takes one 64-bit number from `rng`, and is the start of the environment whose generator
+    that is.
+
+    Raises:
+        RuntimeError: 1000 draws found none (the parameters hardly hold the wheel down).
     """
-    fastest = 0.0
-    for angle in (-math.pi / 2, math.pi / 2):
-        m11, m12, m22 = hybrid.mass_matrix(0.0, angle, p)
-        if m11 * m22 - m12 * m12 <= 1e-12 * m11 * m22:
-            return 2 * MAX_POLE
-        rates = _solve(m11, m12, m22, p.d1, 1.0)
-        fastest = max(fastest, hybrid.relative_rate(rates[0], rates[1], p))
-    return (p.K * p.K / p.Rm + p.damping) * fastest
+    streams = np.array([rng.bit_generator.random_raw()], dtype=np.uint64)
+    state = np.zeros(STATE_SIZE)
+    if not _draw(params.constants_array, params.slope, params.weight, streams, state):
+        raise RuntimeError(NO_START)
+    return state
+
+
+@kept()
+def _draw(constants, slope, weight, streams, state):
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
+        slope, weight, p, streams, 0
+    )
+    return found
 
 
 @inner
-def _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
-    """Draw row i's machine; False if it cannot be stepped."""
-    for k in range(len(ranged)):
-        fields[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
-    f = Fields(*to_fixed_tuple(fields[:, i], N_FIELDS))
-    p = _constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
-    for k, value in enumerate(p):
-        constants[k, i] = value
-    poles[i] = _motor_pole(p)
-    _set_terms(fields, prices, memory, i)
-    return poles[i] <= MAX_POLE
+def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
+    """The largest Fy (N) that a voltage from -limit to limit gives; it is affine in the voltage."""
+    return max(
+        foot_force(mode, phi, theta, dphi, dtheta, -limit, p),
+        foot_force(mode, phi, theta, dphi, dtheta, limit, p),
+    )
+
+
+def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float = 0.0) -> float:
+    """The largest Fy (N) that a voltage from -limit to limit gives in a state (STATE_SIZE,)."""
+    return _force(params.constants_array, state, limit)
+
+
+@kept()
+def _force(constants, x, limit):
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return greatest_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], limit, p)
 
 
 @inner
@@ -114,19 +115,18 @@ def _set_state(kind, given, k, p, memory, streams, i):
     A drawn one must press without voltage, a given one at some voltage.
     """
     if kind == DRAWN:
-        pressed, mode, phi, theta, dphi, dtheta = draw_state(
-            memory[SLOPE, i], memory[WEIGHT, i], p, streams, i
-        )
+        slope, weight = memory[MEMORY.slope, i], memory[MEMORY.weight, i]
+        pressed, mode, phi, theta, dphi, dtheta = draw_state(slope, weight, p, streams, i)
     else:
         if kind == HANGING:
-            mode, phi, theta, dphi, dtheta = DOUBLE, p.a, memory[SLOPE, i], 0.0, 0.0
+            mode, phi, theta, dphi, dtheta = DOUBLE, p.a, memory[MEMORY.slope, i], 0.0, 0.0
         else:
-            phi, theta, dphi, dtheta = given[k, 0], given[k, 1], given[k, 2], given[k, 3]
-            mode = int(given[k, 4])
-        limit = memory[VOLTAGE_LIMIT, i]
+            phi, theta, mode = given[k, PHI], given[k, THETA], int(given[k, MODE])
+            dphi, dtheta = given[k, DPHI], given[k, DTHETA]
+        limit = memory[MEMORY.voltage_limit, i]
         pressed = greatest_force(float(mode), phi, theta, dphi, dtheta, limit, p) > 0.0
-    memory[PHI, i], memory[THETA, i], memory[DPHI, i] = phi, theta, dphi
-    memory[DTHETA, i], memory[MODE, i], memory[FOOT, i] = dtheta, mode, 0.0
+    memory[MEMORY.phi, i], memory[MEMORY.theta, i], memory[MEMORY.mode, i] = phi, theta, mode
+    memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i], memory[MEMORY.foot, i] = dphi, dtheta, 0.0
     return pressed
 
 
@@ -135,41 +135,21 @@ def start_rows(observations, rows, kind, given, memory, streams, held, constants
     """Begin the episodes of `rows` at a start of `kind`; a row that found none, or -1.
 
     It is drawn, or one of the states `given` (one per row: phi, theta, phi', theta', mode).
+    `settings` are `rimless_gym.envs.perturbation.Settings`.
     """
-    failed = -1
-    noisy = is_noisy(settings)
+    failed, noisy = -1, settings.noise != NO_ERRORS
     for k in range(len(rows)):
         i = rows[k]
-        if not _set_state(kind, given, k, machine(constants, i), memory, streams, i):
+        if not _set_state(kind, given, k, machine_at(constants, i), memory, streams, i):
             failed = i
             continue
-        memory[COMMAND, i] = memory[VOLTAGE, i] = memory[TIME, i] = memory[COUNT, i] = 0.0
-        memory[DELAY, i], held[:, i] = settings[LEAST_DELAY], 0.0
-        choices = settings[GREATEST_DELAY] - settings[LEAST_DELAY] + 1.0
+        memory[MEMORY.action, i] = memory[MEMORY.voltage, i] = 0.0
+        memory[MEMORY.time, i] = memory[MEMORY.count, i] = 0.0
+        memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
+        memory[MEMORY.delay, i], held[:, i] = settings.least_delay, 0.0
+        choices = settings.greatest_delay - settings.least_delay + 1.0
         if choices > 1.0:
-            memory[DELAY, i] += math.floor(choices * next_uniform(streams, i))
-        if noisy:
-            observe_noisily(memory, streams, settings, observations, i)
-        else:
-            observe_row(memory, observations, np.uint64(i))
+            memory[MEMORY.delay, i] += math.floor(choices * next_uniform(streams, i))
+        wrong = errors(settings.noise, streams, i) if noisy else NO_ERRORS
+        observe_row(memory, wrong, observations, np.uint64(i))
     return failed
-
-
-@kept()
-def draw_machines(rows, ranged, bounds, fields, prices, constants, poles, memory, streams):
-    """Draw the fields `ranged` of each machine of `rows` between `bounds`, before `start_rows`.
-
-    It returns a row whose machine cannot be stepped, or -1.
-    """
-    failed = -1
-    for i in rows:
-        if not _draw_machine(ranged, bounds, fields, prices, constants, poles, memory, streams, i):
-            failed = i
-    return failed
-
-
-@kept()
-def set_terms(fields, prices, memory):
-    """Write what the task needs of each row's machine into `memory`."""
-    for i in range(fields.shape[1]):
-        _set_terms(fields, prices, memory, i)

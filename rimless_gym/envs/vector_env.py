@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import integer, real_array
-from rimless_gym.envs import EPISODE_STEPS, interval
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
     Machine,
@@ -25,20 +25,15 @@ from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.generators import Generators, Seeds
 from rimless_gym.envs.info import dense_info, final_info
-from rimless_gym.envs.interval import (
-    BLOCK_SIZE,
-    FAILURE_MARK,
-    MARKS,
-    NO_LIMIT,
-    REWARD,
-    TERMINATED,
-    TRUNCATED,
-    take_commands,
-)
+from rimless_gym.envs.interval import take_actions
+from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, columns
+from rimless_gym.envs.layout import marks as marks_of
+from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
-from rimless_gym.envs.task import OBSERVATION_SIZE, Task
+from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 
@@ -202,9 +197,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given)
         self._seen[:] = observations
-        block = np.zeros((BLOCK_SIZE, self.num_envs))
-        info = dense_info(block, interval.marks(block))
-        info["mode"][:] = fleet.memory[MODE, : self.num_envs]
+        block = np.zeros((len(BLOCK), self.num_envs))
+        info = dense_info(block, marks_of(block))
+        info["mode"][:] = fleet.memory[MEMORY.mode, : self.num_envs]
         return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
@@ -220,15 +215,16 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         again = fleet.ended.nonzero()[0]
         if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not fleet.begun):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
-        self._command(actions, fleet.ended)
-        block = np.empty((BLOCK_SIZE, interval.columns(self.num_envs)))
+        self._take(actions, fleet.ended)
+        block = np.empty((len(BLOCK), columns(self.num_envs)))
         observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
         unusual = fleet.stepper(block, observations.reshape(-1))()
-        block, marks = block[:, : self.num_envs], interval.marks(block)[:, : self.num_envs]
+        block, marks = block[:, : self.num_envs], marks_of(block)[:, : self.num_envs]
         if len(again):
-            block[:MARKS, again] = 0.0
+            block[: BLOCK.marks, again] = 0.0
             marks[:, again] = 0
-        terminated, truncated = marks[TERMINATED].view(np.bool_), marks[TRUNCATED].view(np.bool_)
+        terminated = marks[MARK.terminated].view(np.bool_)
+        truncated = marks[MARK.truncated].view(np.bool_)
         info = dense_info(block, marks)
         if unusual:
             ended = terminated | truncated
@@ -239,9 +235,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
-            info["mode"][again] = fleet.memory[MODE, again]
+            info["mode"][again] = fleet.memory[MEMORY.mode, again]
         self._seen[:] = observations
-        return observations, block[REWARD], terminated, truncated, info
+        return observations, block[BLOCK.reward], terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """The current frame (H, W, 3) of each row, in mode "rgb_array".
@@ -292,13 +288,13 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         keys = self._generators.keys(rows)
         self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
 
-    def _command(self, actions: ArrayLike, ignored: Bools) -> None:
+    def _take(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)
         if given.dtype != np.float32:
             given = real_array("actions", given).astype(np.float64)
         if given.shape != (self.num_envs, 1):
             raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
-        if take_commands(given, ignored, self._fleet.memory):
+        if take_actions(given, ignored, self._fleet.memory):
             wrong = np.isnan(given[:, 0]) & ~ignored
             raise ValueError(
                 f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
@@ -306,7 +302,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             )
 
     def _require_range(self, marks: NDArray[np.int8]) -> None:
-        lost = np.flatnonzero((marks[FAILURE_MARK] != 0) & (marks[TERMINATED] == 0))
+        lost = np.flatnonzero((marks[MARK.failure] != 0) & (marks[MARK.terminated] == 0))
         if len(lost):
             self._fleet.ended[lost] = True
-            raise self._fleet.range_left(int(lost[0]), int(marks[FAILURE_MARK, lost[0]]))
+            raise self._fleet.range_left(int(lost[0]), int(marks[MARK.failure, lost[0]]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rimless_gym.equations import State
 from rimless_gym.hybrid import (
     CONTACT_LOST,
     DIVERGED,
@@ -17,7 +18,10 @@ from rimless_gym.hybrid import (
     TOO_MANY_EVENTS,
     after_lift_off,
     after_touchdown,
+    contact_guard,
+    drag_pole,
     mass_matrix,
+    regularity,
 )
 from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
@@ -31,7 +35,8 @@ from rimless_gym.kernel.booking import (
 )
 from rimless_gym.kernel.events import LIFT_OFF, NOTHING, RELEASE, force_guard, judge
 from rimless_gym.kernel.integration import find_sines, rk8
-from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine, one_copy
+from rimless_gym.kernel.lanes import LANES, one_copy
+from rimless_gym.kernel.tile import get_acc, get_state, machine
 from rimless_gym.kernel.work import split_at_current, split_work
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy balances
@@ -44,19 +49,13 @@ LEAST_PEAK = 0.01
 
 
 @inlined
-def drag_pole(dphi, p):
-    """How fast the air drag damps phi' (1/s), at most."""
-    return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
-
-
-@inlined
 def peak(p):
     """Width (rad) of the accelerations' peak in the pose that is nearest to a singular mass matrix.
 
     Light wheels with heavy pendulums have narrow ones, where the rod is in line with the leg.
     """
     m11, m12, m22 = mass_matrix(0.0, 0.5 * np.pi, p)
-    return np.sqrt((m11 * m22 - m12 * m12) / (p.Je3 * m12))
+    return np.sqrt(regularity(0.5 * np.pi, p) * m11 * m22 / (p.Je3 * m12))
 
 
 @vectorised
@@ -70,10 +69,11 @@ def plan(tile):
     """
     unusual = 0
     for lane in range(LANES):
-        p, (a0, a1) = machine(tile, lane), get_pair(tile, of.ACC, lane)
-        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
+        p, acc = machine(tile, lane), get_acc(tile, of.ACC, lane)
+        y = get_state(tile, of.STATE, lane)
         left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
-        rolling, swinging = abs(dphi) + 0.5 * left * abs(a0), abs(dtheta) + 0.5 * left * abs(a1)
+        rolling = abs(y.dphi) + 0.5 * left * abs(acc.ddphi)
+        swinging = abs(y.dtheta) + 0.5 * left * abs(acc.ddtheta)
         turning = (rolling + swinging) / min(max(peak(p), LEAST_PEAK), 1.0)
         braking = drag_pole(rolling, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
@@ -81,7 +81,7 @@ def plan(tile):
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[of.FAILURE + lane] == OK
         tile[of.STEP + lane] = h if runs else 0.0
-        usual = tile[of.MODE + lane] == SINGLE and max(abs(dphi), abs(dtheta)) <= MAX_RATE
+        usual = tile[of.MODE + lane] == SINGLE and max(abs(y.dphi), abs(y.dtheta)) <= MAX_RATE
         unusual += 0 if usual else 1
     return unusual
 
@@ -103,8 +103,8 @@ def prepare(tile, lane, pull):
 @inner
 def too_fast(tile, lane):
     """Whether a lane's motion ends here because it is too fast for the model."""
-    _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
-    fastest = max(abs(dphi), abs(dtheta))
+    y = get_state(tile, of.STATE, lane)
+    fastest = max(abs(y.dphi), abs(y.dtheta))
     if tile[of.FAILURE + lane] != OK or fastest <= MAX_RATE:
         return False
     tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
@@ -115,10 +115,10 @@ def too_fast(tile, lane):
 def lift_off(tile, lane, pull):
     """From two feet to one, or to none."""
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
-    phi, shift = after_lift_off(y[1], y[3], u, p)
-    after = (phi, y[1], 0.0, y[3])
+    phi, shift = after_lift_off(y.theta, y.dtheta, u, p)
+    after = State(phi, y.theta, 0.0, y.dtheta)
     fy = restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, after, pull)
-    if -pull - fy > 0.0:
+    if contact_guard(fy, pull) > 0.0:
         tile[of.FAILURE + lane] = CONTACT_LOST
 
 
@@ -132,14 +132,15 @@ def arrive(tile, lane, event, duration, pull):
         lift_off(tile, lane, pull)
     else:
         y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
-        mode, phi, dtheta, dphi, shift, legal = after_touchdown(event, y[1], y[2], y[3], u, p)
-        if not legal:
+        landing = after_touchdown(event, y.theta, y.dphi, y.dtheta, u, p)
+        if not landing.legal:
             tile[of.FAILURE + lane] = THESIS_BACKWARD
             return
-        after = (phi, y[1], dphi, dtheta)
-        book_touchdown(tile, lane, y, after, shift, duration - tile[of.LEFT + lane])
-        fy = restart(tile, lane, float(mode), tile[of.FOOT + lane] + shift, after, pull)
-        if -pull - fy > 0.0:
+        after = State(landing.phi, y.theta, landing.dphi, landing.dtheta)
+        book_touchdown(tile, lane, y, after, landing.shift, duration - tile[of.LEFT + lane])
+        foot = tile[of.FOOT + lane] + landing.shift
+        fy = restart(tile, lane, float(landing.mode), foot, after, pull)
+        if contact_guard(fy, pull) > 0.0:
             tile[of.FAILURE + lane] = CONTACT_LOST
     if tile[of.EVENTS + lane] > MAX_EVENTS:
         tile[of.FAILURE + lane] = TOO_MANY_EVENTS

@@ -1,14 +1,16 @@
 """Booking a step's energies and extremes into the rows of `rimless_gym.energy`.
 
-With V held, the electrical integrals are exact in the step's own solution:
-integral of V i = V (V t - K delta psi) / Rm, and the others need only Q, the integral of psi'^2.
+The losses are integrated along with the motion. With V held, the electrical energy is V times the
+charge, which is exact in the step's own solution; what it exceeds the copper loss by is the work
+of the motor's shaft.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
+from rimless_gym.equations import LOSSES
 from rimless_gym.hybrid import (
     CONTACT_LOST,
     DOUBLE,
@@ -16,22 +18,28 @@ from rimless_gym.hybrid import (
     OK,
     accelerations_turned,
     both_feet_press,
+    contact_guard,
     linear_momentum,
     mechanical_energy,
+    motor_charge,
+    motor_current,
     relative_rate,
+    touchdown_guard,
     turned,
 )
 from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.lanes import LANES, adder
 from rimless_gym.kernel.tile import (
-    LANES,
-    get_pair,
+    get_acc,
+    get_losses,
     get_state,
     machine,
-    put_pair,
-    put_sines,
+    put_acc,
+    put_losses,
     put_state,
     turned_angles,
+    unturned_angles,
 )
 from rimless_gym.trigonometry import MAX_TURN
 
@@ -58,43 +66,57 @@ def _evaluate(tile, lane, angles, dphi, dtheta):
 
 
 @inlined
-def book(tile, quantity, lane, amount):
+def booked(tile, row, lane):
+    """One of the booked rows."""
+    return tile[of.BOOKED + row * LANES + lane]
+
+
+@inlined
+def set_booked(tile, row, lane, value):
+    """Set one of the booked rows."""
+    tile[of.BOOKED + row * LANES + lane] = value
+
+
+@inlined
+def book(tile, row, lane, amount):
     """Add to one of the booked rows."""
-    tile[of.BOOKED + quantity * LANES + lane] += amount
+    tile[of.BOOKED + row * LANES + lane] += amount
+
+
+_LOSSES_BOOKED = of.BOOKED + getattr(ROW, next(iter(LOSSES))) * LANES  # they are side by side
+_add_losses = adder(len(LOSSES))
+_no_losses = (0.0,) * len(LOSSES)
 
 
 @vectorised
 def open_interval(tile, duration, pull):
     """Begin a control interval of all lanes: nothing booked, no event under way."""
     for lane in range(LANES):
-        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
-        put_sines(tile, lane)
-        here = turned_angles(tile, lane, 0.0, 0.0)
-        acc, (fx, fy, demand, clearance), energy, hub = _evaluate(tile, lane, here, dphi, dtheta)
-        put_pair(tile, of.ACC, lane, acc)
+        y, here = get_state(tile, of.STATE, lane), unturned_angles(tile, lane)
+        acc, contact, energy, hub = _evaluate(tile, lane, here, y.dphi, y.dtheta)
+        fx, fy, demand, clearance = contact
+        put_acc(tile, of.ACC, lane, acc)
         tile[of.ENERGY + lane] = energy
         tile[of.ENERGY_BEFORE + lane] = energy
         tile[of.HUB + lane] = hub
         tile[of.HUB_BEFORE + lane] = hub
         tile[of.FOOT_BEFORE + lane] = tile[of.FOOT + lane]
-        tile[of.BOOKED + row.MIN_NORMAL_FORCE * LANES + lane] = fy
-        tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane] = demand
-        tile[of.BOOKED + row.CLEARANCE * LANES + lane] = clearance
-        tile[of.BOOKED + row.FORCE_X * LANES + lane] = fx
-        tile[of.BOOKED + row.FORCE_Y * LANES + lane] = fy
-        tile[of.FAILURE + lane] = CONTACT_LOST if -pull - fy > 0.0 else OK
+        set_booked(tile, ROW.min_normal_force, lane, fy)
+        set_booked(tile, ROW.friction_demand, lane, demand)
+        set_booked(tile, ROW.clearance, lane, clearance)
+        set_booked(tile, ROW.force_x, lane, fx)
+        set_booked(tile, ROW.force_y, lane, fy)
+        tile[of.FAILURE + lane] = CONTACT_LOST if contact_guard(fy, pull) > 0.0 else OK
         tile[of.LEFT + lane] = duration
         tile[of.EVENTS + lane] = 0.0
-        tile[of.BOOKED + row.TOUCHDOWN_TIME * LANES + lane] = -1.0
-        tile[of.BOOKED + row.TOUCHDOWNS * LANES + lane] = 0.0
-        tile[of.BOOKED + row.IMPULSE_FRICTION_DEMAND * LANES + lane] = 0.0
-        tile[of.BOOKED + row.COLLISION * LANES + lane] = 0.0
-        tile[of.BOOKED + row.ELECTRICAL * LANES + lane] = 0.0
-        tile[of.BOOKED + row.ELECTRICAL_POSITIVE * LANES + lane] = 0.0
-        tile[of.BOOKED + row.COPPER * LANES + lane] = 0.0
-        tile[of.BOOKED + row.FRICTION * LANES + lane] = 0.0
-        tile[of.BOOKED + row.DRAG * LANES + lane] = 0.0
-        tile[of.BOOKED + row.SHAFT * LANES + lane] = 0.0
+        set_booked(tile, ROW.touchdown_time, lane, -1.0)
+        set_booked(tile, ROW.touchdowns, lane, 0.0)
+        set_booked(tile, ROW.impulse_friction_demand, lane, 0.0)
+        set_booked(tile, ROW.collision, lane, 0.0)
+        set_booked(tile, ROW.electrical, lane, 0.0)
+        set_booked(tile, ROW.electrical_positive, lane, 0.0)
+        put_losses(tile, _LOSSES_BOOKED, lane, _no_losses)
+        set_booked(tile, ROW.shaft, lane, 0.0)
         clear_attempt(tile, lane)
 
 
@@ -106,11 +128,11 @@ def close(tile, lane, duration):
     travel = tile[of.HUB + lane] - tile[of.HUB_BEFORE + lane] + steps * p.chord
     change = tile[of.ENERGY + lane] - tile[of.ENERGY_BEFORE + lane]
     descent = (p.m1 + p.m2) * p.gx * p.chord
-    tile[of.BOOKED + row.TIME * LANES + lane] = duration - tile[of.LEFT + lane]
-    tile[of.BOOKED + row.DISTANCE * LANES + lane] = travel
-    tile[of.BOOKED + row.STEPS * LANES + lane] = steps
-    tile[of.BOOKED + row.MECHANICAL_CHANGE * LANES + lane] = change - steps * descent
-    tile[of.BOOKED + row.FAILURE * LANES + lane] = tile[of.FAILURE + lane]
+    set_booked(tile, ROW.elapsed, lane, duration - tile[of.LEFT + lane])
+    set_booked(tile, ROW.distance, lane, travel)
+    set_booked(tile, ROW.steps, lane, steps)
+    set_booked(tile, ROW.mechanical_change, lane, change - steps * descent)
+    set_booked(tile, ROW.failure, lane, tile[of.FAILURE + lane])
 
 
 @inlined
@@ -133,11 +155,11 @@ def measure(tile, pull):
     for lane in range(LANES):
         y, end = get_state(tile, of.STATE, lane), get_state(tile, of.NEXT, lane)
         mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
-        p, acc = machine(tile, lane), get_pair(tile, of.ACC, lane)
-        there = turned_angles(tile, lane, end[0] - y[0], end[1] - y[1])
-        acc_end, contact, energy, hub = _evaluate(tile, lane, there, end[2], end[3])
+        p, acc = machine(tile, lane), get_acc(tile, of.ACC, lane)
+        there = turned_angles(tile, lane, end.phi - y.phi, end.theta - y.theta)
+        acc_end, contact, energy, hub = _evaluate(tile, lane, there, end.dphi, end.dtheta)
         fx, fy, demand, clearance = contact
-        put_pair(tile, of.NEXT_ACC, lane, acc_end)
+        put_acc(tile, of.NEXT_ACC, lane, acc_end)
         tile[of.FORCE_X + lane] = fx
         tile[of.FORCE_Y + lane] = fy
         tile[of.DEMAND + lane] = demand
@@ -145,29 +167,29 @@ def measure(tile, pull):
         tile[of.NEXT_ENERGY + lane] = energy
         tile[of.NEXT_HUB + lane] = hub
 
-        turn, q = relative_rate(end[0] - y[0], end[1] - y[1], p), tile[of.TURNED + lane]
-        rate, rate_end = relative_rate(y[2], y[3], p), relative_rate(end[2], end[3], p)
-        electrical, shaft = u * (u * h - p.K * turn) * p.G, p.K * (u * turn - p.K * q) * p.G
+        turn = relative_rate(end.phi - y.phi, end.theta - y.theta, p)
+        electrical = u * motor_charge(turn, u, h, p)
         tile[of.WORK_ELECTRICAL + lane] = electrical
         tile[of.WORK_POSITIVE + lane] = max(electrical, 0.0)
-        tile[of.WORK_COPPER + lane] = (u * u * h - 2 * u * p.K * turn + p.K * p.K * q) * p.G
-        tile[of.WORK_FRICTION + lane] = p.damping * q
-        tile[of.WORK_DRAG + lane] = tile[of.BRAKED + lane]
-        tile[of.WORK_SHAFT + lane] = abs(shaft)
+        tile[of.WORK_SHAFT + lane] = abs(electrical - get_losses(tile, of.LOST, lane).copper)
 
-        reach = 0.5 * h * max(abs(y[2]), abs(end[2]))
-        near = max(y[0], end[0]) + reach >= p.b or min(y[0], end[0]) - reach <= p.a
-        swing = y[3] * y[3] + end[3] * end[3] + abs(acc[1]) + abs(acc_end[1])
-        roll = y[2] * y[2] + end[2] * end[2] + abs(acc[0]) + abs(acc_end[0])
-        pressed = min(fy, tile[of.BOOKED + row.FORCE_Y * LANES + lane]) + pull
+        reach = 0.5 * h * max(abs(y.dphi), abs(end.dphi))
+        near = touchdown_guard(1, max(y.phi, end.phi) + reach, p) >= 0.0
+        near = near or touchdown_guard(-1, min(y.phi, end.phi) - reach, p) >= 0.0
+        swing = y.dtheta * y.dtheta + end.dtheta * end.dtheta + abs(acc.ddtheta)
+        swing += abs(acc_end.ddtheta)
+        roll = y.dphi * y.dphi + end.dphi * end.dphi + abs(acc.ddphi) + abs(acc_end.ddphi)
+        pressed = min(fy, booked(tile, ROW.force_y, lane)) + pull
         light = pressed < DIP * (p.S2 * swing + p.S1 * roll)
-        kink = p.Cd > 0.0 and y[2] * end[2] < 0.0
-        sane = max(abs(end[2]), abs(end[3])) <= MAX_RATE
+        kink = p.Cd > 0.0 and y.dphi * end.dphi < 0.0
+        sane = max(abs(end.dphi), abs(end.dtheta)) <= MAX_RATE
         sane = sane and tile[of.FAR + lane] <= MAX_TURN * MAX_TURN
         common = sane and not (near or light or kink or mode == DOUBLE)
         common = common and tile[of.GOAL + lane] == 0.0 and tile[of.CUT + lane] == 0.0
         waits = tile[of.LEFT + lane] <= 0.0 or tile[of.FAILURE + lane] != OK
-        flips = of.CURRENT if (u - p.K * rate) * (u - p.K * rate_end) < 0.0 else of.PLAIN
+        rate, rate_end = relative_rate(y.dphi, y.dtheta, p), relative_rate(end.dphi, end.dtheta, p)
+        currents = motor_current(rate, u, p) * motor_current(rate_end, u, p)
+        flips = of.CURRENT if currents < 0.0 else of.PLAIN
         flips = of.SPLIT if rate * rate_end < 0.0 else flips
         flag = flips if common else of.FLAGGED
         flag = of.IDLE if waits else flag
@@ -190,21 +212,19 @@ def accept(tile, duration):
         if tile[of.FLAG + lane] < of.FLAGGED:
             h = tile[of.STEP + lane]
             put_state(tile, of.STATE, lane, get_state(tile, of.NEXT, lane))
-            put_pair(tile, of.ACC, lane, get_pair(tile, of.NEXT_ACC, lane))
+            put_acc(tile, of.ACC, lane, get_acc(tile, of.NEXT_ACC, lane))
             tile[of.ENERGY + lane] = tile[of.NEXT_ENERGY + lane]
             tile[of.HUB + lane] = tile[of.NEXT_HUB + lane]
             tile[of.LEFT + lane] = tile[of.LEFT + lane] - h
-            tile[of.BOOKED + row.FORCE_X * LANES + lane] = tile[of.FORCE_X + lane]
-            tile[of.BOOKED + row.FORCE_Y * LANES + lane] = tile[of.FORCE_Y + lane]
+            set_booked(tile, ROW.force_x, lane, tile[of.FORCE_X + lane])
+            set_booked(tile, ROW.force_y, lane, tile[of.FORCE_Y + lane])
             _extreme(tile, lane, tile[of.FORCE_Y + lane], tile[of.DEMAND + lane])
-            lowest = min(tile[of.BOOKED + row.CLEARANCE * LANES + lane], tile[of.CLEARANCE + lane])
-            tile[of.BOOKED + row.CLEARANCE * LANES + lane] = lowest
-            book(tile, row.ELECTRICAL, lane, tile[of.WORK_ELECTRICAL + lane])
-            book(tile, row.ELECTRICAL_POSITIVE, lane, tile[of.WORK_POSITIVE + lane])
-            book(tile, row.COPPER, lane, tile[of.WORK_COPPER + lane])
-            book(tile, row.FRICTION, lane, tile[of.WORK_FRICTION + lane])
-            book(tile, row.DRAG, lane, tile[of.WORK_DRAG + lane])
-            book(tile, row.SHAFT, lane, tile[of.WORK_SHAFT + lane])
+            lowest = min(booked(tile, ROW.clearance, lane), tile[of.CLEARANCE + lane])
+            set_booked(tile, ROW.clearance, lane, lowest)
+            book(tile, ROW.electrical, lane, tile[of.WORK_ELECTRICAL + lane])
+            book(tile, ROW.electrical_positive, lane, tile[of.WORK_POSITIVE + lane])
+            _add_losses(tile, _LOSSES_BOOKED, lane, 1.0, get_losses(tile, of.LOST, lane))
+            book(tile, ROW.shaft, lane, tile[of.WORK_SHAFT + lane])
             tile[of.EVENT + lane] = tile[of.GOAL + lane]
             clear_attempt(tile, lane)
         close(tile, lane, duration)
@@ -215,41 +235,42 @@ def accept(tile, duration):
 
 @inlined
 def _extreme(tile, lane, fy, demand):
-    least = min(tile[of.BOOKED + row.MIN_NORMAL_FORCE * LANES + lane], fy)
-    most = max(tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane], demand)
-    tile[of.BOOKED + row.MIN_NORMAL_FORCE * LANES + lane] = least
-    tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane] = most
+    least = min(booked(tile, ROW.min_normal_force, lane), fy)
+    most = max(booked(tile, ROW.friction_demand, lane), demand)
+    set_booked(tile, ROW.min_normal_force, lane, least)
+    set_booked(tile, ROW.friction_demand, lane, most)
 
 
 @inner
 def forget_extremes(tile, lane):
     """No contact forces met so far."""
-    tile[of.BOOKED + row.MIN_NORMAL_FORCE * LANES + lane] = np.inf
-    tile[of.BOOKED + row.FRICTION_DEMAND * LANES + lane] = 0.0
+    set_booked(tile, ROW.min_normal_force, lane, np.inf)
+    set_booked(tile, ROW.friction_demand, lane, 0.0)
 
 
 @inner
 def restart(tile, lane, mode, foot, y, pull):
     """Put a lane into another mode or onto another leg, and book the contact forces there.
 
-    Two feet of which one lets go at once make no stance, and no extremes.
+    If one of two feet lifts off at once, the wheel never stood on both: no extremes then.
     """
     tile[of.MODE + lane] = mode
     tile[of.FOOT + lane] = foot
     put_state(tile, of.STATE, lane, y)
-    put_sines(tile, lane)
-    here, p = turned_angles(tile, lane, 0.0, 0.0), machine(tile, lane)
-    acc, (fx, fy, demand, clearance), energy, hub = _evaluate(tile, lane, here, y[2], y[3])
-    put_pair(tile, of.ACC, lane, acc)
+    here, p = unturned_angles(tile, lane), machine(tile, lane)
+    acc, contact, energy, hub = _evaluate(tile, lane, here, y.dphi, y.dtheta)
+    fx, fy, demand, clearance = contact
+    put_acc(tile, of.ACC, lane, acc)
     tile[of.ENERGY + lane] = energy
     tile[of.HUB + lane] = hub
-    tile[of.BOOKED + row.FORCE_X * LANES + lane] = fx
-    tile[of.BOOKED + row.FORCE_Y * LANES + lane] = fy
-    lets_go = mode == DOUBLE and not both_feet_press(y[1], y[3], tile[of.VOLTAGE + lane], p)
-    if not lets_go or -pull - fy > 0.0:
+    set_booked(tile, ROW.force_x, lane, fx)
+    set_booked(tile, ROW.force_y, lane, fy)
+    u = tile[of.VOLTAGE + lane]
+    lets_go = mode == DOUBLE and not both_feet_press(y.theta, y.dtheta, u, p)
+    if not lets_go or contact_guard(fy, pull) > 0.0:
         _extreme(tile, lane, fy, demand)
-    lowest = min(tile[of.BOOKED + row.CLEARANCE * LANES + lane], clearance)
-    tile[of.BOOKED + row.CLEARANCE * LANES + lane] = lowest
+    lowest = min(booked(tile, ROW.clearance, lane), clearance)
+    set_booked(tile, ROW.clearance, lane, lowest)
     tile[of.EVENTS + lane] = tile[of.EVENTS + lane] + 1
     return fy
 
@@ -259,13 +280,13 @@ def book_touchdown(tile, lane, y0, y1, shift, time):
     """Add a touchdown's loss, and the friction that its impulse demands."""
     p = machine(tile, lane)
     descent = (p.m1 + p.m2) * p.gx * p.chord
-    before = mechanical_energy(y0[0], y0[1], y0[2], y0[3], p)
-    after = mechanical_energy(y1[0], y1[1], y1[2], y1[3], p) - shift * descent
-    book(tile, row.COLLISION, lane, before - after)
-    book(tile, row.TOUCHDOWNS, lane, 1.0)
-    x0, z0 = linear_momentum(y0[0], y0[1], y0[2], y0[3], p)
-    x1, z1 = linear_momentum(y1[0], y1[1], y1[2], y1[3], p)
+    before = mechanical_energy(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
+    after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent
+    book(tile, ROW.collision, lane, before - after)
+    book(tile, ROW.touchdowns, lane, 1.0)
+    x0, z0 = linear_momentum(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
+    x1, z1 = linear_momentum(y1.phi, y1.theta, y1.dphi, y1.dtheta, p)
     demand = abs(x1 - x0) / (z1 - z0) if z1 > z0 else np.inf
-    most = max(tile[of.BOOKED + row.IMPULSE_FRICTION_DEMAND * LANES + lane], demand)
-    tile[of.BOOKED + row.IMPULSE_FRICTION_DEMAND * LANES + lane] = most
-    tile[of.BOOKED + row.TOUCHDOWN_TIME * LANES + lane] = time
+    most = max(booked(tile, ROW.impulse_friction_demand, lane), demand)
+    set_booked(tile, ROW.impulse_friction_demand, lane, most)
+    set_booked(tile, ROW.touchdown_time, lane, time)

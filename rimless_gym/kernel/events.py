@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from rimless_gym.equations import State
 from rimless_gym.hybrid import (
     DIVERGED,
     MAX_RATE,
     SINGLE,
     accelerations,
+    contact_guard,
     ground_reaction,
-    lift_off_guards,
+    lift_off_guard,
+    touchdown_guard,
 )
 from rimless_gym.jit import inner
 from rimless_gym.kernel import tile as of
@@ -27,7 +30,7 @@ from rimless_gym.kernel.interpolation import (
     upward_root,
     value,
 )
-from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine
+from rimless_gym.kernel.tile import get_acc, get_state, machine, put_state
 from rimless_gym.trigonometry import MAX_TURN
 
 GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
@@ -43,14 +46,13 @@ _HERE = 1e-6  # fraction of a step within which what should cut it is where it s
 @inner
 def past_guard(direction, y0, acc0, y1, acc1, h, p):
     """Quintic of how far the leg is past a guard (rad) over a step."""
-    bound = p.b if direction > 0 else p.a
     return quintic(
-        direction * (y0[0] - bound),
-        direction * y0[2],
-        direction * acc0[0],
-        direction * (y1[0] - bound),
-        direction * y1[2],
-        direction * acc1[0],
+        touchdown_guard(direction, y0.phi, p),
+        direction * y0.dphi,
+        direction * acc0.ddphi,
+        touchdown_guard(direction, y1.phi, p),
+        direction * y1.dphi,
+        direction * acc1.ddphi,
         h,
     )
 
@@ -64,9 +66,9 @@ def turning_cut(y0, acc0, y1, acc1, h, p):
     """
     for direction in (FORWARD, BACKWARD):
         c = past_guard(direction, y0, acc0, y1, acc1, h, p)
-        if max(c[0], value(c, 1.0)) + 0.5 * h * max(abs(y0[2]), abs(y1[2])) < 0.0:
+        if max(c[0], value(c, 1.0)) + 0.5 * h * max(abs(y0.dphi), abs(y1.dphi)) < 0.0:
             continue
-        if acc0[0] * acc1[0] < 0.0:
+        if acc0.ddphi * acc1.ddphi < 0.0:
             bend = derivative(derivative(c))
             s = upward_root(bend if bend[0] < 0.0 else negative(bend), 1.0)
             if 1e-3 < s < 0.999:
@@ -97,16 +99,16 @@ def touchdown_crossing(y0, acc0, y1, acc1, h, p):
 @inner
 def reversal(y0, acc0, y1, acc1, h):
     """Fraction of a step at which phi' changes sign, given that it does."""
-    rate = derivative(quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h))
-    return upward_root(rate if y1[2] > 0.0 else negative(rate), 1.0)
+    rate = derivative(quintic(y0.phi, y0.dphi, acc0.ddphi, y1.phi, y1.dphi, acc1.ddphi, h))
+    return upward_root(rate if y1.dphi > 0.0 else negative(rate), 1.0)
 
 
 @inner
 def between(y0, acc0, y1, acc1, h, s):
     """State at fraction s of a step, from the quintics through its ends."""
-    c = quintic(y0[0], y0[2], acc0[0], y1[0], y1[2], acc1[0], h)
-    e = quintic(y0[1], y0[3], acc0[1], y1[1], y1[3], acc1[1], h)
-    return value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h
+    c = quintic(y0.phi, y0.dphi, acc0.ddphi, y1.phi, y1.dphi, acc1.ddphi, h)
+    e = quintic(y0.theta, y0.dtheta, acc0.ddtheta, y1.theta, y1.dtheta, acc1.ddtheta, h)
+    return State(value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h)
 
 
 @inner
@@ -117,27 +119,27 @@ def force_guard(kind, mode, y, u, pull, p):
     beyond the largest `pull` that the ground can exert.
     """
     if kind == LIFT_OFF:
-        leading, trailing = lift_off_guards(y[1], y[3], u, p)
-        return max(leading, -trailing)
-    a0, a1 = accelerations(mode, y[0], y[1], y[2], y[3], u, p)
-    return -pull - ground_reaction(y[0], y[1], y[2], y[3], a0, a1, p)[1]
+        return lift_off_guard(y.theta, y.dtheta, u, p)
+    a = accelerations(mode, y.phi, y.theta, y.dphi, y.dtheta, u, p)
+    fy = ground_reaction(y.phi, y.theta, y.dphi, y.dtheta, a.ddphi, a.ddtheta, p)[1]
+    return contact_guard(fy, pull)
 
 
 @inner
 def judge(tile, lane, pull):
     """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
-    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
-    end, acc_end = get_state(tile, of.NEXT, lane), get_pair(tile, of.NEXT_ACC, lane)
+    y, acc = get_state(tile, of.STATE, lane), get_acc(tile, of.ACC, lane)
+    end, acc_end = get_state(tile, of.NEXT, lane), get_acc(tile, of.NEXT_ACC, lane)
     mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
     goal, cut, p = int(tile[of.GOAL + lane]), int(tile[of.CUT + lane]), machine(tile, lane)
-    if not max(abs(end[2]), abs(end[3])) < 10 * MAX_RATE:
+    if not max(abs(end.dphi), abs(end.dtheta)) < 10 * MAX_RATE:
         tile[of.FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
         return False
     if goal == NOTHING:
         if tile[of.FAR + lane] > MAX_TURN * MAX_TURN:  # beyond where its sines are right
             tile[of.ATTEMPT + lane] = 0.5 * h
             return False
-        if p.Cd > 0.0 and y[2] * end[2] < 0.0 and not cut:  # |phi'| phi' has a kink at 0: end there
+        if p.Cd > 0.0 and y.dphi * end.dphi < 0.0 and not cut:  # air drag has a kink: end there
             tile[of.CUT + lane] = _AT_REVERSAL
             s = reversal(y, acc, end, acc_end, h)
             if s > _HERE:
@@ -178,18 +180,18 @@ def _lands(tile, lane, direction, tau):
     It is kept within its bracket by bisection.
     """
     p = machine(tile, lane)
-    bound = p.b if direction > 0 else p.a
-    phi, dphi = tile[of.NEXT + lane], tile[of.NEXT + 2 * LANES + lane]
+    end = get_state(tile, of.NEXT, lane)
     low, high, tries = tile[of.LOW + lane], tile[of.HIGH + lane], tile[of.TRIES + lane]
-    miss = direction * (phi - bound)
+    miss = touchdown_guard(direction, end.phi, p)
     if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16 or tries >= 60:
-        tile[of.NEXT + lane] = bound
+        bound = p.b if direction > 0 else p.a
+        put_state(tile, of.NEXT, lane, (bound, end.theta, end.dphi, end.dtheta))
         return True
     if miss > 0.0:
         high = tau
     else:
         low = tau
-    newton = tau - miss / (direction * dphi)
+    newton = tau - miss / (direction * end.dphi)
     tile[of.ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
     tile[of.LOW + lane] = low
     tile[of.HIGH + lane] = high
@@ -203,9 +205,9 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
 
     Bisection on the quintics brings the first attempt near.
     """
-    y, acc = get_state(tile, of.STATE, lane), get_pair(tile, of.ACC, lane)
+    y, acc = get_state(tile, of.STATE, lane), get_acc(tile, of.ACC, lane)
     mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
-    acc_end = accelerations(mode, end[0], end[1], end[2], end[3], u, p)
+    acc_end = accelerations(mode, end.phi, end.theta, end.dphi, end.dtheta, u, p)
     low, high = 0.0, 1.0
     while high - low > 1e-15:
         middle = 0.5 * (low + high)

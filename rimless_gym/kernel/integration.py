@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from rimless_gym.equations import LOSSES
 from rimless_gym.hybrid import (
     SINGLE,
     accelerations,
@@ -25,14 +26,15 @@ from rimless_gym.hybrid import (
 )
 from rimless_gym.jit import inlined, vectorised
 from rimless_gym.kernel import tile as of
+from rimless_gym.kernel.lanes import LANES, adder
 from rimless_gym.kernel.tile import (
-    LANES,
     STAGES,
     TILE_SIZE,
-    get_pair,
+    get_acc,
     get_state,
     machine,
-    put_pair,
+    put_acc,
+    put_losses,
     put_sines,
     put_state,
     turned_angles,
@@ -43,11 +45,15 @@ _A, _B = DOP853.A, DOP853.B
 
 
 @inlined
-def _integrands(tile, lane, dphi, dtheta):
-    """psi'^2, and the power of the air drag."""
+def _lose(tile, lane, time, dphi, dtheta):
+    """Add the losses of a stage, which counts for a time (s)."""
     p = machine(tile, lane)
-    dpsi = relative_rate(dphi, dtheta, p)
-    return dpsi * dpsi, losses(dphi, dpsi, 0.0, p)[2]
+    powers = losses(dphi, relative_rate(dphi, dtheta, p), tile[of.VOLTAGE + lane], p)
+    _add_losses(tile, of.LOST, lane, time, powers)
+
+
+_add_losses = adder(len(LOSSES))
+_no_losses = (0.0,) * len(LOSSES)
 
 
 def _terms(
@@ -63,7 +69,7 @@ def _terms(
 def _stage(i: int) -> Callable[..., None]:
     """Compiled: NEXT at stage `i` from the accelerations before; at the end of the step, i = 12.
 
-    With it goes what the stage contributes to the two integrals.
+    With it goes what the stage contributes to the losses.
     """
     rates = _A[i, :i] if i < STAGES else _B
     positions = rates @ _A[:i, :i]
@@ -74,8 +80,8 @@ def _stage(i: int) -> Callable[..., None]:
 
     def stage(tile):
         for lane in range(LANES):
-            h, (phi, theta, dphi, dtheta) = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
-            v0, v1, x0, x1 = dphi, dtheta, c * dphi, c * dtheta
+            h, y = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
+            v0, v1, x0, x1 = y.dphi, y.dtheta, c * y.dphi, c * y.dtheta
             for m in range(n):
                 v0 += w[m] * tile[at[m] + lane]
                 v1 += w[m] * tile[at[m] + LANES + lane]
@@ -86,17 +92,13 @@ def _stage(i: int) -> Callable[..., None]:
             if i < STAGES:
                 mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
                 there = turned_angles(tile, lane, x0, x1)
-                a0, a1 = accelerations_turned(mode, *there, v0, v1, u, p)
-                put_pair(tile, acc, lane, (h * a0, h * a1))
+                found = accelerations_turned(mode, *there, v0, v1, u, p)
+                put_acc(tile, acc, lane, (h * found.ddphi, h * found.ddtheta))
             else:
-                put_state(tile, of.NEXT, lane, (phi + x0, theta + x1, v0, v1))
-                tile[of.TURNED + lane] *= h
-                tile[of.BRAKED + lane] *= h
+                put_state(tile, of.NEXT, lane, (y.phi + x0, y.theta + x1, v0, v1))
             tile[of.FAR + lane] = max(tile[of.FAR + lane], x0 * x0 + x1 * x1)
             if share != 0.0:
-                turned, braked = _integrands(tile, lane, v0, v1)
-                tile[of.TURNED + lane] += share * turned
-                tile[of.BRAKED + lane] += share * braked
+                _lose(tile, lane, share * h, v0, v1)
 
     # Machine code finds functions by name, also in what other processes left in numba's cache.
     stage.__qualname__ = f"stage_{i}"
@@ -106,12 +108,11 @@ def _stage(i: int) -> Callable[..., None]:
 @vectorised
 def _begin(tile):
     for lane in range(LANES):
-        _, _, dphi, dtheta = get_state(tile, of.STATE, lane)
-        turned, braked = _integrands(tile, lane, dphi, dtheta)
-        tile[of.TURNED + lane] = _SHARE * turned
-        tile[of.BRAKED + lane] = _SHARE * braked
-        h, (a0, a1) = tile[of.STEP + lane], get_pair(tile, of.ACC, lane)
-        put_pair(tile, of.STAGE_ACC, lane, (h * a0, h * a1))
+        h, y = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
+        acc = get_acc(tile, of.ACC, lane)
+        put_losses(tile, of.LOST, lane, _no_losses)
+        _lose(tile, lane, _SHARE * h, y.dphi, y.dtheta)
+        put_acc(tile, of.STAGE_ACC, lane, (h * acc.ddphi, h * acc.ddtheta))
         tile[of.FAR + lane] = 0.0
 
 
@@ -130,7 +131,7 @@ def find_sines(tile):
 
 @vectorised
 def rk8(tile):
-    """Advance all lanes from STATE by STEP: NEXT, TURNED, BRAKED and FAR.
+    """Advance all lanes from STATE by STEP: NEXT, LOST and FAR.
 
     ACC and SINES are those of STATE.
     """
@@ -153,10 +154,10 @@ def rk8(tile):
 def _smooth_step(tile):
     """Go on from NEXT in single stance, unguarded."""
     for lane in range(LANES):
-        phi, theta, dphi, dtheta = y = get_state(tile, of.NEXT, lane)
-        u, p = tile[of.VOLTAGE + lane], machine(tile, lane)
+        y, u, p = get_state(tile, of.NEXT, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
         put_state(tile, of.STATE, lane, y)
-        put_pair(tile, of.ACC, lane, accelerations(float(SINGLE), phi, theta, dphi, dtheta, u, p))
+        acc = accelerations(float(SINGLE), y.phi, y.theta, y.dphi, y.dtheta, u, p)
+        put_acc(tile, of.ACC, lane, acc)
     find_sines(tile)
     rk8(tile)
 
@@ -166,7 +167,7 @@ def smooth_states(
 ) -> Iterator[NDArray[np.float64]]:
     """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, unguarded."""
     tile = np.zeros(TILE_SIZE)
-    lane = tile.reshape(-1, LANES)[:, 0]  # of the others nobody asks
+    lane = tile.reshape(-1, LANES)[:, 0]  # the others stay empty
     end = of.NEXT // LANES
     lane[of.CONSTANTS // LANES :][:N_CONSTANTS] = params.constants
     lane[of.VOLTAGE // LANES], lane[of.STEP // LANES] = u, duration / steps

@@ -11,21 +11,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym import energy as row
-from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
+from rimless_gym.energy import ROW
+from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole
 from rimless_gym.jit import ROLLOUTS, inner, kept
 from rimless_gym.kernel import tile as of
-from rimless_gym.kernel.attempt import attempt_again, attempt_step, drag_pole, runs
+from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
 from rimless_gym.kernel.booking import open_interval
-from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
+from rimless_gym.kernel.lanes import LANES, copy_lanes, one_copy
+from rimless_gym.kernel.tile import CARRIED, TILE_SIZE
 from rimless_gym.params import N_CONSTANTS, WheelParams
 
-# Layout of the hybrid state vector; FOOT counts legs from the first stance foot.
-PHI, THETA, DPHI, DTHETA, MODE, FOOT, STATE_SIZE = range(7)
+
+class HybridState(NamedTuple):
+    """The hybrid state: angles (rad), rates (rad/s), stance mode, and the stance foot.
+
+    The foot counts legs forward of the first one.
+    """
+
+    phi: Any
+    theta: Any
+    dphi: Any
+    dtheta: Any
+    mode: Any
+    foot: Any
+
+
+# Where they are in an array.
+STATE_SIZE = len(HybridState._fields)
+PHI, THETA, DPHI, DTHETA, MODE, FOOT = HybridState(*range(STATE_SIZE))
 
 _QUEUE = 2 * TILE_SIZE  # where in the work space the wheels wait that need more steps
 SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
@@ -80,7 +98,7 @@ def store(tile, states, out, base, count, stride):
         return
     for c in range(STATE_SIZE):
         copy_lanes(states, c * stride + base, tile, of.STATE + c * LANES)
-    for c in range(row.N_ROWS):
+    for c in range(len(ROW)):
         copy_lanes(out, c * stride + base, tile, of.BOOKED + c * LANES)
 
 
@@ -90,7 +108,7 @@ def store_lane(tile, lane, states, out, stride):
     i = int(tile[of.INDEX + lane])
     for c in range(STATE_SIZE):
         states[c * stride + i] = tile[of.STATE + c * LANES + lane]
-    for c in range(row.N_ROWS):
+    for c in range(len(ROW)):
         out[c * stride + i] = tile[of.BOOKED + c * LANES + lane]
 
 
@@ -129,10 +147,10 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
     They are the first STATE_SIZE rows of it. All are on one machine, `constants` (N_CONSTANTS, 1)
-    and `poles` (1,), or each is on its own, (N_CONSTANTS, N) and (N,). The first energy.N_ROWS rows
-    of `out`, which has as many columns as `states`, are overwritten; failure codes of `hybrid` are
-    in row FAILURE. `pull` is the largest force (N) with which the ground holds a foot down: 0, or
-    infinity for a pin joint. `work` is `scratch()`, one per thread.
+    and `poles` (1,), or each is on its own, (N_CONSTANTS, N) and (N,). The first len(ROW) rows of
+    `out`, which has as many columns as `states`, are overwritten (`rimless_gym.energy.ROW`). `pull`
+    is the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin
+    joint. `work` is `scratch()`, one per thread.
     """
     one_copy()
     flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
@@ -230,12 +248,12 @@ def advance(
         pull: largest force (N) with which the ground holds a foot down.
 
     Returns:
-        Rows of `rimless_gym.energy` per state, (N, N_ROWS).
+        Rows of `rimless_gym.energy.ROW` per state, (N, len(ROW)).
 
     Raises:
         ValueError: see `require_steppable`.
     """
-    columns, out = np.ascontiguousarray(states.T), np.empty((row.N_ROWS, len(states)))
+    columns, out = np.ascontiguousarray(states.T), np.empty((len(ROW), len(states)))
     volts = np.ascontiguousarray(voltages, dtype=np.float64)
     advance_batch(
         *(*machine_arrays([params]), columns, volts, 0, len(volts)),

@@ -6,37 +6,66 @@ V / K, and the shaft's power there and where psi' does.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from rimless_gym.hybrid import relative_rate
+from rimless_gym.hybrid import losses, motor_charge, motor_current, relative_rate
 from rimless_gym.jit import inlined, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.interpolation import derivative, quintic, slope, value
-from rimless_gym.kernel.tile import LANES, get_pair, get_state, machine
+from rimless_gym.kernel.lanes import LANES
+from rimless_gym.kernel.tile import get_acc, get_losses, get_state, machine
+
+
+class _Course(NamedTuple):
+    """How the motor turns over an attempt: quintics, and psi' at the ends.
+
+    Attributes:
+        turn: quintic of psi from its start.
+        copper: quintic of the copper loss from the start (J).
+        rate: psi' at the start.
+        rate_end: psi' at the end.
+    """
+
+    turn: Any
+    copper: Any
+    rate: Any
+    rate_end: Any
 
 
 @inlined
-def _relative_motion(tile, lane, p):
-    """Quintics of psi and of the integral of psi'^2 over the attempt, and psi' at its ends."""
-    y, end, h = (
-        get_state(tile, of.STATE, lane),
-        get_state(tile, of.NEXT, lane),
-        tile[of.STEP + lane],
+def _copper_rates(rate, acceleration, u, p):
+    """Power of the copper loss, and its rate of change, for psi' and psi''."""
+    power = losses(0.0, rate, u, p).copper
+    change = motor_current(acceleration, 0.0, p)  # of the current, which is affine in psi'
+    return power, 2 * p.Rm * motor_current(rate, u, p) * change
+
+
+@inlined
+def _course(tile, lane, u, h, p):
+    y, end = get_state(tile, of.STATE, lane), get_state(tile, of.NEXT, lane)
+    acc, acc_end = get_acc(tile, of.ACC, lane), get_acc(tile, of.NEXT_ACC, lane)
+    turn = relative_rate(end.phi - y.phi, end.theta - y.theta, p)
+    rate0, rate1 = relative_rate(y.dphi, y.dtheta, p), relative_rate(end.dphi, end.dtheta, p)
+    accel0 = relative_rate(acc.ddphi, acc.ddtheta, p)
+    accel1 = relative_rate(acc_end.ddphi, acc_end.ddtheta, p)
+    lost = get_losses(tile, of.LOST, lane).copper
+    power0, change0 = _copper_rates(rate0, accel0, u, p)
+    power1, change1 = _copper_rates(rate1, accel1, u, p)
+    return _Course(
+        quintic(0.0, rate0, accel0, turn, rate1, accel1, h),
+        quintic(0.0, power0, change0, lost, power1, change1, h),
+        rate0,
+        rate1,
     )
-    acc, acc_end = get_pair(tile, of.ACC, lane), get_pair(tile, of.NEXT_ACC, lane)
-    turn, q = relative_rate(end[0] - y[0], end[1] - y[1], p), tile[of.TURNED + lane]
-    rate0, rate1 = relative_rate(y[2], y[3], p), relative_rate(end[2], end[3], p)
-    accel0, accel1 = relative_rate(acc[0], acc[1], p), relative_rate(acc_end[0], acc_end[1], p)
-    angle = quintic(0.0, rate0, accel0, turn, rate1, accel1, h)
-    square = quintic(0.0, rate0**2, 2 * rate0 * accel0, q, rate1**2, 2 * rate1 * accel1, h)
-    return angle, square, rate0, rate1
 
 
 @inlined
-def _work_until(s, angle, square, u, h, p):
+def _work_until(s, course, u, h, p):
     """Electrical and shaft work of the first part of a step."""
-    turn = value(angle, s)
-    return u * (u * h * s - p.K * turn) * p.G, p.K * (u * turn - p.K * value(square, s)) * p.G
+    electrical = u * motor_charge(value(course.turn, s), u, h * s, p)
+    return electrical, electrical - value(course.copper, s)
 
 
 @vectorised
@@ -47,14 +76,12 @@ def split_at_current(tile):
     """
     for lane in range(LANES):
         u, h, p = tile[of.VOLTAGE + lane], tile[of.STEP + lane], machine(tile, lane)
-        angle, square, rate0, rate1 = _relative_motion(tile, lane, p)
-        s = _crossing(rate0, rate1, u / p.K, angle, h)
-        electrical, work = _work_until(s, angle, square, u, h, p)
+        course = _course(tile, lane, u, h, p)
+        electrical, work = _work_until(_crossing(course, u / p.K, h), course, u, h, p)
         if tile[of.FLAG + lane] == of.CURRENT:
             rest = tile[of.WORK_ELECTRICAL + lane] - electrical
             tile[of.WORK_POSITIVE + lane] = max(electrical, 0.0) + max(rest, 0.0)
-            all_work = tile[of.WORK_ELECTRICAL + lane] - tile[of.WORK_COPPER + lane]
-            tile[of.WORK_SHAFT + lane] = abs(work) + abs(all_work - work)
+            tile[of.WORK_SHAFT + lane] = abs(work) + abs(_all_work(tile, lane) - work)
 
 
 @vectorised
@@ -62,25 +89,30 @@ def split_work(tile):
     """Split the work of a step wherever V i or T psi' changes sign."""
     for lane in range(LANES):
         u, h, p = tile[of.VOLTAGE + lane], tile[of.STEP + lane], machine(tile, lane)
-        angle, square, rate0, rate1 = _relative_motion(tile, lane, p)
-        s_current = _crossing(rate0, rate1, u / p.K if p.K > 0.0 else np.inf, angle, h)
-        s_rate = _crossing(rate0, rate1, 0.0, angle, h)
-        part, _ = _work_until(s_current, angle, square, u, h, p)
-        _, work0 = _work_until(min(s_current, s_rate), angle, square, u, h, p)
-        _, work1 = _work_until(max(s_current, s_rate), angle, square, u, h, p)
+        course = _course(tile, lane, u, h, p)
+        s_current = _crossing(course, u / p.K if p.K > 0.0 else np.inf, h)
+        s_rate = _crossing(course, 0.0, h)
+        part, _ = _work_until(s_current, course, u, h, p)
+        _, work0 = _work_until(min(s_current, s_rate), course, u, h, p)
+        _, work1 = _work_until(max(s_current, s_rate), course, u, h, p)
         if tile[of.FLAG + lane] == of.SPLIT:
-            rest = tile[of.WORK_ELECTRICAL + lane] - part
-            work = tile[of.WORK_ELECTRICAL + lane] - tile[of.WORK_COPPER + lane]
+            rest, work = tile[of.WORK_ELECTRICAL + lane] - part, _all_work(tile, lane)
             tile[of.WORK_POSITIVE + lane] = max(part, 0.0) + max(rest, 0.0)
             tile[of.WORK_SHAFT + lane] = abs(work0) + abs(work1 - work0) + abs(work - work1)
 
 
 @inlined
-def _crossing(rate0, rate1, level, angle, h):
+def _all_work(tile, lane):
+    """The shaft's work over the whole attempt, its signs as they are."""
+    return tile[of.WORK_ELECTRICAL + lane] - get_losses(tile, of.LOST, lane).copper
+
+
+@inlined
+def _crossing(course, level, h):
     """Fraction of a step at which psi' crosses a level; 1 where it does not."""
-    s = (level - rate0) / (rate1 - rate0)
-    rate = derivative(angle)
+    s = (level - course.rate) / (course.rate_end - course.rate)
+    rate = derivative(course.turn)
     for _ in range(2):
         newton = s - (value(rate, s) - level * h) / slope(rate, s)
         s = min(max(newton, 0.0), 1.0)
-    return s if (rate0 - level) * (rate1 - level) < 0.0 else 1.0
+    return s if (course.rate - level) * (course.rate_end - level) < 0.0 else 1.0

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym import energy as row
-from rimless_gym.envs.task import normal_force, observe
+from rimless_gym.energy import ROW
+from rimless_gym.envs.observation import observe
+from rimless_gym.envs.starts import normal_force
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 
@@ -137,7 +138,7 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
             continue
         states.append(interval.states)
         actions.append(interval.actions.astype(np.float32))
-        touchdowns.append(interval.rows[:, row.TOUCHDOWNS] > 0)
+        touchdowns.append(interval.rows[:, ROW.touchdowns] > 0)
         last = interval.after
     if len(last) < walks:
         raise RuntimeError(f"only {len(last)} of {walks} walks lasted")

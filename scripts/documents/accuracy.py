@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rimless_gym import WheelParams, hybrid, simulate
-from rimless_gym import energy as row
-from rimless_gym.energy import Ledger
+from rimless_gym.energy import ROW, Ledger
 from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
 from rimless_gym.kernel.attempt import MAX_POLE_STEP, MAX_RATE_STEP
 from rimless_gym.kernel.integration import smooth_states
@@ -67,10 +66,10 @@ def height_at_touchdown(reference: Trajectory, event: Event, volts: Array) -> fl
     duration, touchdowns = event.time - t + limit / 2, 2.0
     while touchdowns > 1:  # the first of them
         out = advance(params, start.copy(), np.array([u]), duration, pull=math.inf)[0]
-        touchdowns, duration = out[row.TOUCHDOWNS], out[row.TOUCHDOWN_TIME] * (1 - 1e-12)
-    if out[row.TOUCHDOWNS] == 0:
+        touchdowns, duration = out[ROW.touchdowns], out[ROW.touchdown_time] * (1 - 1e-12)
+    if out[ROW.touchdowns] == 0:
         return dip(params, tuple(y), u, CONTROL_PERIOD, event.direction)
-    t += out[row.TOUCHDOWN_TIME]
+    t += out[ROW.touchdown_time]
     arc = next(arc for arc in reference.arcs if arc.end == event.time)
     return abs(foot_height(params, arc.dense(t)[0], event.direction))
 
@@ -86,7 +85,7 @@ class KernelRun:
     @property
     def touchdowns(self) -> int:
         """How many there were."""
-        return int(self.total[row.TOUCHDOWNS])
+        return int(self.total[ROW.touchdowns])
 
     def same_events(self, touchdowns: int, mode: int, foot: int) -> bool:
         """Whether another run had as many touchdowns and ended on the same feet."""
@@ -192,14 +191,14 @@ def missed_dips(count: int) -> dict[str, dict[str, float]]:
         volts, whole, parts = rng.uniform(-20, 20, count), start.copy(), start.copy()
         rows = advance(params, whole, volts, pull=math.inf)
         eighths = [advance(params, parts, volts, CONTROL_PERIOD / 8, math.inf) for _ in range(8)]
-        counts = np.sum([eighth[:, row.TOUCHDOWNS] for eighth in eighths], axis=0)
+        counts = np.sum([eighth[:, ROW.touchdowns] for eighth in eighths], axis=0)
         unlike = np.flatnonzero(
-            (np.abs(whole - parts).max(1) > 1e-6) | (rows[:, row.TOUCHDOWNS] != counts)
+            (np.abs(whole - parts).max(1) > 1e-6) | (rows[:, ROW.touchdowns] != counts)
         )
         depths = [dip(params, start[i, :4].tolist(), volts[i], CONTROL_PERIOD, -1) for i in unlike]
         table[name] = {
             "intervals": count,
-            "touchdowns": int(rows[:, row.TOUCHDOWNS].sum()),
+            "touchdowns": int(rows[:, ROW.touchdowns].sum()),
             "unlike": len(unlike),
             "deepest": max(depths, default=0.0),
         }

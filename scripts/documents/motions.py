@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import WheelParams
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, SINGLE
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA, advance
@@ -78,7 +78,7 @@ def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
         start = hybrid_state(p.a, rng.uniform(-0.5, 0.5), rng.uniform(0.002, 0.04), 0.0)
         motion = Motion(params, start, rng.uniform(-1, 1, 2))
         rows = advance(params, start[None].copy(), motion.volts[:1], pull=math.inf)
-        if rows[0, row.TOUCHDOWNS] >= 3:
+        if rows[0, ROW.touchdowns] >= 3:
             return motion
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from rimless_gym.energy import CHANNELS
 from rimless_gym.params import PRESETS
 from scripts.documents.motions import CASES
 
@@ -100,6 +101,13 @@ def kappa_table(results: Results) -> str:
     return table(["κ", *(f"n = {n}" for n in counts)], rows)
 
 
+def channels_table() -> str:
+    """The ledger's energies."""
+    side = {1: "in", -1: "out", 0: "beside it"}
+    rows = [[f"`{name}`", side[sign], meaning] for name, sign, meaning in CHANNELS]
+    return table(["energy (J)", "in the balance", ""], rows)
+
+
 def tables(results: Results) -> dict[str, str]:
     """Every table by name."""
     return {
@@ -110,6 +118,7 @@ def tables(results: Results) -> dict[str, str]:
         "shares": shares_table(results),
         "momentum": momentum_table(results),
         "kappa": kappa_table(results),
+        "channels": channels_table(),
     }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import Disturbances, Pushes, SensorNoise, WheelParams
-from rimless_gym.envs.task import draw_start
+from rimless_gym.envs.starts import draw_start
 from rimless_gym.equations import equations
 from rimless_gym.hybrid import MAX_RATE, MODE_NAMES
 from rimless_gym.kernel.stepping import require_steppable

@@ -71,7 +71,7 @@ def _from(interval: Interval, start: Floats, voltage: float) -> float:
     motion = simulate(params, start, [voltage], CONTROL_PERIOD, mode=mode, pull=0.0)
     ledger = motion.ledger
     elapsed = abs(ledger.time - interval.elapsed) / CONTROL_PERIOD
-    power = abs(ledger.electrical) + ledger.copper + params.weight * params.leg_length
+    power = abs(ledger.electrical) + ledger.losses.copper + params.weight * params.leg_length
     other = [
         elapsed,
         abs(ledger.electrical - interval.electrical) / power,

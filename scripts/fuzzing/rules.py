@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import WheelParams
-from rimless_gym.envs.task import OBSERVATION_BOUND
-from rimless_gym.equations import equations
+from rimless_gym.energy import balance
+from rimless_gym.envs.observation import OBSERVATION_BOUND
+from rimless_gym.equations import LOSSES, equations
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MAX_RATE
 from rimless_gym.kernel.attempt import LEAST_PEAK, peak
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, THETA
@@ -28,7 +29,6 @@ BELOW_GROUND = 1e-12
 
 #: Terms that may be infinite, where nothing presses on the ground.
 _INFINITE = ("min_normal_force", "friction_demand", "impulse_friction_demand")
-_LOSSES = ("copper", "friction", "drag", "collision")
 
 _eq = equations(np.sin, np.cos)
 
@@ -59,10 +59,8 @@ class Rules:
         p, (phi, theta, dphi, dtheta) = self._p, before[:, :4].T
         moving = _eq.kinetic_energy(phi, theta, dphi, dtheta, p)
         high = (p.S1 + p.S2) * np.hypot(p.gx, p.gy)
-        terms = [info["electrical"], info["push"], info["mechanical_change"]]
-        losses = [info[name] for name in _LOSSES]
-        scale = moving + high + self._torque + sum(np.abs(term) for term in [*terms, *losses])
-        residual = info["electrical"] + info["push"] - info["mechanical_change"] - sum(losses)
+        terms = balance(info)
+        scale, residual = moving + high + self._torque + sum(map(np.abs, terms)), sum(terms)
         return np.where(self._followed, np.abs(residual) / scale, 0.0 * residual)
 
     def broken(
@@ -102,7 +100,7 @@ class Rules:
         # Small losses in copper are differences of powers and work as at stall.
         scale = self._weight * p.L1 + self._stalled * CONTROL_PERIOD + self._torque
         scale = RESIDUAL * scale
-        for name in ("copper", "friction", "drag", "shaft", "electrical_positive", "idle"):
+        for name in (*LOSSES, "shaft", "electrical_positive", "idle"):
             yield f"{name} is negative", info[name] < -scale
         yield "a plastic touchdown creates energy", self._dissipates & (info["collision"] < -scale)
         short = info["electrical_positive"] - np.maximum(info["electrical"], 0.0)

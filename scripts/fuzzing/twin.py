@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from rimless_gym.envs.interval import INFO_NAMES
+from rimless_gym.envs.layout import INFO_NAMES
 
 NUMBERS = [name for name in INFO_NAMES if name != "failure"]
 

@@ -178,11 +178,11 @@ def test_wheel_stops_on_two_feet_where_the_old_one_cannot_leave(
     pushes = impulses(free.inertia, free.jacobian, standing - v)
     assert np.array_equal(rising > 0, pushes[:, 3] < 0)
     ours = [after_touchdown(direction, *row[1:], volts, p) for row, volts in zip(x, u, strict=True)]
-    stays = np.array([mode == DOUBLE for mode, *_ in ours])
+    stays = np.array([landing.mode == DOUBLE for landing in ours])
     creeping = (rising > 0) & (rising < 5e-4)
     assert np.array_equal(stays | creeping, (rising <= 0) | creeping)
     assert np.all(pushes[stays, 1] > 0)
-    spin = np.array([dtheta for _, _, dtheta, *_ in ours])
+    spin = np.array([landing.dtheta for landing in ours])
     assert spin[stays] == pytest.approx(standing[stays, 3], rel=1e-11, abs=1e-11)
 
 

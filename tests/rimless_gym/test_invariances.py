@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
 
@@ -33,11 +33,11 @@ def motions(
     if mirror:
         states[:, :4] *= -1
         states[:, 0] += math.pi
-    total = np.zeros((COUNT, row.N_ROWS))
+    total = np.zeros((COUNT, len(ROW)))
     for _ in range(INTERVALS):
         volts = voltage * rng.uniform(-12, 12, COUNT) * (-1 if mirror else 1)
         total += advance(params, states, volts, 0.01 * time, math.inf)
-    assert total[:, row.TOUCHDOWNS].sum() > COUNT / 2
+    assert total[:, ROW.touchdowns].sum() > COUNT / 2
     return states, total
 
 
@@ -60,7 +60,7 @@ def test_a_larger_machine_moves_alike_in_time_scaled_by_the_root_of_its_size(sca
     assert np.array_equal(states[:, MODE:], scaled[:, MODE:])
     assert np.abs(states[:, :2] - scaled[:, :2]).max() < 1e-8
     assert np.abs(states[:, 2:4] - scaled[:, 2:4] * time).max() < 1e-7
-    for energy in (row.ELECTRICAL, row.COPPER, row.COLLISION, row.DRAG, row.DISTANCE):
+    for energy in (ROW.electrical, ROW.copper, ROW.collision, ROW.drag, ROW.distance):
         assert scaled_total[:, energy] == pytest.approx(scale * total[:, energy], abs=1e-6)
 
 
@@ -79,11 +79,11 @@ def test_a_heavier_machine_moves_alike_with_a_motor_as_much_stronger(scale: floa
     states, total = motions(MACHINE)
     scaled, scaled_total = motions(heavier)
     assert np.abs(states - scaled).max() < 1e-8
-    for energy in (row.ELECTRICAL, row.COPPER, row.COLLISION, row.DRAG):
+    for energy in (ROW.electrical, ROW.copper, ROW.collision, ROW.drag):
         assert scaled_total[:, energy] == pytest.approx(
             scale * total[:, energy], rel=1e-7, abs=1e-7
         )
-    assert scaled_total[:, row.FRICTION_DEMAND] == pytest.approx(total[:, row.FRICTION_DEMAND])
+    assert scaled_total[:, ROW.friction_demand] == pytest.approx(total[:, ROW.friction_demand])
 
 
 def test_the_mirror_image_of_a_motion_is_the_motion_of_the_mirror_image() -> None:
@@ -94,7 +94,7 @@ def test_the_mirror_image_of_a_motion_is_the_motion_of_the_mirror_image() -> Non
     assert np.abs(states[single, 0] + images[single, 0] - math.pi).max() < 1e-8
     assert np.abs(states[:, [1, 3]] + images[:, [1, 3]]).max() < 1e-7
     assert np.array_equal(states[single, FOOT], -images[single, FOOT])
-    assert image_total[:, row.ELECTRICAL] == pytest.approx(total[:, row.ELECTRICAL], abs=1e-7)
+    assert image_total[:, ROW.electrical] == pytest.approx(total[:, ROW.electrical], abs=1e-7)
 
 
 def test_a_whole_turn_of_the_pendulum_changes_nothing_but_theta() -> None:
@@ -102,4 +102,4 @@ def test_a_whole_turn_of_the_pendulum_changes_nothing_but_theta() -> None:
     turned, turned_total = motions(MACHINE, turn=2 * math.pi)
     turned[:, 1] -= 2 * math.pi
     assert np.abs(states - turned).max() < 1e-8
-    assert turned_total[:, row.ELECTRICAL] == pytest.approx(total[:, row.ELECTRICAL], abs=1e-7)
+    assert turned_total[:, ROW.electrical] == pytest.approx(total[:, ROW.electrical], abs=1e-7)

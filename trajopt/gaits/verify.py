@@ -180,7 +180,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
     slope_work = weight * math.sin(params.slope) * ledger.distance
-    spent = ledger.copper + ledger.friction + ledger.drag + ledger.collision + ledger.idle
+    spent = sum(ledger.losses) + ledger.collision + ledger.idle
     spent += _in_spare_time(params, sum(p.duration for p in phases), run)
     impulses = [e.impulse for e in run.touchdowns]
     demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym import energy as row
 from rimless_gym import simulate
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance
 from scripts.benchmarks.protocol import Measure, serve
@@ -60,7 +60,7 @@ def compare(walk: Walks) -> dict[str, float]:
     for i, u in enumerate(volts):
         begin, before = CONTROL_PERIOD * i, state.copy()
         theirs = np.array([[*reference.state(begin), *state[0, 4:]]])
-        touchdowns = int(advance(PARAMS, state, np.array([u]))[0, row.TOUCHDOWNS])
+        touchdowns = int(advance(PARAMS, state, np.array([u]))[0, ROW.touchdowns])
         for number in range(1, touchdowns + 1):
             located.append(begin + touchdown_time(theirs, u, number))
             drifted.append(begin + touchdown_time(before, u, number))
@@ -81,7 +81,7 @@ def touchdown_time(state: Floats, u: float, number: int) -> float:
     early, late = 0.0, CONTROL_PERIOD
     while early < (middle := (early + late) / 2) < late:
         rows = advance(PARAMS, state.copy(), np.array([u]), middle)
-        early, late = (early, middle) if rows[0, row.TOUCHDOWNS] >= number else (middle, late)
+        early, late = (early, middle) if rows[0, ROW.touchdowns] >= number else (middle, late)
     return late
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.energy import N_ROWS
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance_batch, scratch
 from scripts.benchmarks.protocol import Measure, serve
@@ -40,7 +40,7 @@ def _replayer(walks: Walks) -> Callable[[], tuple[int, float, float]]:
     constants, work = PARAMS.constants_array[:, None].copy(), scratch()
     poles = np.array([PARAMS.motor_pole])
     voltages = PARAMS.voltage_limit * walks.actions.astype(np.float64)
-    out = np.empty((N_ROWS, len(walks.starts)))
+    out = np.empty((len(ROW), len(walks.starts)))
 
     def replay() -> tuple[int, float, float]:
         x = _states(walks)

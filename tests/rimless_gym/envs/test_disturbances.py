@@ -20,10 +20,10 @@ from rimless_gym import (
     WheelParams,
 )
 from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.interval import PUSH_SHIFT, PUSH_WORK
+from rimless_gym.envs.layout import MEMORY
+from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.envs.perturbation import disturb_rows
 from rimless_gym.envs.starts import GIVEN, HANGING
-from rimless_gym.envs.task import OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.equations import equations
 from rimless_gym.export import joint_state
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -79,8 +79,10 @@ def test_a_push_works_by_the_mean_speed_of_the_hub():
     ways = fleet.memory[DPHI] > start[2]
     assert 16 < ways.sum() < 48
     speeds = p.L1 * math.sin(start[0]) * (start[2] + fleet.memory[DPHI]) / 2
-    assert fleet.memory[PUSH_WORK] == pytest.approx(np.where(ways, 0.8, -0.8) * speeds, rel=1e-9)
-    assert not fleet.memory[PUSH_SHIFT].any()
+    assert fleet.memory[MEMORY.push_work] == pytest.approx(
+        np.where(ways, 0.8, -0.8) * speeds, rel=1e-9
+    )
+    assert not fleet.memory[MEMORY.push_shift].any()
     assert np.all(fleet.memory[[PHI, THETA]] == np.array([start[:2]]).T)
 
 
@@ -90,12 +92,12 @@ def test_a_push_tips_a_wheel_at_rest_over_the_foot_it_is_pushed_towards():
     assert 16 < forward.sum() < 48
     for ways, phi, foot, j in ((forward, p.a, 0, 0.8), (~forward, p.b, -1, -0.8)):
         expected = number.push(phi, 0.0, 0.0, 0.0, j, 0.0, p)
-        for row, value in ((PHI, phi), (FOOT, foot), (MODE, 0), (PUSH_SHIFT, foot)):
+        for row, value in ((PHI, phi), (FOOT, foot), (MODE, 0), (MEMORY.push_shift, foot)):
             assert np.all(fleet.memory[row, ways] == value)
         assert fleet.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
         assert fleet.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
         assert np.sign(fleet.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
-    assert np.all(fleet.memory[PUSH_WORK] > 0)
+    assert np.all(fleet.memory[MEMORY.push_work] > 0)
 
 
 def test_the_ledger_of_a_pushed_episode_closes_and_counts_its_steps():

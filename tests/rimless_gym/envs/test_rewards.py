@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 
 import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.task import TERM_NAMES, TERMS
 from rimless_gym.hybrid import DOUBLE, MAX_RATE
 
 P = THESIS_PHYSICAL.constants
@@ -21,8 +25,8 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
         if i % 25 == 0:  # held so long that the wheel falls now and then
             action = rng.uniform(-1, 1, 1).astype(np.float32)
         _, reward, ended, truncated, info = env.step(action)
-        terms = info["reward_distance"], info["reward_energy"], info["reward_end"]
-        assert reward == terms[0] + terms[1] + terms[2]
+        terms = [info[name] for name in TERM_NAMES]
+        assert reward == sum(terms)
         assert terms[0] == 0.5 * info["distance"]
         assert terms[1] == -(info["electrical_positive"]) / THESIS_PHYSICAL.weight
         assert terms[2] == (-1.0 if ended else 0.0)
@@ -50,9 +54,11 @@ def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> No
     for idle_power in (0.0, 5.0):
         params = THESIS_PHYSICAL.replace(idle_power=idle_power)
         for task in (Task(), Task(value_of_distance=10.0), Task(horizon=100.0)):
-            end = sum(task.reward_terms(params, 0.0, 0.0, 1.0))
-            rest = sum(task.reward_terms(params, 0.0, idle_power * task.horizon, 0.0))
-            assert end < rest
+            nothing = SimpleNamespace(distance=0.0, electrical_positive=0.0, idle=0.0, failed=0.0)
+            end, rest = copy.copy(nothing), copy.copy(nothing)
+            end.failed, rest.idle = 1.0, idle_power * task.horizon
+            rewards = [sum(term(x, params, task) for term in TERMS) for x in (end, rest)]
+            assert rewards[0] < rewards[1]
 
 
 def test_a_lunge_that_ends_in_a_fall_does_not_pay() -> None:

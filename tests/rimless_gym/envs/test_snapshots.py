@@ -150,7 +150,7 @@ def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
                 ValueError,
                 rf"state: {name}\[0.*\] = {wrong}: must be finite; give what get_state",
             )
-            for name in ("memory", "held", "constants", "poles", "fields")
+            for name in ("memory", "held", "constants", "poles", "numbers")
             for wrong in (math.nan, math.inf, -math.inf)
         ),
         (lambda state: changed(state, "generators", None), ValueError, "generators = None"),

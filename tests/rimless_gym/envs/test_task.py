@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.task import OBSERVATION_BOUND, Task, observe
+from rimless_gym.envs.observation import OBSERVATION_BOUND, observe
+from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import MAX_RATE, Failure
 from rimless_gym.kernel.stepping import STATE_SIZE
 

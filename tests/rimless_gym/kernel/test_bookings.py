@@ -15,8 +15,8 @@ from rimless_gym import (
     hybrid,
     simulate,
 )
-from rimless_gym import energy as row
-from rimless_gym.envs import task
+from rimless_gym.energy import ROW, Row, balance
+from rimless_gym.envs import starts
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 
@@ -52,7 +52,7 @@ def test_impulses_demand_as_much_friction_in_the_kernel_as_in_the_reference(name
         volts, state = rng.uniform(-15, 15, 20), start.copy()
         reference = simulate(params, start[:4], volts, 0.2)
         rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
-        demand = max(out[row.IMPULSE_FRICTION_DEMAND] for out in rows)
+        demand = max(out[ROW.impulse_friction_demand] for out in rows)
         assert demand == pytest.approx(reference.impulse_friction_demand, rel=1e-6)
         demands.append(demand)
     if params.impact_law == "plastic":  # the other law's impulse is upright
@@ -64,7 +64,7 @@ def test_the_booked_clearance_is_the_least_of_the_interval(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(9)
     before = random_states(params, rng, 300)
     after = before.copy()
-    booked = advance(params, after, rng.uniform(-15, 15, 300), pull=math.inf)[:, row.CLEARANCE]
+    booked = advance(params, after, rng.uniform(-15, 15, 300), pull=math.inf)[:, ROW.clearance]
     ends = np.minimum(clearances(before, params), clearances(after, params))
     assert np.all(booked <= ends + 1e-15)
     assert np.ptp(booked) > 2 * params.pendulum_length
@@ -77,7 +77,7 @@ def test_the_booked_clearance_is_that_of_the_reference(name: str) -> None:
         volts, state = rng.uniform(-15, 15, 20), start.copy()
         reference = simulate(params, start[:4], volts, 0.2)
         rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
-        booked = min(out[row.CLEARANCE] for out in rows)
+        booked = min(out[ROW.clearance] for out in rows)
         lowest = clearances(reference.state(np.linspace(0, 0.2, 801)), params).min()
         assert booked >= min(lowest, reference.clearance) - 1e-4  # the motion's, but for sampling
         assert booked == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
@@ -102,9 +102,9 @@ def test_two_feet_of_which_one_lets_go_at_once_leave_no_trace_in_the_extremes(
         out = advance(params, state, volts, pull=pull)[0]
         # Between the ends of steps, which are not the same, forces hardly change.
         least = pytest.approx(reference.min_normal_force, abs=0.02 * params.weight)
-        assert out[row.MIN_NORMAL_FORCE] == least
+        assert out[ROW.min_normal_force] == least
         if reference.min_normal_force > 0.1 * params.weight:
-            assert out[row.FRICTION_DEMAND] == pytest.approx(reference.friction_demand, rel=0.1)
+            assert out[ROW.friction_demand] == pytest.approx(reference.friction_demand, rel=0.1)
         kinds = [event.kind for event in reference.events]
         at_once += kinds[:1] == ["lift_off"] and reference.events[0].time == 0.0
         after_touchdown += kinds[:2] == ["touchdown", "lift_off"]
@@ -139,9 +139,8 @@ def test_energy_balances_however_stiff_the_friction_of_the_hub() -> None:
     for damping in (1.0, 30.0, 300.0):
         params = THESIS_PHYSICAL.replace(hub_damping=damping)
         out = advance(params, random_states(params, rng, 100), rng.uniform(-20, 20, 100), pull=1e9)
-        spent = out[:, [row.COPPER, row.FRICTION, row.DRAG, row.COLLISION]].sum(axis=1)
-        residual = out[:, row.ELECTRICAL] - spent - out[:, row.MECHANICAL_CHANGE]
-        assert np.abs(residual).max() < 1e-8 * max(1.0, np.abs(spent).max())
+        terms = np.array(balance(Row(*out.T)._asdict()))
+        assert np.abs(terms.sum(axis=0)).max() < 1e-8 * max(1.0, np.abs(terms).max())
 
 
 def test_a_step_slips_exactly_when_the_reference_needs_more_friction_than_there_is() -> None:
@@ -172,7 +171,7 @@ def test_a_step_slips_from_an_impulse_as_from_a_force_and_from_neither_on_roughe
     env = RimlessWheelEnv()
     for start in random_states(params, rng, 600):
         start[0] = params.constants.b - 0.01
-        if task.normal_force(params, start) <= 0:
+        if starts.normal_force(params, start) <= 0:
             continue
         options = {"state": start[:4], "params": params}
         action = rng.uniform(-1, 1, 1).astype(np.float32)
@@ -205,10 +204,10 @@ def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> flo
     """Largest residual of an interval, as a share of the energies in it."""
     before = states.copy()
     out = advance(params, states, volts, pull=math.inf)
-    terms = [row.COPPER, row.FRICTION, row.DRAG, row.COLLISION, row.MECHANICAL_CHANGE]
-    residual = out[:, row.ELECTRICAL] - out[:, terms].sum(axis=1)
+    terms = np.array(balance(Row(*out.T)._asdict()))
+    residual = terms.sum(axis=0)
     moving = np.array([hybrid.kinetic_energy(*x[:4], params.constants) for x in before])
-    scale = np.abs(out[:, [row.ELECTRICAL, *terms]]).sum(axis=1) + moving
+    scale = np.abs(terms).sum(axis=0) + moving
     return float(np.max(np.abs(residual) / (scale + params.weight * params.leg_length)))
 
 
@@ -275,5 +274,5 @@ def test_contact_is_lost_at_the_lift_off_of_one_foot_that_leaves_the_other_pulle
     kinds = [event.kind for event in reference.events]
     assert kinds == ["touchdown", "lift_off", "contact_lost"]
     out = advance(params, np.array([start], dtype=float), volts)[0]
-    assert out[row.FAILURE] == hybrid.CONTACT_LOST
-    assert out[row.TIME] == pytest.approx(reference.t[-1], abs=1e-12)
+    assert out[ROW.failure] == hybrid.CONTACT_LOST
+    assert out[ROW.elapsed] == pytest.approx(reference.t[-1], abs=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, OK, TOO_MANY_EVENTS
 from rimless_gym.kernel.stepping import (
     MODE,
@@ -43,7 +43,7 @@ def run(
     machines: list[WheelParams], states: np.ndarray, volts: np.ndarray, intervals: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
     """States after some intervals, and the rows of the last."""
-    states, out, work = states.copy(), np.empty((row.N_ROWS, states.shape[1])), scratch()
+    states, out, work = states.copy(), np.empty((len(ROW), states.shape[1])), scratch()
     arrays = machine_arrays(machines)
     for k in range(intervals):
         u = np.ascontiguousarray(volts[k])
@@ -56,7 +56,7 @@ def test_a_wheel_moves_the_same_to_the_last_bit_whatever_moves_beside_it(machine
     states = restless_states(101, seed=1)
     volts = np.random.default_rng(2).uniform(-20, 20, (8, 101))
     together, rows = run([machine], states, volts)
-    assert {OK, CONTACT_LOST} <= set(rows[row.FAILURE])
+    assert {OK, CONTACT_LOST} <= set(rows[ROW.failure])
     order = np.random.default_rng(3).permutation(101)
     shuffled, shuffled_rows = run([machine], states[:, order].copy(), volts[:, order])
     assert np.array_equal(together[:, order], shuffled)
@@ -83,7 +83,7 @@ def test_a_call_for_some_columns_leaves_the_others_alone_and_gives_the_same():
     states = restless_states(60, seed=6)
     volts = np.random.default_rng(7).uniform(-20, 20, (1, 60))
     whole, rows = run([THESIS_PHYSICAL], states, volts, intervals=1)
-    part, out, work = states.copy(), np.full((row.N_ROWS, 60), 7.0), scratch()
+    part, out, work = states.copy(), np.full((len(ROW), 60), 7.0), scratch()
     advance_batch(
         *machine_arrays([THESIS_PHYSICAL]), part, volts[0].copy(), 13, 42, 0.01, 0.0, out, work
     )
@@ -97,7 +97,7 @@ def test_work_space_remembers_no_machine_that_was_used_before():
     states = restless_states(3, seed=8)
     volts = np.zeros(3)
     fresh, used = scratch(), scratch()
-    out = np.empty((row.N_ROWS, 3))
+    out = np.empty((len(ROW), 3))
     for machines in ([PROTOTYPE], list(MACHINES)):
         advance_batch(*machine_arrays(machines), states.copy(), volts, 0, 3, 0.01, 0.0, out, used)
     results = []
@@ -113,18 +113,18 @@ def test_the_time_of_the_last_touchdown_is_booked():
     start = np.array([[p.b - 0.004, 0.0, 1.0, 0.0, 0, 0]])
     whole = start.copy()
     rows = advance(THESIS_PHYSICAL, whole, np.zeros(1))[0]
-    assert rows[row.TOUCHDOWNS] == 1
+    assert rows[ROW.touchdowns] == 1
     before = start.copy()
     assert (
-        advance(THESIS_PHYSICAL, before, np.zeros(1), rows[row.TOUCHDOWN_TIME] * (1 - 1e-9))[
-            0, row.TOUCHDOWNS
+        advance(THESIS_PHYSICAL, before, np.zeros(1), rows[ROW.touchdown_time] * (1 - 1e-9))[
+            0, ROW.touchdowns
         ]
         == 0
     )
     assert before[0, 0] == pytest.approx(p.b, abs=1e-9)
     assert (
         advance(THESIS_PHYSICAL, np.array([[1.5, 0.0, 0.0, 0.0, 0, 0]]), np.zeros(1))[
-            0, row.TOUCHDOWN_TIME
+            0, ROW.touchdown_time
         ]
         == -1
     )
@@ -134,6 +134,6 @@ def test_a_wheel_that_rolls_over_hundreds_of_legs_in_an_interval_is_an_error():
     rim = THESIS_PHYSICAL.replace(n_legs=10**6, motor_constant=0.0)
     state = np.array([[rim.constants.a, 0.0, 2.0, 0.0, 0, 0]])
     rows = advance(rim, state, np.zeros(1), pull=math.inf)[0]
-    assert rows[row.FAILURE] == TOO_MANY_EVENTS
-    assert rows[row.TOUCHDOWNS] == 201
-    assert 0 < rows[row.TIME] < 0.01
+    assert rows[ROW.failure] == TOO_MANY_EVENTS
+    assert rows[ROW.touchdowns] == 201
+    assert 0 < rows[ROW.elapsed] < 0.01

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -10,8 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, hybrid, simulate
-from rimless_gym import energy as row
-from rimless_gym.energy import Ledger
+from rimless_gym.energy import ROW, Ledger, Row, balance
 from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, MODE_NAMES, OK, RATE_EXCEEDED, SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, machine_arrays
 
@@ -41,10 +39,10 @@ def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> 
 def walk(
     params: WheelParams, state: np.ndarray, voltages: np.ndarray, pull: float = math.inf
 ) -> Ledger:
-    total = np.zeros(row.N_ROWS)
+    total = np.zeros(len(ROW))
     for voltage in voltages:
         total += advance(params, state[None], np.array([voltage]), pull=pull)[0]
-    assert total[row.FAILURE] == OK
+    assert total[ROW.failure] == OK
     return Ledger.from_rows(total, params)
 
 
@@ -60,7 +58,7 @@ def test_kernel_and_reference_agree_on_states_events_and_energies(name: str) -> 
         assert MODE_NAMES[int(state[MODE])] == reference.final_mode
         assert state[FOOT] == reference.foot[-1]
         assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
-        ours, theirs = dataclasses.asdict(ledger), dataclasses.asdict(reference.ledger)
+        ours, theirs = ledger.to_dict(), reference.ledger.to_dict()
         assert ours == pytest.approx(theirs, abs=1e-7)
         touchdowns += len(reference.touchdowns)
     assert touchdowns > 3
@@ -75,11 +73,11 @@ def test_the_ledger_balances_and_no_leg_sinks_from_random_states(name: str) -> N
         rows = advance(params, states, volts, pull=math.inf)
         for out in rows:
             ledger = Ledger.from_rows(out, params)
-            in_play = max(abs(value) for value in dataclasses.astuple(ledger))
+            in_play = max(abs(value) for value in ledger.to_dict().values())
             assert abs(ledger.residual) <= 1e-9 * max(in_play, 1.0)
             assert ledger.electrical_positive >= ledger.electrical - 1e-12
             assert params.impact_law != "plastic" or ledger.collision >= -1e-12
-        states = states[rows[:, row.FAILURE] == OK]
+        states = states[rows[:, ROW.failure] == OK]
         assert np.all((states[:, 0] >= p.a - 1e-12) & (states[:, 0] <= p.b + 1e-12))
 
 
@@ -100,13 +98,12 @@ def test_a_million_intervals_balance_and_neither_chatter_nor_tunnel() -> None:
         for _ in range(40):
             out = advance(params, states, rng.uniform(-size, size, len(states)), pull=pull)
             count += len(out)
-            spent = out[:, [row.COPPER, row.FRICTION, row.DRAG, row.COLLISION]]
-            change, drawn = out[:, row.MECHANICAL_CHANGE], out[:, row.ELECTRICAL]
-            in_play = np.maximum(1.0, np.abs(np.column_stack([spent, change, drawn])).max(axis=1))
-            worst = max(worst, (np.abs(drawn - spent.sum(axis=1) - change) / in_play).max())
+            terms = np.array(balance(Row(*out.T)._asdict()))
+            in_play = np.maximum(1.0, np.abs(terms).max(axis=0))
+            worst = max(worst, (np.abs(terms.sum(axis=0)) / in_play).max())
             assert np.all((states[:, 0] >= p.a - 1e-12) & (states[:, 0] <= p.b + 1e-12))
-            assert set(out[:, row.FAILURE]) <= {OK, CONTACT_LOST, RATE_EXCEEDED}
-            states = states[out[:, row.FAILURE] == OK]
+            assert set(out[:, ROW.failure]) <= {OK, CONTACT_LOST, RATE_EXCEEDED}
+            states = states[out[:, ROW.failure] == OK]
             if len(states) == 0:
                 break
     assert worst <= 1e-9
@@ -144,7 +141,7 @@ def test_a_wheel_that_loses_nothing_in_touchdowns_rocks_itself_to_rest(rate, slo
     assert reference.failure is None
     assert MODE_NAMES[int(state[MODE])] == reference.final_mode == "double_stance"
     assert np.abs(state[:4] - reference.x[-1]).max() < 1e-9
-    ours, theirs = dataclasses.asdict(ledger), dataclasses.asdict(reference.ledger)
+    ours, theirs = ledger.to_dict(), reference.ledger.to_dict()
     assert ours == pytest.approx(theirs, rel=1e-4, abs=1e-9)
     assert abs(ledger.residual) < 1e-12
     assert abs(reference.ledger.residual) < 1e-12
@@ -173,7 +170,7 @@ def test_grazing_touchdowns_are_met_or_missed_as_the_reference_says(excess: floa
     touchdowns = 0.0
     for voltage in pushing:
         out = advance(params, state[None], np.array([voltage]), pull=math.inf)[0]
-        touchdowns += out[row.TOUCHDOWNS]
+        touchdowns += out[ROW.touchdowns]
     assert touchdowns == len(reference.touchdowns)
     assert np.abs(state[:4] - reference.x[-1]).max() < 1e-7
 
@@ -185,9 +182,9 @@ def test_two_half_intervals_make_a_whole_one() -> None:
     rows = advance(THESIS_PHYSICAL, whole, volts, 0.02, math.inf)
     parts = advance(THESIS_PHYSICAL, halves, volts, 0.008, math.inf)
     parts += advance(THESIS_PHYSICAL, halves, volts, 0.012, math.inf)
-    assert rows[:, row.TOUCHDOWNS].sum() > 5
+    assert rows[:, ROW.touchdowns].sum() > 5
     assert np.abs(whole - halves).max() < 1e-9
-    assert np.abs(rows[:, : row.STEPS] - parts[:, : row.STEPS]).max() < 1e-6
+    assert np.abs(rows[:, : ROW.steps] - parts[:, : ROW.steps]).max() < 1e-6
 
 
 def test_left_alone_the_wheel_comes_to_rest_on_two_feet() -> None:
@@ -205,11 +202,11 @@ def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
     located = 0
     for _ in range(30):
         rows = advance(params, states, np.zeros(len(states)))
-        lost = (rows[:, row.FAILURE] == CONTACT_LOST) & (rows[:, row.TIME] > 0)
-        lost &= rows[:, row.TOUCHDOWNS] == 0  # an impact makes the force jump
-        assert np.abs(rows[lost, row.FORCE_Y]).max(initial=0) < 1e-6
+        lost = (rows[:, ROW.failure] == CONTACT_LOST) & (rows[:, ROW.elapsed] > 0)
+        lost &= rows[:, ROW.touchdowns] == 0  # an impact makes the force jump
+        assert np.abs(rows[lost, ROW.force_y]).max(initial=0) < 1e-6
         located += np.count_nonzero(lost)
-        states = states[rows[:, row.FAILURE] == OK]
+        states = states[rows[:, ROW.failure] == OK]
     assert located > 20
 
 
@@ -220,8 +217,8 @@ def test_a_motion_too_fast_for_the_model_ends_with_the_step_that_made_it_so() ->
     rows = advance(strong, states, np.linspace(100, 400, 2000), pull=math.inf)
     fast = np.abs(states[:, 2:4]).max(axis=1) > hybrid.MAX_RATE
     assert 100 < np.count_nonzero(fast) < 1900
-    assert np.array_equal(rows[:, row.FAILURE] == RATE_EXCEEDED, fast)
-    assert np.all(rows[:, row.TIME] > 0)
+    assert np.array_equal(rows[:, ROW.failure] == RATE_EXCEEDED, fast)
+    assert np.all(rows[:, ROW.elapsed] > 0)
 
 
 def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> None:
@@ -251,8 +248,8 @@ def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
         volts += rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -1)
         state = np.array([[p.a, theta, 0.0, dtheta, DOUBLE, 0.0]])
         out = advance(params, state, np.array([volts]), pull=math.inf)[0]
-        assert out[row.FAILURE] == OK
-        lifted += out[row.TOUCHDOWNS] > 0 or state[0, MODE] == SINGLE
+        assert out[ROW.failure] == OK
+        lifted += out[ROW.touchdowns] > 0 or state[0, MODE] == SINGLE
     assert lifted > 500
 
 
@@ -268,10 +265,10 @@ def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
     parts, volts = whole.copy(), rng.uniform(-20, 20, count)
     rows = advance(params, whole, volts, pull=math.inf)
     touchdowns = sum(
-        advance(params, parts, volts, 0.01 / 8, math.inf)[:, row.TOUCHDOWNS] for _ in range(8)
+        advance(params, parts, volts, 0.01 / 8, math.inf)[:, ROW.touchdowns] for _ in range(8)
     )
     assert touchdowns.sum() > 1000
-    assert np.array_equal(rows[:, row.TOUCHDOWNS], touchdowns)
+    assert np.array_equal(rows[:, ROW.touchdowns], touchdowns)
     assert np.array_equal(whole[:, [MODE, FOOT]], parts[:, [MODE, FOOT]])
 
 

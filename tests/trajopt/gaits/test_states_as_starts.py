@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.task import normal_force
+from rimless_gym.envs.starts import normal_force
 from trajopt.gaits.shipped import shipped
 
 

@@ -102,7 +102,7 @@ def test_a_phase_may_end_only_where_friction_holds_the_touchdown(
     rng, verdicts = np.random.default_rng(0), []
     for _ in range(400):
         before = np.array([p.b, *rng.uniform([-math.pi, 0.0, -10.0], [math.pi, 5.0, 10.0])])
-        _, phi, dtheta, dphi, _, _ = hybrid.after_touchdown(1, *before[1:], 0.0, p)
+        _, phi, dphi, dtheta, _, _ = hybrid.after_touchdown(1, *before[1:], 0.0, p)
         after = np.array([phi, before[1], dphi, dtheta])
         jx, jy = np.subtract(hybrid.linear_momentum(*after, p), hybrid.linear_momentum(*before, p))
         if dphi < 0.02 or abs(abs(jx) - friction * jy) < 1e-6:

@@ -1,0 +1,112 @@
+"""Where functions of time change sign: guards to stop at, and kinks at which to split integrals.
+
+Both are sampled, and looked at again where a top or dip between two samples may change its sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+Array = NDArray[np.float64]
+
+Guards = Callable[[float, Array], tuple[float, ...]]
+
+SAMPLES = 16  # per step of an integrator
+GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
+
+#: A component that nowhere exceeds this (SI units) counts as zero: its sign is rounding.
+NOTHING = 1e-12
+
+
+def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
+    """`times`, with the times between them at which a component of a function changes sign.
+
+    An adaptive integrator judges its error from a few points and sometimes misses a kink between
+    them; whether it does depends on rounding.
+
+    Args:
+        function: time (s) -> values, shape (m,). Between three neighbouring times a parabola must
+            approximate it roughly.
+        times: ascending, shape (N,).
+
+    Returns:
+        Ascending times, shape (N or more,).
+    """
+    times = np.asarray(times, dtype=np.float64)
+    values, every = np.array([function(t) for t in times]), list(times)
+    for k in np.flatnonzero(np.abs(values).max(axis=0) > NOTHING):
+
+        def component(t: float, k: int = int(k)) -> float:
+            return float(function(t)[k])
+
+        samples = [*zip(times, values[:, k], strict=True), *_dips(component, times, values[:, k])]
+        every += [
+            float(brentq(component, begin, end, xtol=1e-15))
+            for (begin, before), (end, after) in pairwise(sorted(samples))
+            if (before > 0) != (after > 0)
+        ]
+    return np.sort(every)
+
+
+def _dips(
+    function: Callable[[float], float], times: Array, values: Array
+) -> list[tuple[float, float]]:
+    """Times and values of extrema whose sign may differ from that of the samples on either side."""
+    found = []
+    bend = np.abs(np.diff(values, 2)).max(initial=0.0)  # a dip is at most bend / 8 deeper
+    for window, pair in zip(pairwise(times), pairwise(values), strict=True):
+        sign = 1.0 if pair[0] > 0 else -1.0
+        if sign * pair[1] > 0 and np.abs(pair).min() < bend / 4:
+            dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
+            found.append((float(dip.x), float(sign * dip.fun)))
+    return found
+
+
+def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[int, float] | None:
+    """The first guard to turn positive within a step, and when; None if none does."""
+    times = np.linspace(t0, t1, SAMPLES + 1)
+    values = np.array([guards(time, dense(time)) for time in times])
+    found: tuple[int, float] | None = None
+    for kind in range(values.shape[1]):
+
+        def guard(time: float, kind: int = kind) -> float:
+            return guards(time, dense(time))[kind]
+
+        bracket = _first_positive(guard, times, values[:, kind])
+        if bracket is None:
+            continue
+        low, high = bracket
+        # Just after an impact the state is on the guard it left: look for a time when it was off.
+        while guard(low) >= 0 and high - low > 1e-15:
+            low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
+        root = low if guard(low) >= 0 else float(brentq(guard, low, high, xtol=1e-15))
+        if found is None or root < found[1]:
+            found = (kind, root)
+    return found
+
+
+def _first_positive(
+    guard: Callable[[float], float], times: Array, values: Array
+) -> tuple[float, float] | None:
+    """Two times around the first crossing: samples, or a sample and a top between samples."""
+    if not np.all(np.isfinite(values)):
+        return None  # a pin joint never lets go
+    last = len(times) - 1
+    bend = np.abs(np.diff(values, 2)).max()  # a top is at most bend / 8 above the nearest sample
+    for i, value in enumerate(values):
+        if i and value > GUARD_TOLERANCE:
+            return times[i - 1], times[i]
+        before, after = max(i - 1, 0), min(i + 1, last)
+        if value >= max(values[before], values[after]) and value > -bend / 4:
+            top = minimize_scalar(
+                lambda t: -guard(t), bounds=(times[before], times[after]), options={"xatol": 1e-12}
+            )
+            if -top.fun > GUARD_TOLERANCE:
+                return times[before], float(top.x)
+    return None

@@ -1,0 +1,88 @@
+"""Compiled: the machines of many rows, their parameters drawn anew when an episode begins."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from rimless_gym import hybrid
+from rimless_gym.envs.layout import Machine, reader, set_machine, set_prices
+from rimless_gym.envs.randomness import between
+from rimless_gym.jit import inner, kept
+from rimless_gym.kernel.stepping import MAX_POLE
+from rimless_gym.params import (
+    CHOICES,
+    LEAST_REGULARITY,
+    Constants,
+    WheelParams,
+    constants_of,
+    leg_angle_of,
+    weight_of,
+)
+from rimless_gym.records import record
+
+#: The parameters that are numbers, in the order of the arrays `numbers` (len(NUMBERS), N).
+Numbers = record(
+    "Numbers",
+    [field.name for field in dataclasses.fields(WheelParams) if field.name not in CHOICES],
+    __name__,
+)
+NUMBERS = Numbers._fields
+
+_D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
+_numbers_of = reader(Numbers, 0)
+for _function in (weight_of, leg_angle_of, constants_of):
+    inner(_function)
+
+
+@inner
+def _set_terms(numbers, prices, memory, i):
+    """What the task needs of row i: its machine's part in it, and the prices of a `Task`."""
+    f = _numbers_of(numbers, i)
+    machine = Machine(
+        voltage_limit=f.voltage_limit,
+        idle_power=f.idle_power,
+        friction=f.friction,
+        weight=weight_of(f),
+        slope=f.slope,
+        leg_scale=2 / leg_angle_of(f),
+    )
+    set_machine(memory, i, machine)
+    set_prices(memory, i, prices)
+
+
+@inner
+def _pole(p):
+    """The motor's pole (1/s); beyond `MAX_POLE` where the mass matrix is singular."""
+    for angle in (-0.5 * math.pi, 0.5 * math.pi):
+        if hybrid.regularity(angle, p) <= LEAST_REGULARITY:
+            return 2 * MAX_POLE
+    return hybrid.hub_pole(p)
+
+
+@kept()
+def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memory, streams):
+    """Draw the parameters `ranged` of each machine of `rows` between `bounds`.
+
+    It returns a row whose machine cannot be stepped, or -1.
+    """
+    failed = -1
+    for i in rows:
+        for k in range(len(ranged)):
+            numbers[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
+        f = _numbers_of(numbers, i)
+        p = constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
+        for k, value in enumerate(p):
+            constants[k, i] = value
+        poles[i] = _pole(p)
+        _set_terms(numbers, prices, memory, i)
+        if not poles[i] <= MAX_POLE:
+            failed = i
+    return failed
+
+
+@kept()
+def set_terms(numbers, prices, memory):
+    """Write what the task needs of each row into `memory`."""
+    for i in range(numbers.shape[1]):
+        _set_terms(numbers, prices, memory, i)

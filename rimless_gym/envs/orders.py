@@ -1,0 +1,96 @@
+"""One step of many rows as a call with a single number: the address of its orders.
+
+Unpacking arrays in a call from Python would take as long as a row's motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import carray, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from rimless_gym.envs.interval import step
+from rimless_gym.envs.layout import BLOCK, MEMORY
+from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.jit import ENVIRONMENT, kept
+from rimless_gym.kernel.stepping import SCRATCH_SIZE
+from rimless_gym.params import N_CONSTANTS
+from rimless_gym.records import places, record
+
+#: Addresses of arrays; columns of memory and block; machines, one for all or one per row; the
+#: greatest number of intervals; and the rows to step.
+Orders = record(
+    "Orders",
+    [
+        *("block", "observations", "memory", "constants", "poles", "work"),
+        *("columns", "machines", "limit", "begin", "end"),
+    ],
+    __name__,
+)
+AT = places(Orders)
+
+#: A limit of intervals that no episode reaches.
+NO_LIMIT = 2**62
+
+
+@intrinsic
+def _pointer(typing_context, address):
+    """An address as a pointer."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), codegen
+
+
+@kept(ENVIRONMENT, nogil=True)
+def step_rows(address):
+    """`interval.step` of the orders at that address.
+
+    One row or many, it is one compiled function: two would be compiled apart and differ in the last
+    bit.
+    """
+    orders = carray(_pointer(address), len(AT), np.int64)
+    wide, machines, end = orders[AT.columns], orders[AT.machines], orders[AT.end]
+    block = carray(_pointer(orders[AT.block]), (len(BLOCK), wide), np.float64)
+    memory = carray(_pointer(orders[AT.memory]), (len(MEMORY), wide), np.float64)
+    constants = carray(_pointer(orders[AT.constants]), (N_CONSTANTS, machines), np.float64)
+    poles = carray(_pointer(orders[AT.poles]), machines, np.float64)
+    work = carray(_pointer(orders[AT.work]), SCRATCH_SIZE, np.float64)
+    observations = carray(_pointer(orders[AT.observations]), OBSERVATION_SIZE * end, np.float32)
+    limit, begin = float(orders[AT.limit]), orders[AT.begin]
+    return step(memory, constants, poles, limit, begin, end, block, observations, work)
+
+
+def orders_for(
+    memory: NDArray[np.float64],
+    constants: NDArray[np.float64],
+    poles: NDArray[np.float64],
+    work: NDArray[np.float64],
+    limit: int,
+    rows: tuple[int, int],
+) -> NDArray[np.int64]:
+    """Orders for `step_rows`, in which the addresses of block and observations are still 0.
+
+    They hold while these arrays live.
+
+    Args:
+        memory: (len(MEMORY), columns).
+        constants: (N_CONSTANTS, 1) or (N_CONSTANTS, N), see `advance_batch`.
+        poles: (1,) or (N,).
+        work: `rimless_gym.kernel.stepping.scratch()`, one per thread.
+        limit: `NO_LIMIT` for none.
+        rows: the first, and one after the last.
+    """
+    addresses = [array.ctypes.data for array in (memory, constants, poles, work)]
+    sizes = memory.shape[1], constants.shape[1], limit, *rows
+    return np.array(Orders(0, 0, *addresses, *sizes), dtype=np.int64)
+
+
+def give_results(
+    orders: NDArray[np.int64], block: NDArray[np.float64], observations: NDArray[np.float32]
+) -> None:
+    """Let the orders write to these arrays: `block` (len(BLOCK), columns), flat observations."""
+    orders[AT.block], orders[AT.observations] = block.ctypes.data, observations.ctypes.data

@@ -1,0 +1,24 @@
+"""The documentation pages of the environments, completed from the tables that they are about."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TypeVar
+
+from rimless_gym.energy import CHANNELS
+from rimless_gym.envs.task import TERM_NAMES, TERMS
+
+T = TypeVar("T", bound=type)
+
+
+def completed(environment: T) -> T:
+    """Put the terms of the reward and the energy balance into the class's docstring."""
+    into, out_of = ([c.name for c in CHANNELS if c.sign == sign] for sign in (1, -1))
+    terms = [
+        f"    - `{name}`: {' '.join(inspect.getdoc(term).split())}"  # type: ignore[union-attr]
+        for name, term in zip(TERM_NAMES, TERMS, strict=True)
+    ]
+    page = environment.__doc__ or ""
+    page = page.replace("{balance}", f"{' + '.join(into)} = {' + '.join(out_of)}")
+    environment.__doc__ = page.replace("    {terms}", "\n".join(terms))
+    return environment
