@@ -252,7 +252,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation.copy(), self._values[_REWARD], self._ended, False, info
 
     def _show(self, info: LazyInfo) -> Any:
-        """Draw the step if there is a window; return its info in a form that every reader accepts."""
+        """Draw the step if there is a window; return info in a form that every reader accepts."""
         if self.render_mode == "human":
             self.render()
         return info if serves_all() else info.copy()

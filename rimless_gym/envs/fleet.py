@@ -90,7 +90,10 @@ class Fleet:
     def set_machines(
         self, params: Sequence[WheelParams], ranges: Ranges, rows: NDArray[np.int64]
     ) -> None:
-        """Give each row its machine. `rows` are about to begin an episode; others keep what they drew."""
+        """Give each row its machine.
+
+        `rows` are about to begin an episode; the others keep what they drew.
+        """
         kept = np.setdiff1d(np.arange(len(self)), rows)
         before = [a + np.zeros(len(self)) for a in (self.numbers, self.constants, self.poles)]
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
