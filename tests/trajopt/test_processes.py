@@ -26,7 +26,7 @@ def busy(solving):
     if solving:
         from trajopt import Mesh, solve
         from trajopt.ocp import textbook
-        problem = textbook.passive_wheel()
+        problem = textbook.cart_pole()
         while True:  # IPOPT, most of the time
             solve(problem, mesh=Mesh.uniform(problem, 200, 8), verify=False)
     time.sleep(600)

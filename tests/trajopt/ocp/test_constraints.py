@@ -12,7 +12,7 @@ import pytest
 from trajopt import Constraint, Mesh, Phase, Problem, equal, nonnegative, solve
 from trajopt.ocp import textbook
 from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.solve import tightened
+from trajopt.ocp.solving.margins import tightened
 from trajopt.ocp.transcribe.nlp import Transcription
 
 FREE = math.inf

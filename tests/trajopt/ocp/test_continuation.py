@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import trajopt.ocp.search.continuation
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.interrupted import Interrupted
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.continuation import continued, distance, extrapolated
 from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.interrupted import Interrupted
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.nlp import Transcription

@@ -7,14 +7,16 @@ import importlib
 import math
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
 from trajopt.ocp import textbook
-from trajopt.ocp.judge import refinement
 from trajopt.ocp.judge.accuracy import Quality, assess
-from trajopt.ocp.judge.refinement import breaks, certified, is_smooth, refined, switch_points
+from trajopt.ocp.solving import refinement
+from trajopt.ocp.solving.refinement import Tolerances, certified, refined
+from trajopt.ocp.solving.switches import breaks, is_smooth, switch_points
 from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
 
 NONE = np.zeros(0)
@@ -55,8 +57,8 @@ _FAULTLESS = Quality(*(NONE for _ in dataclasses.fields(Quality)))
 
 
 def refine(trajectory: PhaseTrajectory, faults: Quality, mesh: Mesh) -> Mesh:
-    tolerances = 1e-7, 1e-6, 1e-6
-    return refined(mesh, Problem((block(),)), [trajectory], NONE, [faults], *tolerances)
+    tolerances = Tolerances(states=1e-7, cost=1e-6, limits=1e-6)
+    return refined(mesh, Problem((block(),)), [trajectory], NONE, [faults], tolerances)
 
 
 @pytest.fixture
@@ -263,7 +265,14 @@ def test_a_bang_bang_control_needs_two_or_three_meshes() -> None:
 
 
 def test_a_smooth_problem_is_refined_by_degree_alone() -> None:
-    problem = textbook.passive_wheel()
+    swing = Phase(
+        "swing",
+        states=("angle", "rate"),
+        flow=lambda x, u, p: (x[1], -ca.sin(x[0])),
+        start={"angle": 2.0, "rate": 0.0},
+        duration=3.0,
+    )
+    problem = Problem((swing,))
     found = solve(problem, mesh=Mesh.uniform(problem, 4, 3))
     assert found.converged
     assert found.mesh.elements == 4

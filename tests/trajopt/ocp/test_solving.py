@@ -24,7 +24,7 @@ from trajopt import (
 )
 from trajopt.ocp import textbook
 from trajopt.ocp.solving.guesses import line, polyline, straight_lines
-from trajopt.ocp.solving.solve import LADDER
+from trajopt.ocp.solving.runs import LADDER
 from trajopt.ocp.transcribe.nlp import Transcription
 
 FREE = math.inf
@@ -228,9 +228,9 @@ def test_meshes_that_do_not_fit_are_refused() -> None:
         Mesh.uniform(1, scheme="euler")
     with pytest.raises(ValueError, match="must increase from 0 to 1"):
         Mesh(((0.0, 0.5, 0.5, 1.0),), ((3, 3, 3),))
-    with pytest.raises(ValueError, match="give each of the 2 elements one"):
+    with pytest.raises(ValueError, match="give one for each of the 2 elements"):
         Mesh(((0.0, 0.5, 1.0),), ((3,),))
-    with pytest.raises(ValueError, match="give each of the 3 phases at least 1"):
+    with pytest.raises(ValueError, match="one number for all 3 phases, or one for each"):
         Mesh.uniform(problem, [1, 2])
 
 

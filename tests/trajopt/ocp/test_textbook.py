@@ -103,12 +103,6 @@ def test_the_gears_ratio_matches_the_inertias() -> None:
     assert found.parameters == pytest.approx([textbook.gear_ratio()], rel=1e-6)
 
 
-@pytest.mark.parametrize(("legs", "slope"), [(6, 0.25), (8, 0.12), (10, 0.06)])
-def test_the_passive_wheels_cycle_is_found_whatever_its_legs(legs: int, slope: float) -> None:
-    found = solve(textbook.passive_wheel(legs, slope))
-    assert found.cost == pytest.approx(textbook.passive_wheel_rate(legs, slope), rel=1e-7)
-
-
 def test_the_swing_up_satisfies_pontryagins_conditions_found_another_way() -> None:
     """Kelly's cart-pole by the indirect method: u = -costate . d flow / du / 2, by shooting."""
     problem = textbook.cart_pole()
