@@ -118,7 +118,7 @@ def bouncing_ball_energy(distance: float = 3.0, restitution: float = 0.8) -> flo
 
 
 def fastest_move(distance: float = 1.0, brake: float = 1.0) -> Problem:
-    """A block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
+    """Move a block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
     timed = {"cost": lambda x, u, p: 1.0, "duration": (0.1, 10.0)}
     return Problem((_block((-brake, 1.0), distance, **timed),))
 

@@ -1,3 +1,5 @@
+"""Solutions in files: the same when loaded, refused if edited, damaged or of another problem."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -147,7 +149,7 @@ def test_a_flipped_byte_is_noticed_or_touches_nothing(extremal: Extremal, path: 
     assert refused > 40
 
 
-def test_a_file_cut_short_a_folder_or_none_is_refused(path: Path) -> None:
+def test_damaged_files_folders_and_missing_files_are_refused(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(ExtremalFileError, match="solve its problem again"):
         Extremal.load(path, RELAY)

@@ -1,3 +1,5 @@
+"""Phases without controls."""
+
 from __future__ import annotations
 
 import pytest

@@ -1,3 +1,5 @@
+"""Pictures of a solution show all that they should."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -95,7 +97,7 @@ def with_phase(extremal: Extremal, phase: PhaseTrajectory) -> Extremal:
     return dataclasses.replace(extremal, phases=(phase, *extremal.phases[1:]))
 
 
-def test_what_failed_says_so(extremal: Extremal) -> None:
+def test_the_title_says_whether_the_solution_failed(extremal: Extremal) -> None:
     coarse = dataclasses.replace(extremal, mesh_error=1.0)
     assert "FAILED" in coarse.plot().get_suptitle()
     assert "converged" in extremal.plot().get_suptitle()

@@ -1,4 +1,4 @@
-"""The program's assembled derivatives are those of the program."""
+"""The nonlinear program: its derivatives, its rows, its unknowns."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def transcription(request: pytest.FixtureRequest) -> Transcription:
     return Transcription(everything(), MESHES[request.param])
 
 
-def test_derivatives_are_exactly_those_that_casadi_finds_for_the_whole(
+def test_derivatives_are_those_that_casadi_finds_for_the_whole_program(
     transcription: Transcription,
 ) -> None:
     program, given = transcription.program.symbols, transcription.program.derivatives
@@ -85,7 +85,7 @@ def test_derivatives_are_exactly_those_that_casadi_finds_for_the_whole(
         np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=1e-12, atol=1e-12)
 
 
-def test_they_agree_with_finite_differences(transcription: Transcription) -> None:
+def test_derivatives_agree_with_finite_differences(transcription: Transcription) -> None:
     given, size = transcription.program.derivatives, transcription.layout.size
     rng = np.random.default_rng(2)
     w, d = rng.uniform(0.5, 1.5, size), rng.normal(size=size)

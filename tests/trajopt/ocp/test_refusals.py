@@ -1,4 +1,4 @@
-"""What a newcomer and a reviewer got wrong, and what they are told."""
+"""Mistakes in problems, guesses and settings, and the errors that they cause."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_functions_of_math_in_a_flow_are_refused() -> None:
         ({"duration": math.inf}, "must be positive"),
     ],
 )
-def test_phases_that_say_nothing_are_refused(changes: dict, message: str) -> None:
+def test_phases_that_make_no_sense_are_refused(changes: dict, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         falls(**changes)
 

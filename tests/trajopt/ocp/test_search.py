@@ -1,3 +1,5 @@
+"""Searches from many starts: their optima, workers, interruptions and files."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -151,7 +153,7 @@ def test_ctrl_c_stops_the_workers_and_keeps_what_they_found() -> None:
     assert not multiprocessing.active_children()
 
 
-def test_what_is_known_of_another_search_is_refused(search: Search) -> None:
+def test_another_search_cannot_be_continued(search: Search) -> None:
     with pytest.raises(ValueError, match="seed"):
         multi_start(AROUND, Waves(AROUND), 16, seed=1, known=search)
     with pytest.raises(ValueError, match="mesh"):

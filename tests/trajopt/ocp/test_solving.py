@@ -146,7 +146,7 @@ def test_problems_survive_pickling() -> None:
         assert costs[0] == pytest.approx(costs[1], rel=1e-12)
 
 
-def test_so_do_solutions(swing: Extremal) -> None:
+def test_solutions_survive_pickling(swing: Extremal) -> None:
     copy = pickle.loads(pickle.dumps(swing))
     assert copy.cost == swing.cost
     assert copy.converged
@@ -193,7 +193,7 @@ def test_bounds_without_room_are_refused_before_anything_is_solved(
         phase(**wrong)
 
 
-def test_so_are_durations_parameters_and_constraints_without_room() -> None:
+def test_durations_parameters_and_constraints_without_room_are_refused() -> None:
     with pytest.raises(InfeasibleBoundsError, match="own bounds add up to 1 to 1 s"):
         Problem((phase(),), duration=3.0)
     with pytest.raises(InfeasibleBoundsError, match="bounds of mass: the lower bound"):

@@ -32,7 +32,7 @@ def test_radau_finds_the_closed_forms_cost_with_few_elements(example: Example) -
 @pytest.mark.parametrize(
     "example", [e for e in EXAMPLES if e.name != "least work move"], ids=lambda e: e.name
 )
-def test_hermite_simpson_finds_them_too(example: Example) -> None:
+def test_hermite_simpson_finds_the_closed_forms_cost(example: Example) -> None:
     problem = example.problem()
     found = solve(problem, mesh=Mesh.uniform(problem, 7, scheme="hermite-simpson"))
     assert found.status == "Solve_Succeeded"
@@ -43,7 +43,9 @@ def test_hermite_simpson_finds_them_too(example: Example) -> None:
 @pytest.mark.parametrize(
     "example", [e for e in EXAMPLES if e.name != "least work move"], ids=lambda e: e.name
 )
-def test_so_does_the_trapezoid_as_far_as_its_order_reaches(example: Example) -> None:
+def test_the_trapezoid_finds_the_cost_as_accurately_as_its_order_allows(
+    example: Example,
+) -> None:
     problem = example.problem()
     found = solve(problem, mesh=Mesh.uniform(problem, 10, scheme="trapezoid"), tolerance=1e-5)
     assert found.attempts[-1].succeeded

@@ -112,13 +112,13 @@ def _from_file(
 ) -> R:
     if header["names"] != _names(problem):
         raise ExtremalFileError(
-            f"{path}: a solution of a problem with {header['names']}, while the problem given has "
-            f"{_names(problem)}; `load_phases` reads it as a guess"
+            f"{path}: the solution of a problem with {header['names']}, while the problem given "
+            f"has {_names(problem)}; `load_phases` reads it as a guess"
         )
     phases, shape = phases_from_arrays(arrays), (len(problem.parameters),)
     sizes = [(p.states.shape[-1], p.controls.shape[-1]) for p in phases]
     if sizes != [(len(p.states), len(p.controls)) for p in problem.phases]:
-        raise ValueError(f"states and controls of its phases: {sizes}")
+        raise ValueError(f"its phases have {sizes} states and controls")
     certificate = _certificate(arrays, phases)
     record = kind(
         problem=problem,
@@ -139,8 +139,8 @@ def _from_file(
     found = _difference(record)
     if found:
         raise ExtremalFileError(
-            f"{path}: a solution of another problem than the one given: {found}; `load_phases` "
-            "reads it as a guess"
+            f"{path}: the solution of another problem than the one given: {found}; "
+            "`load_phases` reads it as a guess"
         )
     return record
 

@@ -77,8 +77,8 @@ class Waves(Family):
     """Straight lines with smooth random waves added to them, of random durations.
 
     Attributes:
-        size: of the largest waves. At 1 they span the bounds, or, for what has none, three times
-            the distance from start to end.
+        size: of the largest waves. At 1 they span the bounds; what has no bounds counts as three
+            times as wide as the distance from start to end, and at least 1 wide.
         waves: how many sines are added up; the k-th has k half or k whole periods.
     """
 
@@ -115,8 +115,8 @@ class Waypoints(Family):
 
     Attributes:
         points: how many points there are at most.
-        spread: how far points may lie beyond start and end where there are no bounds, relative to
-            the distance from start to end.
+        spread: how far points may lie from the start, on a side without a bound, relative to the
+            distance from start to end (to 1, if that is less).
     """
 
     points: int = 3
