@@ -93,7 +93,7 @@ def read_arrays(
             arrays = {name: data[name] for name in data.files}
         foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
         if foreign:  # numpy returns entries whose name does not end with .npy as bytes
-            raise ValueError(f"{foreign} are not arrays")
+            raise ValueError(f"{foreign} are no arrays")
         header = json.loads(str(arrays[HEADER]))
         found = header.pop("format")
     except Exception as cause:  # a damaged archive raises almost anything

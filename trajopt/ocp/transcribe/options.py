@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-#: Options that differ from IPOPT's own defaults, or matter.
+#: IPOPT's options where a caller sets no others.
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
