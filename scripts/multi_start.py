@@ -19,11 +19,12 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
-from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.interrupted import Interrupted
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, Search, best_of, multi_start
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, best_of, multi_start
+from trajopt.ocp.search.search import Search
 from trajopt.ocp.solving.guesses import Family, Waves, Waypoints
-from trajopt.ocp.solving.interrupted import Interrupted
 from trajopt.ocp.transcribe.mesh import Mesh
 
 FAMILIES: dict[str, type[Family]] = {"waves": Waves, "waypoints": Waypoints}

@@ -11,7 +11,8 @@ import pytest
 from scripts import multi_start
 
 TROLLEY = """
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 
 def trolley(far=1.0):
     return Problem((Phase(

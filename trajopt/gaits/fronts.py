@@ -18,7 +18,7 @@ from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.solving.ties import clearly_less
 
 

@@ -15,10 +15,10 @@ from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Optimality, Optimum, Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP, gait_problem
 from trajopt.gaits.verify import polished, verify
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.judge.refinement import MAX_ELEMENTS
 from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.optima import Outcome, distinct
+from trajopt.ocp.solving.refinement import MAX_ELEMENTS
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.mesh import Mesh

@@ -10,8 +10,9 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem, posed
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import Search, multi_start
+from trajopt.ocp.search.multi_start import multi_start
 from trajopt.ocp.search.optima import Outcome, Start
+from trajopt.ocp.search.search import Search
 from trajopt.ocp.solving.guesses import Guess, polyline
 from trajopt.ocp.transcribe.mesh import Mesh
 

@@ -14,19 +14,13 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import flag, integer, real_array
 from rimless_gym.params import WheelParams
-from trajopt.files import (
-    jsonable,
-    phases_from_arrays,
-    phases_to_arrays,
-    read_arrays,
-    require_names,
-    write_arrays,
-)
+from trajopt.files import jsonable, read_arrays, require_names, write_arrays
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.stance import MOST_TURNS
 from trajopt.gaits.verify import Verification
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.transcribe.stored import phases_from_arrays, phases_to_arrays
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
 from trajopt.provenance import provenance
 
@@ -278,7 +272,7 @@ class Solution:
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
         from trajopt.gaits.stance import gait_problem
-        from trajopt.ocp.judge.plots import drawn  # matplotlib takes a second to import
+        from trajopt.ocp.results.plots import drawn  # matplotlib takes a second to import
 
         problem = gait_problem(
             self.params,

@@ -16,8 +16,11 @@ from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
-from trajopt.ocp.judge.refinement import MAX_ELEMENTS
-from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
+from trajopt.ocp.pose.constraint import Constraint
+from trajopt.ocp.pose.linkage import Linkage
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.solving.refinement import MAX_ELEMENTS
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)

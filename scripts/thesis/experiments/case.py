@@ -8,8 +8,9 @@ from typing import TypeAlias
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Array, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.optima import StartFamily
 
 

@@ -44,8 +44,8 @@ from scripts.thesis.experiments.tables import (
     Weights,
     symmetric,
 )
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)

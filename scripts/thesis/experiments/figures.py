@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scripts.thesis.experiments.run import Solved
 from scripts.thesis.experiments.verification import Verification, energy, powers, sampled_times
 from trajopt.gaits.stance import STATES
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Of a state in the columns of a trajectory, by panel: angles, and rates.

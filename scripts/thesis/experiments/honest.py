@@ -16,8 +16,8 @@ from rimless_gym.symbolic import Design
 from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.optima import Start
 
 SPEED, STEPS = 0.5, 2  # m/s, per stride

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from scripts.thesis.experiments.case import Case, Key
 from scripts.thesis.experiments.run import Solved, of_durations, simulated
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.judge.saved import ExtremalFileError
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.results.saved import ExtremalFileError
 from trajopt.provenance import provenance
 
 #: What a file records of a search besides its best solution.

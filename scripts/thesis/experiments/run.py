@@ -23,13 +23,15 @@ from scripts.thesis.experiments.verification import (
     sampled_times,
     verified,
 )
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.bounds import pair
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import Search, multi_start
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.search.multi_start import multi_start
 from trajopt.ocp.search.optima import Outcome
+from trajopt.ocp.search.search import Search
 from trajopt.ocp.solving.guesses import Guess, Waypoints
-from trajopt.ocp.solving.solve import WARM_BARRIER, solve
+from trajopt.ocp.solving.runs import WARM_BARRIER
+from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory

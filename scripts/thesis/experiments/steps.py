@@ -12,8 +12,11 @@ from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from scripts.thesis.experiments.tables import Table, Weights
 from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.problem import Array, Constraint, Phase, Problem
+from trajopt.ocp.pose.constraint import Constraint
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 
 #: m2 alone, the thesis's I2 being independent of it.
 PENDULUM_MASS = Design.of("pendulum_mass")

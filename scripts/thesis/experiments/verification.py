@@ -14,7 +14,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.symbolic import HybridModel
 from rimless_gym.trajectory import Trajectory
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 SAMPLES = 24  # per element of a mesh

@@ -17,13 +17,15 @@ from trajopt.gaits.periodic import solution_of
 from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.solution import Optimum, Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, MIN_NORMAL_FORCE
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.continuation import Curve, Obstacle, continued
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.search.continuation import continued
+from trajopt.ocp.search.curve import Curve, Obstacle
 from trajopt.ocp.search.multi_start import multi_start
 from trajopt.ocp.search.optima import Outcome, Start
 from trajopt.ocp.solving.guesses import Guess
-from trajopt.ocp.solving.solve import WARM_BARRIER, solve
+from trajopt.ocp.solving.runs import WARM_BARRIER
+from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.mesh import Mesh
 

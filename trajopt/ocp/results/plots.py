@@ -4,43 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.judge.costates import Certificate
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.judge.resimulation import followed
 from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Of the played back solution in a picture, where it is seen and not measured.
+#: Tolerances of the solution played back: enough for a picture.
 RTOL, ATOL = 1e-7, 1e-9
 
-SAMPLES = 24  # per element
+#: Points of a curve per element.
+SAMPLES = 24
 
 HAMILTONIAN = "Hamiltonian"
-
-
-def plotted(extremal: Extremal, path: str | Path | None = None) -> Figure:
-    """States, controls and the Hamiltonian of a solution against time; see `drawn`.
-
-    Args:
-        extremal: what to plot.
-        path: of a picture to write besides; its suffix says which kind.
-    """
-    verdict = "converged" if extremal.converged else "FAILED: " + extremal.failures[0]
-    figure = drawn(
-        *(extremal.problem, extremal.phases, extremal.parameters),
-        f"cost {extremal.cost:.6g}, {verdict}",
-        extremal.certificate,
-    )
-    if path is not None:
-        figure.savefig(Path(path))
-    return figure
 
 
 def drawn(
@@ -53,14 +36,14 @@ def drawn(
     """States, controls and, if given, the Hamiltonian against time, phases one after the other.
 
     Faint lines mark the elements' edges, darker ones the ends of phases; bounds are dashed. States
-    played back are dotted: seen beside the solution they say that it is none.
+    played back are dotted: where they part from the solution, it is wrong.
 
     Args:
         problem: whose solution it is.
         trajectories: one per phase.
         p: static parameters.
         title: of the figure.
-        certificate: that has the Hamiltonian.
+        certificate: with the Hamiltonian.
     """
     phases = problem.phases
     names = list(dict.fromkeys(name for phase in phases for name in phase.states))
@@ -89,7 +72,7 @@ def drawn(
 
 
 def _mark(panel: Axes, begin: float, trajectory: PhaseTrajectory) -> None:
-    """The edges of a phase's elements, and the phase's own."""
+    """Mark the edges of a phase and of its elements."""
     for edge in trajectory.edges[1:-1]:
         panel.axvline(begin + edge, color="0.92", linewidth=0.6, zorder=0)
     for edge in trajectory.edges[[0, -1]]:
@@ -99,7 +82,7 @@ def _mark(panel: Axes, begin: float, trajectory: PhaseTrajectory) -> None:
 def _draw_phase(
     panels: Mapping[str, Axes], phase: Phase, trajectory: PhaseTrajectory, begin: float, p: Array
 ) -> None:
-    """A phase's states and controls in their panels, with their bounds."""
+    """Draw a phase's states and controls in their panels, with their bounds."""
     times, states, controls = _sampled(trajectory)
     followed_times, played_back = _played_back(phase, trajectory, p)
     for i, name in enumerate(phase.states):
@@ -119,7 +102,7 @@ def _draw_hamiltonian(
     trajectories: Sequence[PhaseTrajectory],
     begins: Sequence[float] | Array,
 ) -> None:
-    """The Hamiltonian on both sides of every edge, on a scale that does not magnify rounding."""
+    """Draw the Hamiltonian on both sides of every edge, on a scale that hides rounding."""
     values = certificate.hamiltonian
     for trajectory, begin, sides in zip(trajectories, begins, values, strict=False):
         times = np.stack([trajectory.edges[:-1], trajectory.edges[1:]], axis=1)
@@ -132,7 +115,7 @@ def _draw_hamiltonian(
 
 
 def _sampled(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
-    """Times, states and controls, element by element, both limits at the edges included."""
+    """Times, states and controls, element by element, with both limits at every edge."""
     edges = trajectory.edges
     inside = [np.linspace(a, b, SAMPLES) for a, b in pairwise(edges)]
     times = np.concatenate(inside)
@@ -142,7 +125,7 @@ def _sampled(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
 
 
 def _played_back(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> tuple[Array, Array]:
-    """Times and states of a phase played back from its start, as far as it can be."""
+    """Times and states of a phase played back from its start, NaN where that fails."""
     pieces = list(followed(phase, trajectory, trajectory.start, p, RTOL, ATOL))
     times, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     return times, np.where(np.isfinite(values), values, np.nan)[:, :-1]

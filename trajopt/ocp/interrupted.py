@@ -1,4 +1,4 @@
-"""Ctrl-C that keeps what was found until then."""
+"""Ctrl-C that loses nothing: neither the signal itself nor what was finished before it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ T = TypeVar("T")
 
 
 class Interrupted(KeyboardInterrupt, Generic[T]):
-    """Ctrl-C, with what had been finished.
+    """Ctrl-C was pressed, and part of the work was finished.
 
     Attributes:
-        partial: of the kind that would have been returned.
+        partial: the finished part, of the type that would have been returned.
     """
 
     def __init__(self, partial: T) -> None:
@@ -26,9 +26,9 @@ class Interrupted(KeyboardInterrupt, Generic[T]):
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Ctrl-C within is a KeyboardInterrupt, at its end at the latest.
+    """Make Ctrl-C in this context raise KeyboardInterrupt, at the latest at the context's end.
 
-    CasADi's wrappers lose one in ten otherwise, or turn it into a SystemError.
+    Without it, CasADi's wrappers lose about one Ctrl-C in ten, or turn it into a SystemError.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
