@@ -1,4 +1,7 @@
-"""Checks of arguments; each error names the argument, its value and what it must be."""
+"""Checks of arguments; each error names the argument, its value and what it must be.
+
+The same as in `rimless_gym.checks`, so that the engine needs no wheel.
+"""
 
 from __future__ import annotations
 
