@@ -1,4 +1,4 @@
-"""The engine of `trajopt.ocp` stands alone, so it has copies of two small things: they stay alike."""
+"""`trajopt.ocp` stands alone, so it has copies of a few small functions: they stay alike."""
 
 from __future__ import annotations
 
