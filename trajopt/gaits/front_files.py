@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from rimless_gym.params import WheelParams
 from trajopt.files import read_arrays, write_arrays
-from trajopt.gaits.solution import GaitFileError, Solution
+from trajopt.gaits.gait_file import GaitFileError
+from trajopt.gaits.solution import Solution
 
 MISSING = "rimless-gym missing gait 1"
 

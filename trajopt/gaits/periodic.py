@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from numbers import Real
+from collections.abc import Sequence
 from typing import Any
 
-from rimless_gym.checks import flag, integer, require_kind
+from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
+from trajopt.gaits.finishing import finished
+from trajopt.gaits.gait_problem import gait_problem
+from trajopt.gaits.leading import led
+from trajopt.gaits.optimality import LocalOptimum
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
-from trajopt.gaits.solution import Optimality, Optimum, Solution
-from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP, gait_problem
-from trajopt.gaits.verify import polished, verify
+from trajopt.gaits.solution import Solution
+from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP
 from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.judge.refinement import MAX_ELEMENTS
-from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.search.optima import Outcome, distinct
-from trajopt.ocp.solving.solve import solve
+from trajopt.ocp.solving.solve import WARM_BARRIER, solve
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.nlp import Transcription
-from trajopt.ocp.transcribe.rows import Breach
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
-from trajopt.provenance import provenance
 
 #: A first mesh for gaits that come without one of their own.
 ELEMENTS, DEGREE = 16, 7
@@ -38,14 +35,6 @@ MAX_LEADS = 3
 
 #: Most steps in a stride: what a mesh has room for.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
-
-#: Steps of continuation in speed (m/s), and by what fraction one may be longer: gaits that are a
-#: whole number of steps apart are so only to a solver's tolerance.
-SPEED_STEP, STRETCH = 0.025, 1e-6
-
-#: A gait of the same machine whose speed differs by less (m/s) is followed with a smaller barrier.
-#: (Not a round number, because differences of speeds are.)
-SAME_SPEED = 9e-4
 
 
 class NoGaitError(ValueError):
@@ -90,7 +79,7 @@ def periodic_gait(
         TypeError: an argument is of the wrong kind.
         ValueError: `seed` is negative, or there are no workers.
     """
-    speed, steps, starts = _validate(params, speed, steps, starts, guess)
+    speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
@@ -100,7 +89,7 @@ def periodic_gait(
     solved: list[tuple[Extremal, int]] = []
     failures: list[str] = []
     for lead in leads:
-        found, obstacle = continued(params, lead, speed, regeneration)
+        found, obstacle = led(params, lead, speed, regeneration)
         if found is not None:
             solved.append((found, lead.theta_turns))
             break
@@ -122,51 +111,16 @@ def periodic_gait(
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
     optima = tuple(
-        Optimum(o.cost / weight, int(o.best.kind), len(o.found))
+        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.found))
         for o in distinct(outcomes, same_gait)
     )
     solutions = []
     for found, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = solution_of(params, found, turns, regeneration, optima, settings)
+        solution = finished(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return solution
         solutions.append(solution)
     return solutions[0]
-
-
-def continued(
-    params: WheelParams, lead: Solution, speed: float, regeneration: bool
-) -> tuple[Extremal | None, str]:
-    """`lead` carried over to another speed in small steps; or None, and what is in the way."""
-
-    def problem(at: float) -> Problem:
-        turns = lead.theta_turns
-        return gait_problem(
-            params, speed=at, steps=lead.steps, theta_turns=turns, regeneration=regeneration
-        )
-
-    phases, reached, mesh = lead.phases, lead.speed, own_mesh(lead.phases)
-    legs = max(1, math.ceil(abs(speed - lead.speed) / SPEED_STEP - STRETCH))
-    waypoints = [lead.speed + (speed - lead.speed) * i / legs for i in range(1, legs)]
-    if waypoints:
-        transcription = Transcription(problem(speed), mesh)
-    for waypoint in waypoints:
-        result = transcription.solve(phases, problem(waypoint), mu_init=1e-3, max_iter=150)
-        if not result.success:
-            return None, _obstacle(result.status, result.breaches, reached)
-        phases, reached = result.phases, waypoint
-    near = lead.params == params and abs(speed - lead.speed) < SAME_SPEED
-    found = _solved(problem(speed), phases, mesh, mu_init=1e-5 if near else 1e-3)
-    if not found.succeeded:
-        return None, _obstacle(found.status, found.breaches, reached)
-    return found, ""
-
-
-def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
-    """The mesh on which `phases` are given."""
-    fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in phases)
-    degrees = tuple((len(p.nodes) - 1,) * (len(p.edges) - 1) for p in phases)
-    return Mesh(fractions, degrees, control_degree=CONTROL_DEGREE)
 
 
 def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
@@ -178,7 +132,7 @@ def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
         regeneration=family.regeneration,
     )
     mesh = Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
-    return _solved(problem, outcome.phases, mesh, mu_init=1e-4)
+    return solve(problem, outcome.phases, mesh, verify=False, mu_init=WARM_BARRIER)
 
 
 def _outcome(found: Extremal, turns: int) -> Outcome:
@@ -186,82 +140,41 @@ def _outcome(found: Extremal, turns: int) -> Outcome:
     return Outcome(-1, str(turns), found.cost, found.phases, found.parameters, 0, "")
 
 
-def _solved(
-    problem: Problem, guess: Sequence[PhaseTrajectory], mesh: Mesh, mu_init: float
-) -> Extremal:
-    """A gait near a guess; the reference simulator verifies it, touchdowns and all."""
-    return solve(problem, guess, mesh, verify=False, mu_init=mu_init)
-
-
-def solution_of(
-    params: WheelParams,
-    found: Extremal,
-    turns: int,
-    regeneration: bool,
-    optima: tuple[Optimum, ...],
-    settings: Mapping[str, object],
-) -> Solution:
-    """What was found, verified by the reference simulator."""
-    phases = polished(params, found.phases, turns)
-    return Solution(
-        params=params,
-        phases=phases,
-        theta_turns=turns,
-        regeneration=regeneration,
-        verification=verify(params, phases, turns),
-        optimality=Optimality.of(found),
-        optima=optima,
-        provenance=provenance(**settings),
-    )
-
-
-def _validate(
+def _arguments(
     params: Any, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
-    """Speed, steps and starts as plain numbers."""
+    """Speed, steps and starts as plain numbers; refuses what admits no gait."""
     require_kind("params", params, WheelParams)
-    for name, value in (("speed", speed), ("steps", steps), ("starts", starts)):
-        if value is None and name == "starts":
-            continue
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise TypeError(f"{name} = {value!r}: must be a number")
-    if not (math.isfinite(speed) and speed > 0):
-        raise NoGaitError(f"speed = {speed}: must be finite and greater than 0 m/s")
+    speed, steps = positive("speed", speed), integer("steps", steps, 1)
+    starts = None if starts is None else integer("starts", starts, 0)
     fastest = fastest_walk(params)
     if speed > fastest:
         raise NoGaitError(
             f"speed = {speed}: must be at most {fastest:.4g} m/s, at which this machine's legs "
             f"turn at {MAX_RATE:g} rad/s, the fastest that is considered"
         )
-    if not (math.isfinite(steps) and steps == int(steps) and steps >= 1):
-        raise NoGaitError(f"steps = {steps}: must be a whole number; a stride has at least 1 step")
     if steps > MOST_STEPS:
         raise NoGaitError(
-            f"steps = {steps}: must be at most {MOST_STEPS}: a mesh has at most {MAX_ELEMENTS} "
-            f"elements, of which each step needs {ELEMENTS}; a shorter stride repeats itself"
+            f"steps = {steps}: must be at most {MOST_STEPS}, because a mesh has at most "
+            f"{MAX_ELEMENTS} elements and each step needs {ELEMENTS}; solve for a shorter stride, "
+            "which repeats itself"
         )
-    if starts is not None and not (math.isfinite(starts) and starts == int(starts) and starts >= 0):
-        raise NoGaitError(f"starts = {starts}: must be a whole number of at least 0")
     if guess is not None and not isinstance(guess, Solution):
         raise TypeError(
             f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"
         )
     if guess is not None and guess.steps != steps:
         raise NoGaitError(
-            f"steps = {steps}: the guess has {guess.steps} steps per stride; give one of as many"
+            f"steps = {steps}: the guess has {guess.steps} steps per stride; give a guess with "
+            f"{steps}"
         )
-    return float(speed), int(steps), None if starts is None else int(starts)
+    return speed, steps, starts
 
 
 def fastest_walk(params: WheelParams) -> float:
     """The highest mean speed (m/s) of steps that keep to the rates that are considered."""
     c = params.constants
     return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
-
-
-def _obstacle(status: str, breaches: Sequence[Breach], reached: float | None = None) -> str:
-    led = f"; {reached:.3f} m/s was reached" if reached is not None else ""
-    return f"{status}, {breaches[0] if breaches else 'no constraint violated'}{led}"
 
 
 def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[str]) -> str:

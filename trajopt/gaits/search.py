@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem, posed
+from trajopt.gaits.gait_problem import gait_problem, posed
+from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.search.multi_start import Search, multi_start
 from trajopt.ocp.search.optima import Outcome, Start

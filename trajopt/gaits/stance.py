@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from rimless_gym import hybrid
-from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
-from trajopt.ocp.judge.refinement import MAX_ELEMENTS
-from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
+from trajopt.ocp.pose.problem import Constraint, Linkage, Phase
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)
@@ -33,9 +30,6 @@ MIN_TOUCHDOWN_RATE = 0.01
 
 #: Shortest duration of a phase (s): a tenth of the quickest step of any machine that walks.
 SHORTEST_STEP = 0.02
-
-#: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
-MOST_TURNS = 600
 
 #: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
 GUARD_MARGIN = 1e-6
@@ -168,59 +162,6 @@ class WheelPhases:
     def _inside_cone(self, fx: Any, fy: Any) -> Any:
         mu = self.params.friction
         return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
-
-
-def gait_problem(
-    params: WheelParams,
-    *,
-    speed: float,
-    steps: int,
-    theta_turns: int = 0,
-    regeneration: bool = False,
-) -> Problem:
-    """`steps` single-stance phases in a ring, joined by touchdowns, of least electrical energy.
-
-    Problems of one machine and number of steps differ in numbers alone, and share their functions.
-
-    Args:
-        params: the machine.
-        speed: mean speed along the ground (m/s), imposed through the stride's duration.
-        steps: touchdowns per stride.
-        theta_turns: whole turns that theta gains in a stride.
-        regeneration: whether the battery takes energy back.
-
-    Raises:
-        TypeError: an argument is of the wrong kind.
-        ValueError: a number is out of its range.
-    """
-    require_kind("params", params, WheelParams)
-    positive("speed", speed)
-    integer("steps", steps, 1, MAX_ELEMENTS)
-    integer("theta_turns", theta_turns, -MOST_TURNS, MOST_TURNS)
-    flag("regeneration", regeneration)
-    return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
-
-
-def posed(
-    ring: Problem, params: WheelParams, speed: float, theta_turns: int, regeneration: bool
-) -> Problem:
-    """A `gait_problem` of the same machine and steps with other numbers, sharing its functions."""
-    turns = {"theta": -2 * math.pi * theta_turns}
-    floor = -math.inf if regeneration else params.idle_power
-    return dataclasses.replace(
-        ring,
-        phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
-        linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
-        duration=len(ring.phases) * params.step_length / speed,
-    )
-
-
-@lru_cache(maxsize=8)
-def _ring(params: WheelParams, steps: int) -> Problem:
-    wheel = WheelPhases(params)
-    step = wheel.single_stance()
-    links = [wheel.touchdown(i, (i + 1) % steps) for i in range(steps)]
-    return Problem((step,) * steps, tuple(links))
 
 
 def _rates() -> dict[str, float | tuple[float, float]]:

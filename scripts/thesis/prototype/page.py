@@ -10,7 +10,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from scripts.thesis.prototype.study import End, Point
+from scripts.thesis.prototype.ends import End
+from scripts.thesis.prototype.points import Point
 from scripts.thesis.prototype.variant import SCALES
 from trajopt.provenance import provenance
 

@@ -1,108 +1,21 @@
-"""The gaits of every scale, each kept in a file as soon as it is found; and how they end."""
+"""The study's sweeps over scales and supplies: from large pendulums down, then from neighbours."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
-from scripts.thesis.prototype.gait import binding, cheaper, cheapest, followed
+from scripts.thesis.prototype.gait import cheaper, cheapest
+from scripts.thesis.prototype.points import Point, store, stored
 from scripts.thesis.prototype.variant import SCALES, VARIANTS, Variant
-from trajopt.files import write_text
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.solving.ties import least_first
 from trajopt.processes import Submit, pool
-
-#: The scale to which a last gait is followed, if it does not end before.
-FARTHEST = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Point:
-    """The cheapest gait of a supply and scale.
-
-    Attributes:
-        variant: supply and gear.
-        scale: of the pendulum.
-        gait: verified; None if none was found.
-        reason: why not.
-    """
-
-    variant: Variant
-    scale: float
-    gait: Solution | None
-    reason: str = ""
-
-    def row(self) -> dict[str, Any]:
-        """Its figures, plain JSON values."""
-        row: dict[str, Any] = {"variant": self.variant.name, "scale": self.scale}
-        if self.gait is None:
-            return row | {"cot": None, "reason": self.reason}
-        v, gear = self.gait.verification, self.variant.params.gear_ratio
-        return row | {
-            "cot": self.gait.cot,
-            "reason": "",
-            "speed": self.gait.speed,
-            "theta_turns": self.gait.theta_turns,
-            "gear": self.gait.params.gear_ratio / gear,
-            "min_normal_force_over_weight": v.min_normal_force_over_weight,
-            "max_friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
-            "peak_voltage": v.peak_voltage,
-            "clearance": v.clearance,
-            "state_error": v.state_error,
-            "energy_audit": v.energy_audit,
-            "binding": binding(self.gait),
-        }
-
-
-@dataclasses.dataclass(frozen=True)
-class End:
-    """Where the last gait of a supply ends, followed to smaller pendulums.
-
-    Attributes:
-        variant: its name.
-        scales: along the curve.
-        costs: of transport, on a coarse mesh.
-        obstacle: what stops it, in words; "" if nothing did.
-    """
-
-    variant: str
-    scales: tuple[float, ...]
-    costs: tuple[float, ...]
-    obstacle: str
-
-
-def place(folder: Path, variant: Variant, scale: float, suffix: str) -> Path:
-    """Where a point's file is: .npz with its gait, or .json that says why there is none."""
-    return folder / variant.file_name / f"{scale:.3f}{suffix}"
-
-
-def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
-    """A point found before, if there is one."""
-    gait, nothing = (place(folder, variant, scale, suffix) for suffix in (".npz", ".json"))
-    if gait.exists():
-        return Point(variant, scale, Solution.load(gait))
-    if nothing.exists():
-        return Point(variant, scale, None, json.loads(nothing.read_text())["reason"])
-    return None
-
-
-def store(folder: Path, point: Point) -> None:
-    """Keep a point."""
-    gait, nothing = (
-        place(folder, point.variant, point.scale, suffix) for suffix in (".npz", ".json")
-    )
-    gait.parent.mkdir(parents=True, exist_ok=True)
-    if point.gait is not None:
-        point.gait.save(gait)
-        nothing.unlink(missing_ok=True)
-    else:
-        write_text(nothing, json.dumps({"reason": point.reason}) + "\n")
 
 
 def study(
@@ -233,27 +146,3 @@ def _neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
         )
         and point.variant.admits(p.variant)
     ]
-
-
-def ends(points: Sequence[Point]) -> list[End]:
-    """How the gaits end of every supply whose smallest pendulum has none."""
-    found = []
-    for variant in dict.fromkeys(point.variant for point in points):
-        own = [point for point in points if point.variant == variant]
-        walking = [point for point in own if point.gait is not None]
-        if walking and min(own, key=_scale).gait is None:
-            found.append(_end(min(walking, key=_scale)))
-    return found
-
-
-def _scale(point: Point) -> float:
-    return point.scale
-
-
-def _end(point: Point) -> End:
-    """Follow a gait to smaller pendulums until something stops it."""
-    gait, variant = point.gait, point.variant
-    assert gait is not None
-    curve = followed(variant, gait, FARTHEST)
-    obstacle = str(curve.obstacle) if curve.obstacle else ""
-    return End(variant.name, curve.values, curve.costs, obstacle)
