@@ -24,9 +24,9 @@ def gait_problem(
     theta_turns: int = 0,
     regeneration: bool = False,
 ) -> Problem:
-    """`steps` single-stance phases in a ring, joined by touchdowns, of least electrical energy.
+    """The problem of a periodic gait: `steps` single-stance phases in a ring, least energy.
 
-    Problems of one machine and number of steps differ in numbers alone, and share their functions.
+    Problems of one machine and number of steps differ only in numbers, and share their functions.
 
     Args:
         params: the machine.
@@ -36,7 +36,7 @@ def gait_problem(
         regeneration: whether the battery takes energy back.
 
     Raises:
-        TypeError: an argument is of the wrong kind.
+        TypeError: an argument is of the wrong type.
         ValueError: a number is out of its range.
     """
     require_kind("params", params, WheelParams)
@@ -50,7 +50,7 @@ def gait_problem(
 def posed(
     ring: Problem, params: WheelParams, speed: float, theta_turns: int, regeneration: bool
 ) -> Problem:
-    """A `gait_problem` of the same machine and steps with other numbers, sharing its functions."""
+    """A `gait_problem` of the same machine and steps with other numbers; shares its functions."""
     turns = {"theta": -2 * math.pi * theta_turns}
     floor = -math.inf if regeneration else params.idle_power
     return dataclasses.replace(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
@@ -19,22 +19,29 @@ from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP
 from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.judge.refinement import MAX_ELEMENTS
-from trajopt.ocp.search.optima import Outcome, distinct
+from trajopt.ocp.search.optima import Optimum, Outcome, distinct
 from trajopt.ocp.solving.solve import WARM_BARRIER, solve
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.mesh import Mesh
 
-#: A first mesh for gaits that come without one of their own.
+#: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7
 
-#: Random starts where no shipped gait is near, and how many of their optima are refined.
+#: Random starts where no gait of the machine is known, and how many of their optima are refined.
 DEFAULT_STARTS, REFINED = 24, 3
 
-#: Shipped gaits that are tried, one after the other, until one leads to the wanted speed.
+#: Optima of random starts are refined if they cost less than this times the gait led from a known
+#: one: the search's mesh is coarse.
+WORTH_REFINING = 1.05
+
+#: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
-#: Most steps in a stride: what a mesh has room for.
+#: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
+
+#: An optimum and its number of turns of theta per stride.
+Turning: TypeAlias = tuple[Extremal, int]
 
 
 class NoGaitError(ValueError):
@@ -53,19 +60,19 @@ def periodic_gait(
     workers: int = 1,
     progress: bool = False,
 ) -> Solution:
-    """The periodic gait of least cost of transport that could be found, verified.
+    """The periodic gait of least cost of transport that the search finds, verified.
 
-    Many local optima exist. The search starts from `guess` or the best near gait shipped with the
-    package, led to the wanted speed in small steps, and from `starts` random guesses; the best
-    of them is solved on a refined mesh and re-simulated.
+    Many local optima exist. The search starts from `guess`, or else from the best gait nearby that
+    is shipped with the package, led to the wanted speed in small steps; and from `starts` random
+    motions. The best result is solved on a refined mesh and re-simulated.
 
     Args:
         params: the machine.
         speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
-        starts: random starts; by default none where a guess of the same machine exists, else
-            `DEFAULT_STARTS`.
+        starts: number of random starts; by default none if a gait of the same machine is known,
+            else `DEFAULT_STARTS`.
         seed: of the random starts.
         guess: a gait of as many steps to start from, instead of the shipped ones.
         workers: processes for the random starts.
@@ -75,9 +82,9 @@ def periodic_gait(
         The gait; see its `verification`, which may have failed.
 
     Raises:
-        NoGaitError: none was found at this speed, or the arguments admit none.
-        TypeError: an argument is of the wrong kind.
-        ValueError: `seed` is negative, or there are no workers.
+        NoGaitError: no gait was found, or there can be none with these arguments.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of its range.
     """
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
@@ -86,26 +93,15 @@ def periodic_gait(
     if starts is None:
         known = any(lead.params == params for lead in leads)
         starts = 0 if guess is not None or known else DEFAULT_STARTS
-    solved: list[tuple[Extremal, int]] = []
-    failures: list[str] = []
-    for lead in leads:
-        found, obstacle = led(params, lead, speed, regeneration)
-        if found is not None:
-            solved.append((found, lead.theta_turns))
-            break
-        failures.append(obstacle)
-    outcomes: list[Outcome] = [_outcome(found, turns) for found, turns in solved]
+    solved, failures = _from_leads(params, leads, speed, regeneration)
+    outcomes = [_outcome(found, turns) for found, turns in solved]
     if starts > 0:
         family = GaitFamily.of(params, speed, steps, regeneration)
         search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
         outcomes += search.outcomes
-        best_led = min((found.cost for found, _ in solved), default=math.inf)
-        for optimum in search.optima[:REFINED]:
-            if optimum.cost < 1.05 * best_led:
-                found = _refined(family, optimum.best)
-                if found.succeeded:
-                    solved.append((found, int(optimum.best.kind)))
         failures += [outcome.failure for outcome in search.failures]
+        best_led = min((found.cost for found, _ in solved), default=math.inf)
+        solved += _best_refined(family, search.optima[:REFINED], WORTH_REFINING * best_led)
     if not solved:
         raise NoGaitError(_no_gait(params, speed, steps, failures))
     settings = {"speed": speed, "starts": starts, "seed": seed}
@@ -123,6 +119,26 @@ def periodic_gait(
     return solutions[0]
 
 
+def _from_leads(
+    params: WheelParams, leads: Sequence[Solution], speed: float, regeneration: bool
+) -> tuple[list[Turning], list[str]]:
+    """The gait to which the first suitable lead leads, if any; and why those before it did not."""
+    failures: list[str] = []
+    for lead in leads:
+        found, obstacle = led(params, lead, speed, regeneration)
+        if found is not None:
+            return [(found, lead.theta_turns)], failures
+        failures.append(obstacle)
+    return [], failures
+
+
+def _best_refined(family: GaitFamily, optima: Sequence[Optimum], most: float) -> list[Turning]:
+    """The optima that cost less than `most`, solved on a finer mesh."""
+    cheap = [optimum.best for optimum in optima if optimum.cost < most]
+    refined = [(_refined(family, outcome), int(outcome.kind)) for outcome in cheap]
+    return [(found, turns) for found, turns in refined if found.succeeded]
+
+
 def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
     problem = gait_problem(
         family.params,
@@ -136,14 +152,14 @@ def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
 
 
 def _outcome(found: Extremal, turns: int) -> Outcome:
-    """A gait that was led here, as one more start."""
+    """A gait that was led here, counted as one more start."""
     return Outcome(-1, str(turns), found.cost, found.phases, found.parameters, 0, "")
 
 
 def _arguments(
     params: Any, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
-    """Speed, steps and starts as plain numbers; refuses what admits no gait."""
+    """Speed, steps and starts as plain numbers; refuses those with which there is no gait."""
     require_kind("params", params, WheelParams)
     speed, steps = positive("speed", speed), integer("steps", steps, 1)
     starts = None if starts is None else integer("starts", starts, 0)
@@ -172,7 +188,7 @@ def _arguments(
 
 
 def fastest_walk(params: WheelParams) -> float:
-    """The highest mean speed (m/s) of steps that keep to the rates that are considered."""
+    """The highest mean speed (m/s) of steps within the rates that are considered."""
     c = params.constants
     return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
 

@@ -37,7 +37,7 @@ class Solution:
         params: the machine.
         phases: one single-stance phase per step.
         theta_turns: whole turns k that theta gains in a stride.
-        regeneration: whether the objective was E (the battery takes energy back) and not E+.
+        regeneration: whether the objective was E (the battery takes energy back), not E+.
         verification: what independent re-simulation says.
         optimality: of the problem's solution that it came from.
         optima: distinct local optima met in the search, best first.
@@ -142,7 +142,7 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """The objective: energy of a stride (J), E with regeneration, else E+."""
+        """The objective: energy of a stride (J); E with regeneration, else E+."""
         v = self.verification
         return v.electrical if self.regeneration else v.electrical_positive
 
@@ -193,7 +193,7 @@ class Solution:
         return dict(jsonable(figures))
 
     def report(self) -> str:
-        """Everything worth knowing about the gait, as text; failures in capitals."""
+        """The gait's figures as text; failures in capitals."""
         v = self.verification
         verdict = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
         hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"

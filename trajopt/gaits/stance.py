@@ -1,4 +1,4 @@
-"""The rimless wheel's modes as phases of an optimal control problem, and its resets as linkages."""
+"""The rimless wheel's modes as phases of an optimal control problem, its resets as linkages."""
 
 from __future__ import annotations
 
@@ -19,28 +19,29 @@ from trajopt.ocp.pose.problem import Constraint, Linkage, Phase
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)
 
-#: Of the control polynomials, at most: arcs of coasting, V = K psi', are curved.
+#: Highest degree of the control polynomials. Where the motor coasts, V = K psi' is curved.
 CONTROL_DEGREE = 3
 
-#: Least normal force, in weights: a gait on the brink of lift-off could not be tracked.
+#: Least normal force, in weights: feedback could not hold a gait on the brink of lift-off.
 MIN_NORMAL_FORCE = 0.05
 
-#: Least phi' just before and just after a touchdown (rad/s): the guard must be crossed.
+#: Least phi' just before and just after a touchdown (rad/s), so that the guard is crossed.
 MIN_TOUCHDOWN_RATE = 0.01
 
 #: Shortest duration of a phase (s): a tenth of the quickest step of any machine that walks.
 SHORTEST_STEP = 0.02
 
-#: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
+#: Distance that phi keeps from the guards within a step (rad): a graze of 1e-7 rad would be a
+#: touchdown.
 GUARD_MARGIN = 1e-6
 
 
 class WheelPhases:
-    """Phases and linkages of one machine, to put problems together from.
+    """Phases and linkages of one machine, from which problems are put together.
 
     Args:
         params: the machine.
-        design: what is to be chosen of it, if anything: the problem's static parameters.
+        design: what of it is to be chosen, if anything: the problem's static parameters.
         regeneration: whether the battery takes energy back (cost E), or not (E+).
     """
 
@@ -56,7 +57,7 @@ class WheelPhases:
         return function if self.design else lambda *inputs: function(*inputs[:-1])
 
     def single_stance(self, name: str = "single stance") -> Phase:
-        """From one forward touchdown to the next; rocking back within it is legal."""
+        """From one forward touchdown to the next; phi may go backwards in between."""
         c, V = self.params.constants, self.params.voltage_limit
         momentum, touchdown, weight = (
             self.of(n) for n in ("linear_momentum", "touchdown", "weight")
@@ -66,7 +67,7 @@ class WheelPhases:
             after = touchdown(x, p)
             px, py = ca.vertsplit(momentum(after, p) - momentum(x, p))
             mass = weight(x, p) / self.params.gravity
-            return ca.vertcat(self._inside_cone(px / mass, py / mass), after[2])
+            return ca.vertcat(self.inside_cone(px / mass, py / mass), after[2])
 
         return Phase(
             name=name,
@@ -102,7 +103,7 @@ class WheelPhases:
         return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
 
     def double_stance(self, name: str = "double stance") -> Phase:
-        """At rest on two feet, the pendulum alone moving, both feet pressing; phi is a."""
+        """At rest on two feet, both pressed down; only the pendulum moves, and phi is a."""
         c, V = self.params.constants, self.params.voltage_limit
         guards = self.of("lift_off_guards")
 
@@ -110,8 +111,9 @@ class WheelPhases:
             leading, trailing = ca.vertsplit(guards(x, u, p))
             return ca.vertcat(-leading, trailing)
 
+        # The guards are accelerations of phi (rad/s^2).
         least = MIN_NORMAL_FORCE * self.params.gravity / self.params.leg_length
-        names = ("leading foot", "trailing foot")  # both guards are accelerations of phi
+        names = ("leading foot", "trailing foot")
         return Phase(
             name=name,
             states=STATES,
@@ -125,7 +127,7 @@ class WheelPhases:
         )
 
     def touchdown(self, source: int, target: int, theta_turns: int = 0) -> Linkage:
-        """Plastic forward touchdown; theta is taken back by whole turns."""
+        """Forward touchdown, after which `theta_turns` whole turns are subtracted from theta."""
         offset = {"theta": -2 * math.pi * theta_turns} if theta_turns else {}
         return Linkage(source, target, self.of("touchdown"), offset)
 
@@ -135,8 +137,13 @@ class WheelPhases:
         return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
 
     def lift_off(self, source: int, target: int) -> Linkage:
-        """The trailing foot leaves the ground: nothing jumps."""
+        """The trailing foot leaves the ground; the state does not jump."""
         return Linkage(source, target)
+
+    def inside_cone(self, fx: Any, fy: Any) -> Any:
+        """Normal force and distances from the friction cone's two sides; none may be negative."""
+        mu = self.params.friction
+        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
 
     @property
     def _floor(self) -> float:
@@ -150,7 +157,7 @@ class WheelPhases:
 
         def cone(x: Any, u: Any, p: Any) -> Any:
             fx, fy = ca.vertsplit(force(x, u, p) / weight(x, p))
-            return self._inside_cone(fx, fy)
+            return self.inside_cone(fx, fy)
 
         return Constraint(
             cone,
@@ -158,10 +165,6 @@ class WheelPhases:
             np.full(3, np.inf),
             ("normal force", "friction cone (forward)", "friction cone (backward)"),
         )
-
-    def _inside_cone(self, fx: Any, fy: Any) -> Any:
-        mu = self.params.friction
-        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
 
 
 def _rates() -> dict[str, float | tuple[float, float]]:

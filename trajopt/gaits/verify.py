@@ -35,8 +35,8 @@ class Verification:
         energy_audit: |E - (idle + losses + collisions - work of the slope)| (J).
         electrical_positive: E+ of the stride, idle included (J).
         electrical: E of the stride, idle included (J).
-        distance: of the stride (m).
-        time: of the stride (s).
+        distance: length of the stride (m).
+        time: duration of the stride (s).
         min_normal_force: smallest Fy (N).
         min_normal_force_over_weight: the same over (m1 + m2) g.
         max_friction_demand: largest |Fx|/Fy in stance.
@@ -45,8 +45,8 @@ class Verification:
         clearance: smallest height of the pendulum's end (m); negative is reported, not forbidden.
         cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
             NaN if it falls.
-        hold_failure: why, or "".
-        failures: which checks failed, in words; empty if it passed.
+        hold_failure: why it falls; empty if it does not.
+        failures: the checks that failed, in words; empty if the gait passed.
     """
 
     state_error: float
@@ -68,7 +68,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether every check did."""
+        """Whether every check passed."""
         return not self.failures
 
     def to_dict(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class Verification:
 def stride_error(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
 ) -> tuple[float, Trajectory]:
-    """Largest deviation of a re-simulated stride from the interpolated one, and the simulation."""
+    """Largest deviation of a re-simulated stride from the interpolated states; the simulation."""
     run = played_to_last_touchdown(params, phases, SPARE_TIMES)
     touchdowns = run.touchdowns
     if len(touchdowns) != len(phases) or any(e.direction < 0 for e in touchdowns):
@@ -116,8 +116,6 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
     duration = sum(p.duration for p in phases)
-    impulses = [e.impulse for e in run.touchdowns]
-    demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]
     held, reason = held_cost(params, phases)
     figures: dict[str, Any] = {
         "state_error": error,
@@ -130,7 +128,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
         "min_normal_force": run.min_normal_force,
         "min_normal_force_over_weight": run.min_normal_force / weight,
         "max_friction_demand": run.friction_demand,
-        "max_impulse_friction_demand": max(demands, default=math.inf),
+        "max_impulse_friction_demand": run.impulse_friction_demand if run.touchdowns else math.inf,
         "peak_voltage": peak_voltage(phases),
         "clearance": run.clearance,
         "cot_at_100hz_hold": held,
@@ -140,9 +138,10 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
 
 
 def _surplus(params: WheelParams, duration: float, run: Trajectory) -> float:
-    """Energy (J) that the battery gave and no loss explains; 0 for a periodic stride.
+    """Energy (J) that went in and is in no loss: 0 for a stride that ends as it began.
 
-    A stride gives back all mechanical energy but the work of the slope.
+    Over such a stride the mechanical energy changes by the work of the slope alone, whatever the
+    losses.
     """
     ledger = run.ledger
     slope_work = params.weight * math.sin(params.slope) * ledger.distance
@@ -170,7 +169,7 @@ def peak_voltage(phases: Sequence[PhaseTrajectory]) -> float:
 
 
 def held_cost(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> tuple[float, str]:
-    """CoT of one stride with the voltage held at 100 Hz, or NaN and why."""
+    """CoT of one stride with the voltage held at 100 Hz and "", or NaN and why."""
     _, law = playback(phases)
     duration = sum(p.duration for p in phases)
     ticks = CONTROL_PERIOD * np.arange(math.ceil(duration / CONTROL_PERIOD))

@@ -1,4 +1,4 @@
-"""Solved cases in files, from which an interrupted run goes on."""
+"""Solved cases in files, so that an interrupted run can go on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.judge.saved import ExtremalFileError
 from trajopt.provenance import provenance
 
-#: What a file records of a search besides its best solution.
+#: Fields of `Solved` about the search, which a file keeps beside the best solution.
 SEARCH = ("optima", "failed", "reaching", "seconds")
 
 

@@ -16,7 +16,7 @@ from trajopt.gaits.playback import playback, played_to_last_touchdown
 from trajopt.ocp.pose.problem import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Per element of a mesh.
+#: Times per element of a mesh at which motions are compared.
 SAMPLES = 24
 
 #: Simulated past the planned end (s) until the last touchdown has happened.
@@ -42,11 +42,12 @@ class Replay:
     """A motion simulated by the reference simulator, the foot pinned to the ground.
 
     Attributes:
-        times: at which the simulated motion is known (s), those of events twice.
-        states: there, shape (N, 4).
-        state_error: largest deviation from the solution's states, all steps in one (rad, rad/s).
-        touchdown_time_errors: of every touchdown (s); infinite if it did not happen. A step that
-            ends without a collision has the time at which phi' vanishes instead.
+        times: of the simulated states (s), shape (N,); an event's time is there twice.
+        states: shape (N, 4).
+        state_error: largest deviation from the solution's states, all steps simulated in one
+            (rad, rad/s).
+        touchdown_time_errors: one per step (s); infinite if its touchdown did not happen. For a
+            step without a collision, the error of the time at which phi' vanishes.
     """
 
     times: Array
@@ -82,7 +83,7 @@ def resampled(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Replay:
 
 
 def _compared(motion: Trajectory, phases: Sequence[PhaseTrajectory]) -> Replay:
-    """Step by step, each on the times at which the simulated one lasts too."""
+    """Compare step by step, at the times that lie within the simulated step too."""
     times = _landings(motion)[: len(phases)]
     marks = [0.0, *times, *[float(motion.t[-1])] * (len(phases) - len(times))]
     error, begin, errors = 0.0, 0.0, []
@@ -106,7 +107,7 @@ def _landings(motion: Trajectory) -> list[float]:
 
 
 def _top(motion: Trajectory, after: float, near: float) -> float:
-    """When phi' vanishes about the time `near`, continued where the foot lands before (s)."""
+    """Time about `near` at which phi' vanishes (s); extrapolated if the foot lands before."""
     end = next((t for t in _landings(motion) if t > after), float(motion.t[-1]))
 
     def rate(t: float) -> float:

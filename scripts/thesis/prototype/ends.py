@@ -14,13 +14,13 @@ FARTHEST = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class End:
-    """Where the last gait of a supply ends, followed to smaller pendulums.
+    """How far the last gait of a supply can be followed to smaller pendulums.
 
     Attributes:
         variant: its name.
         scales: along the curve.
         costs: of transport, on a coarse mesh.
-        obstacle: what stops it, in words; "" if nothing did.
+        obstacle: what stopped it, in words; empty if nothing did.
     """
 
     variant: str
@@ -30,7 +30,7 @@ class End:
 
 
 def ends(points: Sequence[Point]) -> list[End]:
-    """How the gaits end of every supply whose smallest pendulum has none."""
+    """The ends of all supplies that have no gait for their smallest pendulum."""
     found = []
     for variant in dict.fromkeys(point.variant for point in points):
         own = [point for point in points if point.variant == variant]

@@ -42,12 +42,12 @@ WORTH_IT = 1e-3
 def cheapest(
     variant: Variant, scale: float, known: Sequence[Solution] = (), seed: int = 0
 ) -> tuple[Solution | None, str]:
-    """The cheapest gait that is verified; or None, and why.
+    """The cheapest gait that passes verification and "", or None and the reason.
 
     Args:
         variant: supply and gear.
         scale: of the pendulum.
-        known: gaits of other scales to start from as well.
+        known: gaits of other scales, from which some starts begin.
         seed: of the random starts.
     """
     family = StartsAtScale(variant, scale, tuple(known))
@@ -68,7 +68,7 @@ def cheapest(
 def cheaper(
     variant: Variant, scale: float, best: float, known: Sequence[Solution]
 ) -> Solution | None:
-    """A verified gait that costs less than `best`, by leading others to this scale; or None."""
+    """A verified gait that costs less than `best`, led here from other gaits; or None."""
     reached = []
     for gait in known:
         curve = followed(variant, gait, scale)
@@ -82,7 +82,13 @@ def cheaper(
 
 
 def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
-    """A gait of another scale or supply, followed towards this one on a coarse mesh."""
+    """A gait of another scale or supply, followed towards this one on a coarse mesh.
+
+    Args:
+        variant: supply and gear.
+        gait: where to begin.
+        scale: goal.
+    """
     begin, gear = variant.scale_and_gear(gait)
     problem = variant.problem(begin, gait.theta_turns)
     mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
@@ -111,7 +117,7 @@ def refined(
     turns: int,
     optima: tuple[LocalOptimum, ...],
 ) -> Solution:
-    """A gait near one of the search's, on a finer mesh, verified."""
+    """A gait near an optimum of the search, on a finer mesh, verified."""
     problem = variant.problem(scale, turns)
     found = solve(
         problem,

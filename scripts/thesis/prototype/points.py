@@ -1,4 +1,4 @@
-"""A point of the study, the cheapest gait of a supply and scale, and its file."""
+"""A point of the study, which is the cheapest gait of a supply and scale, and its file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Point:
         variant: supply and gear.
         scale: of the pendulum.
         gait: verified; None if none was found.
-        reason: why not.
+        reason: why none was found.
     """
 
     variant: Variant
@@ -30,7 +30,7 @@ class Point:
     reason: str = ""
 
     def row(self) -> dict[str, Any]:
-        """Its figures, plain JSON values."""
+        """Its figures as plain JSON values."""
         row: dict[str, Any] = {"variant": self.variant.name, "scale": self.scale}
         if self.gait is None:
             return row | {"cot": None, "reason": self.reason}
@@ -52,12 +52,12 @@ class Point:
 
 
 def place(folder: Path, variant: Variant, scale: float, suffix: str) -> Path:
-    """Where a point's file is: .npz with its gait, or .json that says why there is none."""
+    """Path of a point's file: .npz with its gait, or .json with the reason why there is none."""
     return folder / variant.file_name / f"{scale:.3f}{suffix}"
 
 
 def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
-    """A point found before, if there is one."""
+    """The point in a file, or None if it has no file."""
     gait, nothing = (place(folder, variant, scale, suffix) for suffix in (".npz", ".json"))
     if gait.exists():
         return Point(variant, scale, Solution.load(gait))
@@ -67,7 +67,7 @@ def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
 
 
 def store(folder: Path, point: Point) -> None:
-    """Keep a point."""
+    """Save a point."""
     gait, nothing = (
         place(folder, point.variant, point.scale, suffix) for suffix in (".npz", ".json")
     )

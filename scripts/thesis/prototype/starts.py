@@ -48,7 +48,7 @@ class StartsAtScale:
 
 
 def whirling(params: WheelParams, rng: np.random.Generator) -> tuple[Guess, int]:
-    """A random step, and how often its pendulum turns over on top of what it does besides."""
+    """A random step, and its number of turns of theta."""
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.5 * slow), math.log(fast)))
     duration = params.step_length / speed
@@ -63,6 +63,6 @@ def whirling(params: WheelParams, rng: np.random.Generator) -> tuple[Guess, int]
 
 
 def regenerating(problem: Problem) -> Problem:
-    """The problem with E in place of E+: its landscape is smoother."""
+    """The problem with E in place of E+, whose landscape is smoother."""
     phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
     return dataclasses.replace(problem, phases=phases)

@@ -25,10 +25,10 @@ def study(
     scales: Sequence[float] = SCALES,
     workers: int = 1,
 ) -> Generator[Point, None, None]:
-    """Every point, from the largest pendulum down; those in the folder come at once.
+    """Yield every point, from the largest pendulum down; those in the folder at once.
 
-    Each scale's search starts from the gaits of the scales before it as well, the first one's from
-    the cheapest gaits that are shipped.
+    Some starts of each scale are the gaits of the scales before it. For the first scale these are
+    the cheapest shipped gaits.
 
     Args:
         folder: where points are kept.
@@ -55,33 +55,33 @@ def study(
 
 
 def _first() -> tuple[Solution, ...]:
-    """The cheapest steps that are known of the machine of the largest scale."""
+    """The cheapest shipped gaits of one step: their machine is that of the largest scale."""
     known = [gait for gait in shipped() if gait.steps == 1]
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
 @dataclasses.dataclass
 class _Chain:
-    """A supply's scales that are still to be done, and the gaits to start from."""
+    """The scales of a supply that are still to be searched, and the gaits to start from."""
 
     variant: Variant
     left: list[float]
     known: tuple[Solution, ...] = ()
 
     def recalled(self, folder: Path) -> Iterator[Point]:
-        """The next points, as far as they are in the folder."""
+        """The next points, for as long as they are in the folder."""
         while self.left and (point := stored(folder, self.variant, self.left[0])):
             self.left.pop(0)
             self.add(point)
             yield point
 
     def add(self, point: Point) -> None:
-        """Start from this point's gait from now on; the last two serve."""
+        """Start from this point's gait and the one before it from now on."""
         if point.gait is not None:
             self.known = (point.gait, *self.known)[:2]
 
     def ask(self, submit: Submit, waiting: dict[Future[Any], _Chain]) -> None:
-        """Have the next point looked for."""
+        """Submit the search for the next point."""
         if self.left:
             waiting[submit(cheapest, self.variant, self.left[0], self.known)] = self
 
@@ -89,11 +89,11 @@ class _Chain:
 def improved(
     folder: Path, points: Sequence[Point], *, workers: int = 1
 ) -> Generator[tuple[Point, bool], None, None]:
-    """Every point, and whether leading its neighbours' gaits to it made it cheaper.
+    """Yield every point, and whether a gait led to it from a neighbour made it cheaper.
 
     Neighbours are the next scales of the same supply, and the same scale of supplies whose gaits
-    this one admits; of the largest pendulum also the gaits that are shipped. What is cheaper takes
-    the old one's place in the folder.
+    this one admits; for the largest pendulum also shipped gaits. A cheaper gait replaces the old
+    one in the folder.
     """
     with pool(workers) as submit:
         futures = {submit(_improved, p, _neighbours(p, points)): p for p in points}
@@ -106,7 +106,7 @@ def improved(
 
 
 def shared(points: Sequence[Point]) -> list[Point]:
-    """The points, each with the gait of a supply that it admits where that one is cheaper."""
+    """The points, each with the cheapest gait of its own supply and those whose gaits it admits."""
     best = []
     for point in points:
         lesser = [
@@ -131,7 +131,7 @@ def _improved(point: Point, known: Sequence[Solution]) -> Solution | None:
 
 
 def _neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
-    """Gaits from which a point might gain."""
+    """Gaits that might lead to a cheaper one at a point."""
     own = sorted({p.scale for p in points if p.variant == point.variant and p.gait})
     below = [scale for scale in own if scale < point.scale][-1:]
     above = [scale for scale in own if scale > point.scale][:1]
