@@ -15,7 +15,6 @@ from agents.checkpoint import (
     origin,
     save_policy,
 )
-from agents.expert import gait_expert
 from agents.folder import CLONE, CLONING
 from agents.hyperparameters import Hyperparameters
 from agents.imitate import Cloning, clone
@@ -24,6 +23,7 @@ from agents.training_env import ScaledReward, training_env
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
+from trajopt.feedback import law
 
 INITS = ("scratch", "imitation")
 
@@ -112,7 +112,7 @@ def cloned(
     params = training.params
     model = training.model(env)
     if expert is None:
-        expert = gait_expert(periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=progress))
+        expert = law("lqr")(periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=progress))
     kept = out / CLONING
     report = clone(model, expert, params, cloning, seed=training.seed, kept=kept, progress=progress)
     notes = {"cloning": dataclasses.asdict(report)}

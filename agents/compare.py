@@ -23,7 +23,6 @@ from tqdm import tqdm
 
 from agents.checkpoint import load_policy
 from agents.evaluate import Evaluation, evaluate
-from agents.expert import Guarded, gait_expert
 from agents.figures import Walk, animate, plot_cot_against_speed, plot_limit_cycles, record
 from agents.folder import BEST, CLONE, LAST, sole_user
 from agents.policies import Policy, controller_policy, model_policy
@@ -34,6 +33,7 @@ from agents.train import train
 from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.feedback import Controller, law
 from trajopt.files import jsonable, write_text
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import CotFront, cot_front
@@ -233,9 +233,9 @@ class Comparison:
         return min(as_good, key=lambda s: s.steps)
 
     @cached_property
-    def expert(self) -> Guarded:
+    def expert(self) -> Controller:
         """The feedback law that holds it."""
-        return gait_expert(self.best_gait)
+        return law("lqr")(self.best_gait)
 
     def _report(self, done: dict[str, dict[str, Any]]) -> dict[str, Any]:
         rows = [

@@ -18,18 +18,17 @@ from tqdm import tqdm
 from agents.periods import TouchdownLog, steps_per_period
 from agents.policies import Floats, Policy
 from agents.rollout import draw_starts, rollout
-from rimless_gym import energy as row
 from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
-from rimless_gym.energy import Ledger
+from rimless_gym.energy import ROW, Ledger
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from trajopt.files import jsonable
 
-_LARGEST = [row.FRICTION_DEMAND, row.IMPULSE_FRICTION_DEMAND]
-_LEAST = [row.MIN_NORMAL_FORCE, row.CLEARANCE]
-_SUMMED = row.TOUCHDOWNS + 1  # the rows before this one are sums
+_LARGEST = [ROW.friction_demand, ROW.impulse_friction_demand]
+_LEAST = [ROW.min_normal_force, ROW.clearance]
+_SUMMED = ROW.touchdowns + 1  # the rows before this one are sums
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,7 +165,7 @@ def evaluate(
     n_intervals = round(protocol.duration / CONTROL_PERIOD)
     first = n_intervals - round(protocol.window / CONTROL_PERIOD)
     first_alive = n_intervals - round(protocol.alive / CONTROL_PERIOD)
-    totals = np.zeros((n, row.N_ROWS))
+    totals = np.zeros((n, len(ROW)))
     totals[:, _LEAST] = np.inf
     late_steps = np.zeros(n)
     fallen = np.zeros(n, dtype=bool)
@@ -175,7 +174,7 @@ def evaluate(
     bar = tqdm(intervals, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
     for index, interval in enumerate(bar):
         i, rows = interval.running, interval.rows
-        fallen[i] = rows[:, row.FAILURE] != OK
+        fallen[i] = rows[:, ROW.failure] != OK
         if index < first:
             continue
         totals[i, :_SUMMED] += rows[:, :_SUMMED]
@@ -185,7 +184,7 @@ def evaluate(
             totals[i, column] = np.minimum(totals[i, column], rows[:, column])
         log.note(interval)
         if index >= first_alive:
-            late_steps[i] += rows[:, row.STEPS]
+            late_steps[i] += rows[:, ROW.steps]
     walking = (late_steps > 0) & ~fallen
     periods = np.array([steps_per_period(points) for points in log.points()])
     periods[~walking] = 0
@@ -211,8 +210,8 @@ def _summary(
     fallen: NDArray[np.bool_],
     periods: NDArray[np.int64],
 ) -> Evaluation:
-    energy = totals[:, row.ELECTRICAL_POSITIVE] + params.idle_power * totals[:, row.TIME]
-    terms = task.reward_terms(params, totals[:, row.DISTANCE], energy, fallen)
+    energy = totals[:, ROW.electrical_positive] + params.idle_power * totals[:, ROW.elapsed]
+    terms = task.reward_terms(params, totals[:, ROW.distance], energy, fallen)
     ledger = Ledger.from_rows(totals[walking].sum(axis=0), params)
     own = [Ledger.from_rows(rows, params) for rows in totals]
     some = bool(walking.any())
@@ -229,10 +228,10 @@ def _summary(
         speed=ledger.distance / ledger.time if some else math.nan,
         cot=ledger.cost_of_transport(params),
         cot_with_regeneration=ledger.cost_of_transport(params, regeneration=True),
-        friction_demand=extreme(row.FRICTION_DEMAND),
-        impulse_friction_demand=extreme(row.IMPULSE_FRICTION_DEMAND),
-        min_normal_force=extreme(row.MIN_NORMAL_FORCE),
-        min_clearance=extreme(row.CLEARANCE),
+        friction_demand=extreme(ROW.friction_demand),
+        impulse_friction_demand=extreme(ROW.impulse_friction_demand),
+        min_normal_force=extreme(ROW.min_normal_force),
+        min_clearance=extreme(ROW.clearance),
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
         objective=float(sum(terms).mean()) / protocol.window,
         ledger=ledger,

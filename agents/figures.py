@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from agents.policies import Policy
 from agents.rollout import rollout
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
@@ -138,8 +138,8 @@ def animate(
 ) -> None:
     """A GIF of a walk, drawn by the environment's own renderer, with its running CoT."""
     stride = round(1 / (fps * CONTROL_PERIOD))
-    energy = np.cumsum(walk.rows[:, row.ELECTRICAL_POSITIVE] + params.idle_power * CONTROL_PERIOD)
-    distance = np.cumsum(walk.rows[:, row.DISTANCE])
+    energy = np.cumsum(walk.rows[:, ROW.electrical_positive] + params.idle_power * CONTROL_PERIOD)
+    distance = np.cumsum(walk.rows[:, ROW.distance])
     frames, trail = [], list[tuple[float, float]]()
     for i in tqdm(
         range(0, len(walk.states), stride), desc="animation", disable=not progress, leave=False

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from agents.policies import Floats
 from agents.rollout import Interval
-from rimless_gym import energy as row
-from rimless_gym.envs.task import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.energy import ROW
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.hybrid import SINGLE, accelerations
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
@@ -32,7 +32,7 @@ class TouchdownLog:
     def note(self, interval: Interval) -> None:
         """Add the touchdowns of a control interval."""
         foot = interval.after[:, FOOT]
-        stepped = (foot > self._furthest[interval.running]) & (interval.rows[:, row.STEPS] > 0)
+        stepped = (foot > self._furthest[interval.running]) & (interval.rows[:, ROW.steps] > 0)
         for k in np.flatnonzero(stepped):
             i = interval.running[k]
             volts = interval.actions[k] * self._params.voltage_limit

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies import Floats, Policy
-from rimless_gym import energy as row
 from rimless_gym.checks import real_array
-from rimless_gym.envs.task import draw_start, observe
+from rimless_gym.energy import ROW
+from rimless_gym.envs.observation import observe
+from rimless_gym.envs.starts import draw_start
 from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from rimless_gym.params import WheelParams
@@ -75,5 +76,5 @@ def rollout(
         after = state.copy()
         rows = advance(params, after, actions * params.voltage_limit)
         yield Interval(running, state, observations, actions, rows, after)
-        going = rows[:, row.FAILURE] == OK
+        going = rows[:, ROW.failure] == OK
         running, state = running[going], after[going]

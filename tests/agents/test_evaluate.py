@@ -10,7 +10,7 @@ from agents.periods import steps_per_period
 from agents.policies import controller_policy
 from agents.rollout import draw_starts, rollout
 from rimless_gym import THESIS_PHYSICAL, Task
-from rimless_gym import energy as row
+from rimless_gym.energy import ROW
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
@@ -68,11 +68,11 @@ def test_figures_are_ratios_of_sums_over_the_walks_window():
         if index < 30:
             continue
         rows = interval.rows[np.isin(interval.running, walking)]
-        energy += rows[:, row.ELECTRICAL_POSITIVE].sum()
-        regenerated += rows[:, row.ELECTRICAL].sum()
-        distance += rows[:, row.DISTANCE].sum()
-        time += rows[:, row.TIME].sum()
-        least = min(least, rows[:, row.MIN_NORMAL_FORCE].min())
+        energy += rows[:, ROW.electrical_positive].sum()
+        regenerated += rows[:, ROW.electrical].sum()
+        distance += rows[:, ROW.distance].sum()
+        time += rows[:, ROW.elapsed].sum()
+        least = min(least, rows[:, ROW.min_normal_force].min())
     weight = THESIS_PHYSICAL.weight
     assert result.cot == pytest.approx(energy / (weight * distance), rel=1e-12)
     assert result.cot_with_regeneration == pytest.approx(regenerated / (weight * distance))
@@ -110,10 +110,10 @@ def test_the_objective_is_the_reward_per_second_falls_included():
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     reward, fallen = 0.0, np.zeros(SMALL.starts, dtype=bool)
     for index, interval in enumerate(rollout(THESIS_PHYSICAL, topple, starts, 150)):
-        fallen[interval.running] = interval.rows[:, row.FAILURE] != 0
+        fallen[interval.running] = interval.rows[:, ROW.failure] != 0
         if index >= 30:
             rows = interval.rows
-            reward += rows[:, row.DISTANCE].sum() - rows[:, row.ELECTRICAL_POSITIVE].sum()
+            reward += rows[:, ROW.distance].sum() - rows[:, ROW.electrical_positive].sum()
     assert 0 < fallen.sum() < SMALL.starts
     np.testing.assert_array_equal(result.fallen, fallen)
     mean = (reward - 7.0 * fallen.sum()) / SMALL.starts
@@ -133,7 +133,7 @@ def test_net_backward_steps_do_not_count_as_walking():
     protocol = Protocol(starts=2, seed=0, duration=0.6, window=0.6, alive=0.6)
     steps = np.zeros(2)
     for interval in rollout(THESIS_PHYSICAL, rest, starts, 60):
-        steps[interval.running] += interval.rows[:, row.STEPS]
+        steps[interval.running] += interval.rows[:, ROW.steps]
     assert steps[0] > 0 > steps[1]
     result = evaluate(rest, protocol=protocol, starts=starts)
     assert not result.fallen.any()
