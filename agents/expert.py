@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from agents.policies import Controller, Floats
+from trajopt.feedback.law import Controller, Floats
 from rimless_gym.hybrid import SINGLE, accelerations, ground_reaction
 from rimless_gym.params import WheelParams
 from trajopt.feedback import LimitCycleLqr

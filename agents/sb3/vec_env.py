@@ -14,7 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from agents.single_envs import gathered, wrappers
+from agents.sb3.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.envs.info import begun, row_of
 from rimless_gym.envs.lazy_info import LazyInfo
@@ -57,6 +57,8 @@ class Sb3VecEnv(VecEnv):
 
     Attributes:
         env: the native vector environment.
+        last_info: its `info` of the last step: arrays (N,) of what the dictionaries hold, those of
+            rows that ended in it included.
 
     Raises:
         TypeError: `envs` is neither, or not of rimless wheels.
@@ -82,6 +84,7 @@ class Sb3VecEnv(VecEnv):
         self._returns = np.zeros(native.num_envs)
         self._lengths = np.zeros(native.num_envs, dtype=np.int64)
         self._actions = np.zeros((native.num_envs, 1), dtype=np.float32)
+        self.last_info: dict[str, NDArray[Any]] = {}
         super().__init__(
             native.num_envs, native.single_observation_space, native.single_action_space
         )
@@ -125,6 +128,7 @@ class Sb3VecEnv(VecEnv):
         """
         observations, rewards, terminated, truncated, columns = self.env.step(self._actions)
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
+        self.last_info = columns
         infos: list[dict[str, Any]] = []
         for i in range(self.num_envs):
             running = LazyInfo()

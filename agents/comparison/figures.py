@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from agents.conditions import Conditions
 from agents.policies import Policy
-from agents.rollout import rollout
-from rimless_gym import energy as row
+from agents.rollout import Rollout
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
@@ -38,21 +38,26 @@ class Walk:
     Attributes:
         states: at the start of each control interval, (N, STATE_SIZE).
         voltages: held over it (V), (N,).
-        rows: its bookings, (N, N_ROWS) of `rimless_gym.energy`.
+        energies: drawn over it (J), E+, (N,).
+        distances: travelled over it (m), (N,).
     """
 
     states: Floats
     voltages: Floats
-    rows: Floats
+    energies: Floats
+    distances: Floats
 
 
 def record(params: WheelParams, policy: Policy, start: Floats, seconds: float) -> Walk:
     """Roll a policy out from one hybrid state (STATE_SIZE,) until it falls or time is up."""
-    intervals = list(rollout(params, policy, start[None], round(seconds / CONTROL_PERIOD)))
+    n_intervals = round(seconds / CONTROL_PERIOD)
+    intervals = list(Rollout(Conditions(params), policy, start[None], n_intervals))
+    drawn = [i.info["electrical_positive"] + i.info["idle"] for i in intervals]
     return Walk(
         np.concatenate([interval.states for interval in intervals]),
         params.voltage_limit * np.concatenate([interval.actions for interval in intervals]),
-        np.concatenate([interval.rows for interval in intervals]),
+        np.concatenate(drawn),
+        np.concatenate([interval.info["distance"] for interval in intervals]),
     )
 
 
@@ -138,8 +143,7 @@ def animate(
 ) -> None:
     """A GIF of a walk, drawn by the environment's own renderer, with its running CoT."""
     stride = round(1 / (fps * CONTROL_PERIOD))
-    energy = np.cumsum(walk.rows[:, row.ELECTRICAL_POSITIVE] + params.idle_power * CONTROL_PERIOD)
-    distance = np.cumsum(walk.rows[:, row.DISTANCE])
+    energy, distance = np.cumsum(walk.energies), np.cumsum(walk.distances)
     frames, trail = [], list[tuple[float, float]]()
     for i in tqdm(
         range(0, len(walk.states), stride), desc="animation", disable=not progress, leave=False
