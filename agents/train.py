@@ -11,7 +11,6 @@ from typing import Any
 from agents import learners
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation
-from agents.expert import gait_expert
 from agents.folder import BEST, CLONE, CLONING, LAST, STATE, claim, sole_user
 from agents.imitation import Cloning
 from agents.interrupts import requests
@@ -26,10 +25,11 @@ from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from trajopt import periodic_gait
+from trajopt.feedback import law
 from trajopt.feedback.law import Controller
 
-#: The gait that is imitated where no expert is given.
-EXPERT_SPEED, EXPERT_STEPS = 0.5, 1
+#: What is imitated where no expert is given: a feedback law, and the gait that it holds.
+EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.5, 1
 
 #: The largest that numpy's global generator takes.
 MAX_SEED = 2**32 - 1
@@ -151,7 +151,7 @@ def _begun(plan: Plan, init: str, expert: Controller | None, cloning: Cloning) -
     learner, params = kind(training), training.conditions.params
     if expert is None:
         gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=plan.progress)
-        expert = gait_expert(gait)
+        expert = law(EXPERT)(gait)
     report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
     return learner

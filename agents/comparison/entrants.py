@@ -17,7 +17,7 @@ from agents.comparison.report import gait_row, policy_row
 from agents.folder import BEST, CLONE, LAST
 from agents.policies import controller_policy, learned_policy
 from agents.policy_files import load_policy
-from agents.train import train
+from agents.train import EXPERT, train
 from agents.training import IMITATION, INITS, SCRATCH
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import law, laws
@@ -27,9 +27,6 @@ from trajopt.gaits.shipped import leads_for
 
 #: Strides considered for the optimal front.
 FRONT_STEPS = (1, 2, 3)
-
-#: The feedback law that is imitated.
-EXPERT = "lqr"
 
 #: What the table calls feedback laws whose names are abbreviations.
 ABBREVIATIONS = {"lqr": "LQR"}

@@ -119,16 +119,16 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
         RuntimeError: a walk fell.
     """
     from agents.evaluate import PROTOCOL
-    from agents.expert import gait_expert
     from agents.policies import controller_policy
     from agents.rollout import draw_starts, rollout
+    from trajopt.feedback import law
     from trajopt.gaits.shipped import nearest
 
     gait = nearest(PARAMS, SPEED, STEPS)[0]
-    law = controller_policy(PARAMS, gait_expert(gait))
+    expert = controller_policy(PARAMS, law("lqr")(gait))
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
-        return law(states, observations).astype(np.float32).astype(np.float64)
+        return expert(states, observations).astype(np.float32).astype(np.float64)
 
     starts = draw_starts(PARAMS, walks, PROTOCOL.seed)
     states, actions, touchdowns = [], [], []

@@ -91,12 +91,12 @@ def test_settings_out_of_range_are_refused():
 @pytest.mark.slow
 def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_model):
     from agents.evaluate import evaluate
-    from agents.expert import gait_expert
     from trajopt import periodic_gait
+    from trajopt.feedback import law
 
     gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
     model = new_model()
-    clone(model, gait_expert(gait), THESIS_PHYSICAL, seed=0)
+    clone(model, law("lqr")(gait), THESIS_PHYSICAL, seed=0)
     result = evaluate(model_policy(model))
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot

@@ -1,4 +1,4 @@
-"""The expert to imitate: an optimal gait held by LQR, kept on its feet by a contact guard."""
+"""A guard that keeps the stance foot pressed down, whatever the law behind it asks for."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from trajopt.feedback.law import Controller, Floats
 from rimless_gym.hybrid import SINGLE, accelerations, ground_reaction
 from rimless_gym.params import WheelParams
-from trajopt.feedback import LimitCycleLqr
-from trajopt.gaits.solution import Solution
+from trajopt.feedback.law import Controller, Floats
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
 CONTACT_MARGIN = 0.1
@@ -20,15 +18,16 @@ CONTACT_MARGIN = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class Guarded:
-    """A controller whose voltage is moved no further than the stance foot's contact needs.
+    """A law whose voltage is changed only as far as the stance foot's contact requires.
 
     The normal force is affine in the voltage, so the voltages that keep it above a margin are a
-    half line. Far from its gait, feedback that knows nothing of contact loses it now and then.
+    half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
 
     Attributes:
         params: the machine.
         controller: the law to guard.
-        margin: least normal force in units of the weight, where a voltage within the limit can.
+        margin: least normal force in units of the weight, where a voltage within the limit can
+            provide it.
     """
 
     params: WheelParams
@@ -40,7 +39,10 @@ class Guarded:
         volts = np.asarray(self.controller(x, mode), dtype=np.float64)
         p = self.params
         floor = self.margin * p.weight
-        return _guard(np.ascontiguousarray(x), mode, volts, floor, p.voltage_limit, p.constants)
+        guarded: Floats = _guard(
+            np.ascontiguousarray(x), mode, volts, floor, p.voltage_limit, p.constants
+        )
+        return guarded
 
 
 @njit(error_model="numpy")
@@ -60,8 +62,3 @@ def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
             guarded[i] = min(guarded[i], (floor - force) / slope)
         guarded[i] = min(max(guarded[i], -limit), limit)
     return guarded
-
-
-def gait_expert(solution: Solution) -> Guarded:
-    """The controller that holds a gait, and finds to it from rest and from any other start."""
-    return Guarded(solution.params, LimitCycleLqr.from_solution(solution))
