@@ -172,9 +172,7 @@ def _summary(
     ledger, weighted = window.total(walking, params)
     own = [
         (ledger.distance / ledger.time, ledger.cost_of_transport(machine)) if walks else _NO_WALK
-        for ledger, machine, walks in zip(
-            window.ledgers(), window.machines, walking, strict=True
-        )
+        for ledger, machine, walks in zip(window.ledgers(), window.machines, walking, strict=True)
     ]
     return Evaluation(
         protocol=protocol,

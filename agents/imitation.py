@@ -36,8 +36,8 @@ class Cloning:
         gait_labels: states of these walks that the expert labels, per round.
         gradient_steps: in each round; twice as many in the last.
         batch_size: observations per gradient step.
-        huber: error (in units of the voltage limit) above which the loss grows only linearly. No
-            smooth network follows the expert where it switches, and trying costs accuracy elsewhere.
+        huber: error (in units of the voltage limit) above which the loss grows only linearly: no
+            smooth network follows the expert's switches, and trying costs accuracy elsewhere.
         learning_rate: at the beginning; it falls to 0 along a cosine over all rounds.
         log_std: natural logarithm of the cloned policy's exploration noise.
         held_out: share of the walks that is not learned from but measures the error.

@@ -151,5 +151,5 @@ class Learner(ABC):
             "policy's file"
         )
 
-    def close(self) -> None:
-        """Let go of environments and files."""
+    def close(self) -> None:  # noqa: B027  most learners have nothing to close
+        """Close environments and files."""

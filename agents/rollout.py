@@ -76,7 +76,12 @@ class Rollout:
     """
 
     def __init__(
-        self, conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        starts: Floats,
+        n_intervals: int,
+        seed: int = 0,
     ) -> None:
         starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
         modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]

@@ -205,9 +205,7 @@ def _learned(plan: Plan, learner: Learner, standing: Standing) -> TrainResult:
     out, kept, interrupted = plan.out, learner.steps, False
     evaluations: list[tuple[int, Evaluation]] = []
     if standing.over is None or standing.over < plan.total:
-        with requests(
-            "at the end of this iteration", "at most half a minute of training"
-        ) as stop:
+        with requests("at the end of this iteration", "at most half a minute of training") as stop:
             session = Session(plan, learner, standing, stop)
             try:
                 session.run()

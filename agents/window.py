@@ -70,9 +70,7 @@ class Window:
         return np.array(
             [
                 sum(task.reward_terms(machine, ledger.distance, ledger.energy, fell))
-                for machine, ledger, fell in zip(
-                    self.machines, self.ledgers(), fallen, strict=True
-                )
+                for machine, ledger, fell in zip(self.machines, self.ledgers(), fallen, strict=True)
             ]
         )
 

@@ -81,7 +81,7 @@ class Gait:
 
 @dataclasses.dataclass(frozen=True)
 class Front:
-    """The front of optimal gaits around the study's speed; its row is the best one at that speed."""
+    """The front of optimal gaits around the study's speed. Its row is that of the best one."""
 
     name: str = "front"
 
@@ -192,9 +192,7 @@ def entrants() -> tuple[Entrant, ...]:
         Front(),
         Gait("swinging", "optimal while the pendulum swings", _swinging),
         *(Law(name) for name in laws()),
-        Learned(
-            "imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"
-        ),
+        Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),
         Learned(
             "fine_tuned",
             f"imitation/{CLONE}",

@@ -24,7 +24,7 @@ class Learner(Sb3Learner):
 
         def mean_action(observations: torch.Tensor) -> torch.Tensor:
             latent = policy.mlp_extractor.forward_actor(observations)
-            return policy.action_net(latent)[:, 0]  # type: ignore[no-any-return]
+            return policy.action_net(latent)[:, 0]
 
         def set_noise(log_std: float) -> None:
             with torch.no_grad():

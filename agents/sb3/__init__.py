@@ -1,1 +1,1 @@
-"""What is particular to stable-baselines3: its environments, and learners built on its algorithms."""
+"""stable-baselines3: its view of the environments, and what learners built on it share."""

@@ -39,9 +39,7 @@ def training_env(
     n_envs: int, conditions: Conditions, task: Task, seed: int, reward_scale: float = 1.0
 ) -> ScaledReward:
     """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
-    env = Sb3VecEnv(
-        conditions.envs(n_envs, task=task, autoreset_mode=AutoresetMode.SAME_STEP)
-    )
+    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=AutoresetMode.SAME_STEP))
     env.seed(seed)
     return ScaledReward(VecMonitor(env), reward_scale)
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym import energy as row
 from rimless_gym.envs.task import normal_force, observe
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
@@ -118,9 +117,10 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     Raises:
         RuntimeError: a walk fell.
     """
-    from agents.evaluate import PROTOCOL
+    from agents.conditions import Conditions
     from agents.policies import controller_policy
-    from agents.rollout import draw_starts, rollout
+    from agents.protocol import PROTOCOL
+    from agents.rollout import Rollout, draw_starts
     from trajopt.feedback import law
     from trajopt.gaits.shipped import nearest
 
@@ -132,12 +132,13 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
 
     starts = draw_starts(PARAMS, walks, PROTOCOL.seed)
     states, actions, touchdowns = [], [], []
-    for i, interval in enumerate(rollout(PARAMS, policy, starts, settling + recorded)):
+    rollout = Rollout(Conditions(PARAMS), policy, starts, settling + recorded)
+    for i, interval in enumerate(rollout):
         if i < settling:
             continue
         states.append(interval.states)
         actions.append(interval.actions.astype(np.float32))
-        touchdowns.append(interval.rows[:, row.TOUCHDOWNS] > 0)
+        touchdowns.append(interval.info["touchdowns"] > 0)
         last = interval.after
     if len(last) < walks:
         raise RuntimeError(f"only {len(last)} of {walks} walks lasted")

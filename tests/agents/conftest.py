@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-
 from agents.hyperparameters import hyperparameters
 from agents.training_env import training_env
+
 from rimless_gym import THESIS_PHYSICAL, Task
 
 

@@ -8,12 +8,12 @@ from base64 import b64encode
 import numpy as np
 import pytest
 import torch
+from agents.checkpoint import FORMAT, CheckpointError, load_policy, read_record, save_policy
+from agents.resumption import StateError, load_state
 from stable_baselines3 import A2C, PPO
 
 from agents import PRETRAINED
-from agents.checkpoint import FORMAT, CheckpointError, load_policy, read_record, save_policy
 from agents.policies import model_policy
-from agents.resumption import StateError, load_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 

@@ -2,9 +2,8 @@
 
 import pytest
 import yaml
-from torch import nn
-
 from agents.hyperparameters import FOLDER, hyperparameters
+from torch import nn
 
 ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
 

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 import torch
-
 from agents.imitate import Cloning, CloningError, actor_of, clone, set_exploration, walk
+
 from agents.policies import controller_policy, model_policy
 from agents.rollout import draw_starts
 from rimless_gym import THESIS_PHYSICAL

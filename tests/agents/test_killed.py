@@ -7,15 +7,15 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-
-from agents import begin, callbacks, compare
-from agents import train as training
 from agents.checkpoint import load_policy
 from agents.compare import Comparison
-from agents.evaluate import Protocol, evaluate
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, clone
 from agents.study import Study
+
+from agents import begin, callbacks, compare
+from agents import train as training
+from agents.evaluate import Protocol, evaluate
 from agents.train import train
 
 KILLS = 20

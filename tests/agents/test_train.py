@@ -8,18 +8,18 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-from agents import train as training
 from agents.callbacks import LogWalking, SaveState
 from agents.checkpoint import CheckpointError, load_policy, read_record, save_policy
-from agents.evaluate import Protocol
-from agents.folder import sole_user
 from agents.hyperparameters import hyperparameters
 from agents.imitate import Cloning, actor_of
 from agents.resumption import FORMAT, StateError, load_state
-from agents.train import train
 from agents.training_env import training_env
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from agents import train as training
+from agents.evaluate import Protocol
+from agents.folder import sole_user
+from agents.train import train
 from agents.trees import to_arrays
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from trajopt.files import read_arrays, write_arrays
