@@ -6,11 +6,11 @@ import math
 from pathlib import Path
 
 import pytest
-from agents.compare import Comparison
-from agents.report import format_table, gap_to_front
-from agents.stages import read_stage, write_stage
-from agents.study import Study
 
+from agents.comparison.compare import Comparison
+from agents.comparison.report import format_table, gap_to_front
+from agents.comparison.stages import read_stage, write_stage
+from agents.comparison.study import Study
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 

@@ -3,7 +3,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from agents.study import Study
+
+from agents.comparison.study import Study
 
 
 @pytest.mark.parametrize(
