@@ -145,6 +145,7 @@ class Learned:
 
     def compete(self, arena: Arena) -> Result:
         """Train and evaluate it."""
+        imitates = self.init == IMITATION
         trained = train(
             self.algo,
             self.init if self.init in INITS else arena.out / self.init,
@@ -152,7 +153,7 @@ class Learned:
             arena.out / self.name,
             timesteps=arena.study.timesteps if self.learns else 0,
             params=arena.params,
-            expert=law(EXPERT)(arena.best_gait),
+            expert=law(EXPERT)(arena.best_gait) if imitates else None,
             progress=arena.progress,
         )
         if trained.interrupted:
