@@ -14,13 +14,22 @@ from agents.sb3 import callbacks
 from agents.session import Session
 from tests.agents.runs import QUICK, STEPS, assert_same_policies, run, scalars, weights
 
+ROUGH = {
+    "ranges": {"pendulum_mass": (2.0, 2.4)},
+    "disturbances": {
+        "pushes": {"rate": 2.0, "impulse": (0.1, 0.3)},
+        "sensor_noise": {"leg_rate": 0.1},
+        "actuator_delay": (0, 2),
+    },
+}
+
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-@pytest.mark.parametrize("rollouts", [1, 4])
+@pytest.mark.parametrize(("rollouts", "conditions"), [(1, {}), (4, {}), (4, ROUGH)])
 def test_a_training_that_was_stopped_ends_with_the_same_policies(
-    tmp_path, monkeypatch, algo, rollouts
+    tmp_path, monkeypatch, algo, rollouts, conditions
 ):
-    whole = run(tmp_path / "whole", algo, timesteps=2 * STEPS[algo])
+    whole = run(tmp_path / "whole", algo, timesteps=2 * STEPS[algo], **conditions)
     between = Session.between
     seen = []
 
@@ -31,12 +40,12 @@ def test_a_training_that_was_stopped_ends_with_the_same_policies(
         between(self)
 
     monkeypatch.setattr(Session, "between", ask)
-    broken = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo])
+    broken = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo], **conditions)
     monkeypatch.setattr(Session, "between", between)
     assert broken.interrupted
     assert 0 < broken.timesteps < whole.timesteps
     assert read_record(broken.last)["timesteps"] == broken.timesteps
-    resumed = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo])
+    resumed = run(tmp_path / "broken", algo, timesteps=2 * STEPS[algo], **conditions)
     assert (resumed.interrupted, resumed.timesteps) == (False, whole.timesteps)
     assert_same_policies(resumed, whole)
 
