@@ -26,8 +26,8 @@ from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD, OK
-from rimless_gym.kernel.stepping import STATE_SIZE
+from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, OK, SINGLE
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
@@ -50,7 +50,7 @@ class Evaluation:
         impulse_friction_demand: the same of the touchdowns' impulses.
         min_normal_force: least Fy (N).
         min_clearance: least height of the pendulum's end over the ground (m).
-        steps_per_period: the commonest period among the walks, 0 if they repeat within none.
+        steps_per_period: the most common period among the walks; 0 stands for none.
         objective: mean reward per second over all starts (m/s); a start that fell counts as
             having paid the task's fall cost within the window.
         ledger: sums over the windows of those that walk.
@@ -107,7 +107,7 @@ def evaluate(
         task: whose reward `objective` is.
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
-        starts: (protocol.starts, STATE_SIZE) instead of the protocol's own.
+        starts: (N, STATE_SIZE) instead of the protocol's own.
         progress: whether to show a progress bar.
 
     Raises:
@@ -156,6 +156,11 @@ def _checked_starts(starts: Any) -> Floats:
         raise ValueError(f"starts: of shape {states.shape}, not (1 or more, {STATE_SIZE})")
     if not np.isfinite(states).all():
         raise ValueError("starts: must all be finite")
+    if not np.isin(states[:, MODE], (SINGLE, DOUBLE)).all():
+        raise ValueError(
+            f"starts: modes are {np.unique(states[:, MODE])}, must be {SINGLE} (single stance) or "
+            f"{DOUBLE} (double stance)"
+        )
     return states.astype(np.float64, copy=False)
 
 
@@ -171,8 +176,8 @@ def _summary(
     some = bool(walking.any())
     ledger, weighted = window.total(walking, params)
     own = [
-        (ledger.distance / ledger.time, ledger.cost_of_transport(machine)) if walks else _NO_WALK
-        for ledger, machine, walks in zip(window.ledgers(), window.machines, walking, strict=True)
+        (each.distance / each.time, each.cost_of_transport(machine)) if walks else _NO_WALK
+        for each, machine, walks in zip(window.ledgers(), window.machines, walking, strict=True)
     ]
     return Evaluation(
         protocol=protocol,

@@ -15,8 +15,8 @@ from trajopt.feedback.law import Floats
 #: Longest period looked for (steps).
 MAX_PERIOD = 6
 
-#: Post-touchdown states (scaled as observations are) this close to each other are the same. The
-#: hold of 10 ms falls differently on every step, so that even a perfect gait scatters.
+#: Post-touchdown states (scaled as observations are) this close to each other count as the same.
+#: Touchdowns fall anywhere within a hold of 10 ms, so even a perfect gait scatters.
 TOLERANCE = 0.03
 
 
@@ -52,7 +52,7 @@ class TouchdownLog:
 def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> Floats:
     """(sin theta, cos theta, phi', theta'), scaled, at the touchdown up to 10 ms before `state`.
 
-    Followed back at constant acceleration, which is right to the third order in those 10 ms.
+    It follows the motion back at constant acceleration, which is accurate to third order.
     """
     p = params.constants
     phi, theta, dphi, dtheta = (float(state[k]) for k in (PHI, THETA, DPHI, DTHETA))

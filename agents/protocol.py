@@ -21,8 +21,8 @@ class Protocol:
 
     Raises:
         TypeError: a number is of the wrong kind.
-        ValueError: not 0 < alive <= window <= duration, each a period of control at least, starts
-            < 1, or seed < 0.
+        ValueError: a time is shorter than a control period, they are not in the order
+            alive <= window <= duration, starts < 1, or seed < 0.
     """
 
     starts: int = 128

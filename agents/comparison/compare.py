@@ -21,7 +21,6 @@ from tqdm import tqdm
 from agents.comparison.arena import Arena
 from agents.comparison.entrants import Entrant, Learned, entrants
 from agents.comparison.figures import (
-    Walk,
     animate,
     plot_cot_against_speed,
     plot_limit_cycles,
@@ -37,6 +36,9 @@ from rimless_gym.hybrid import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
+
+#: Seconds of a walk that are drawn, and those of them that are animated.
+DRAWN, ANIMATED = 20.0, 7.0
 
 
 class Comparison:
@@ -59,7 +61,7 @@ class Comparison:
             self._claim()
 
     def _claim(self) -> None:
-        """Make the folder that of this study, or find that it is already."""
+        """Make the folder this study's, or check that it already is."""
         wanted, written = self._arena.identity, self.out / "study.json"
         if written.exists():
             has = _read_json(written).get("study")
@@ -134,7 +136,7 @@ class Comparison:
         walks = {}
         for each in drawn:
             policy = learned_policy(load_policy(each.main_file(self.out)).act)
-            walks[each.drawn or each.name] = record(params, policy, start, 20.0)
+            walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
         plot_limit_cycles(self.out / "limit_cycles.png", self._arena.best_gait, walks)
         points = {
             row["policy"]: (row["speed"], row["cot"])
@@ -142,9 +144,9 @@ class Comparison:
             if row["walking_share"] and row["cot"] is not None
         }
         plot_cot_against_speed(self.out / "cot_against_speed.png", self._arena.front, points)
-        for name, walk in list(zip([each.name for each in drawn], walks.values(), strict=True))[:1]:
-            clip = Walk(*(values[:700] for values in dataclasses.astuple(walk)))
-            animate(self.out / f"{name}.gif", params, clip, progress=self.progress)
+        if drawn:
+            clip = next(iter(walks.values())).until(ANIMATED)
+            animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

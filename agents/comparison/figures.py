@@ -12,7 +12,6 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from agents.conditions import Conditions
@@ -22,10 +21,9 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.wheel import Scene, draw, save_gif
+from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.solution import Solution
-
-Floats = NDArray[np.float64]
 
 INK, FAINT = "#26303b", "#8a97a6"
 COLOURS = ("#0b8f83", "#e5562e", "#3b6fb6", "#b0892b", "#8459a8")
@@ -46,6 +44,11 @@ class Walk:
     voltages: Floats
     energies: Floats
     distances: Floats
+
+    def until(self, seconds: float) -> Walk:
+        """Its beginning."""
+        n = round(seconds / CONTROL_PERIOD)
+        return Walk(self.states[:n], self.voltages[:n], self.energies[:n], self.distances[:n])
 
 
 def record(params: WheelParams, policy: Policy, start: Floats, seconds: float) -> Walk:

@@ -233,6 +233,7 @@ def test_protocols_of_other_numbers_are_refused(settings, error, message):
         ({"progress": "yes"}, TypeError, "progress = 'yes'"),
         ({"starts": np.zeros(4)}, ValueError, "starts: of shape"),
         ({"starts": np.full((2, 6), math.nan)}, ValueError, "starts: must all be finite"),
+        ({"starts": np.full((2, 6), 3.0)}, ValueError, "starts: modes are"),
         ({"ranges": {"n_legs": (4, 5)}}, ValueError, "'n_legs' cannot be drawn"),
         ({"ranges": [1]}, TypeError, r"ranges = \[1\]: give a mapping"),
         ({"disturbances": {"wind": 1}}, ValueError, "'wind' is not a field of Disturbances"),

@@ -14,7 +14,10 @@ from trajopt.files import read_arrays, write_arrays
 
 
 def test_two_processes_do_not_train_in_one_folder(folder):
-    with sole_user(folder), pytest.raises(ValueError, match=r"another process works in .*--out"):
+    with (
+        sole_user(folder),
+        pytest.raises(ValueError, match=r"another process is working in .*--out"),
+    ):
         run(folder)
 
 
