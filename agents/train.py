@@ -124,8 +124,8 @@ def train(
     total = settings.n_timesteps if timesteps is None else integer("timesteps", timesteps, 0)
     if 0 < total <= settings.silent:
         raise ValueError(
-            f"timesteps = {total}: {algo} only collects experience for the first "
-            f"{settings.silent} (learning_starts in agents/hyperparams); ask for more"
+            f"timesteps = {total}: {algo} only collects experience in the first "
+            f"{settings.silent}; ask for more"
         )
     plan = Plan(training, out, total, score, protocol, progress)
     with sole_user(out):

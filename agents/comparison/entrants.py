@@ -56,7 +56,7 @@ class Gait:
     Attributes:
         name: of its stage and of its file.
         title: its row; None: its number of steps per stride.
-        solve: finds it, and returns None, and why, where there is none.
+        solve: finds it, or says why there is none.
     """
 
     name: str
@@ -158,17 +158,13 @@ class Learned:
         )
         if trained.interrupted:
             raise KeyboardInterrupt
-        main, *others = (
-            arena.evaluated(learned_policy(load_policy(arena.out / self.name / file).act))
-            for file in self.shown.values()
-        )
-        beside = zip(list(self.shown.values())[1:], others, strict=True)
-        return {
-            **main,
-            **{Path(file).stem: evaluation for file, evaluation in beside},
-            "timesteps": trained.timesteps,
-            "files": [f"{self.name}/{file}" for file in self.shown.values()],
+        files = [f"{self.name}/{file}" for file in self.shown.values()]
+        evaluated = {
+            Path(file).stem: arena.evaluated(learned_policy(load_policy(arena.out / file).act))
+            for file in files
         }
+        main = evaluated.pop(Path(files[0]).stem)
+        return main | evaluated | {"timesteps": trained.timesteps, "files": files}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """A row for each policy shown."""
