@@ -1,4 +1,4 @@
-"""Reading `hyperparams/*.yml`, which are in the format of rl-zoo3."""
+"""Reading `agents/hyperparams/*.yml`, which are in the format of rl-zoo3."""
 
 from __future__ import annotations
 
@@ -12,40 +12,44 @@ from typing import Any
 import yaml
 from torch import nn
 
-FOLDER = Path(__file__).parent / "hyperparams"
+from agents.training import Settings
+
+FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
-_WRAPPER = "agents.training_env.ScaledReward"
+_WRAPPER = "agents.sb3.training_env.ScaledReward"
 
 
-@dataclasses.dataclass(frozen=True)
-class Hyperparameters:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hyperparameters(Settings):
     """One entry of a file.
 
     Attributes:
         n_envs: environments side by side.
-        n_timesteps: environment steps, all environments together.
         reward_scale: factor on the reward that the learner sees.
-        algorithm: keyword arguments of PPO or SAC, `policy` among them.
-        written: the entry as it was written, plain JSON values.
+        algorithm: keyword arguments of the algorithm, `policy` among them.
+        entry: as it was written, plain JSON values.
     """
 
     n_envs: int
-    n_timesteps: int
     reward_scale: float
     algorithm: dict[str, Any]
-    written: dict[str, Any]
+    entry: dict[str, Any]
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """The entry."""
+        return self.entry
 
 
-def hyperparameters(algo: str, imitation: bool, folder: Path = FOLDER) -> Hyperparameters:
-    """Those of an algorithm, from scratch or from a clone.
+def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperparameters:
+    """The entry of a file for a training from scratch, or from a policy.
 
     Raises:
-        ValueError: there is no such file or entry, or `policy_kwargs` is not as rl-zoo3 writes it.
+        ValueError: there is no such file or entry, or something in it is not as rl-zoo3 writes it.
     """
-    path, entry = folder / f"{algo}.yml", "RimlessWheel-v0" + "-imitation" * imitation
+    path, entry = folder / file, "RimlessWheel-v0" + "-imitation" * imitation
     if not path.is_file():
-        known = sorted(p.stem for p in folder.glob("*.yml"))
-        raise ValueError(f"algo = {algo!r}: choose from {known}")
+        raise ValueError(f"{path}: no such file of hyperparameters")
     entries = yaml.safe_load(path.read_text())
     if entry not in entries:
         raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
@@ -69,11 +73,18 @@ def hyperparameters(algo: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
                 f"{path}: policy_kwargs {text!r}: write dict(name=value, ...) of plain values and "
                 f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"
             ) from error
-    return Hyperparameters(n_envs, n_timesteps, scale, values, written)
+    return Hyperparameters(
+        n_timesteps=n_timesteps,
+        silent=int(values.get("learning_starts", 0)),
+        n_envs=n_envs,
+        reward_scale=scale,
+        algorithm=values,
+        entry=written,
+    )
 
 
 def _written(node: ast.expr) -> Any:
-    """The value of an expression as rl-zoo3 writes them, which evaluates any; here, only these."""
+    """The value of an expression. rl-zoo3 evaluates any; here, only those that it needs."""
     match node:
         case ast.Call(func=ast.Name(id="dict"), args=[], keywords=entries) if all(
             entry.arg for entry in entries
@@ -85,9 +96,9 @@ def _written(node: ast.expr) -> Any:
 
 
 def _linear(text: str) -> Callable[[float], float]:
-    """rl-zoo3's "lin_x": from x to 0 as training goes on."""
+    """rl-zoo3's "lin_x": falls from x to 0 during the training."""
     prefix, _, start = text.partition("_")
     if prefix != "lin":
         raise ValueError(f"schedule {text!r}: write a number, or lin_ and a number")
-    # The last rollout may end after the last time step, and `remaining` below 0.
+    # The last roll-out may end after the last time step; `remaining` is negative then.
     return lambda remaining: float(start) * max(remaining, 0.0)

@@ -14,7 +14,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from agents.single_envs import gathered, wrappers
+from agents.sb3.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.envs.info import begun, row_of
 from rimless_gym.envs.lazy_info import LazyInfo
@@ -28,7 +28,7 @@ _NATIVE_NAMES = {
     "state": "states",
 }
 
-#: Monitor's methods that tell about finished episodes.
+#: Methods of Monitor that report finished episodes.
 _RECORDS = ("get_episode_rewards", "get_episode_lengths", "get_episode_times")
 
 
@@ -39,29 +39,31 @@ class Sb3VecEnv(VecEnv):
     (N, 6) float32, rewards (N,) float32, dones (N,), and a list of N dictionaries. These hold the
     single environment's `info` and `TimeLimit.truncated`; at the end of an episode also
     `terminal_observation`, a copy, and `episode` where the environments are monitored. Until a
-    dictionary is read its entries are not made, see `rimless_gym.envs.lazy_info`.
+    dictionary is read, its entries are not made; see `rimless_gym.envs.lazy_info`.
 
     Either of
 
         Sb3VecEnv(gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep"))
         make_vec_env("RimlessWheel-v0", n_envs=64, vec_env_cls=Sb3VecEnv)
 
-    The first counts no episodes: put a `VecMonitor` around it. Options for the next reset are the
-    environment's, by `set_options`, for all rows or each; `params` are changed in this way too.
+    The first counts no episodes: put a `VecMonitor` around it. `set_options` takes the options of
+    the environment's next reset, for all rows or one for each; `params` is one of them.
 
     Args:
         envs: a native vector environment that resets in the same step; or functions that make
-            single environments, as for stable-baselines3's own classes. These are read, and native
-            rows take their place: `params` may differ from row to row, time limits and Monitors
-            are honoured, their files included, and other wrappers refused.
+            single environments, as for stable-baselines3's own classes. Native rows take their
+            place. They may have different `params`. Time limits and Monitors, files included, keep
+            their effect; other wrappers are refused.
 
     Attributes:
         env: the native vector environment.
+        last_info: its `info` of the last step: arrays (N,) of what the dictionaries hold, those of
+            rows that ended in it included.
 
     Raises:
         TypeError: `envs` is neither, or not of rimless wheels.
-        ValueError: the rows reset themselves at another time, or there are wrappers whose part
-            native rows cannot play.
+        ValueError: the rows reset themselves at another time, or there are wrappers whose effect
+            cannot be reproduced.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class Sb3VecEnv(VecEnv):
         self._returns = np.zeros(native.num_envs)
         self._lengths = np.zeros(native.num_envs, dtype=np.int64)
         self._actions = np.zeros((native.num_envs, 1), dtype=np.float32)
+        self.last_info: dict[str, NDArray[Any]] = {}
         super().__init__(
             native.num_envs, native.single_observation_space, native.single_action_space
         )
@@ -89,7 +92,7 @@ class Sb3VecEnv(VecEnv):
         self.spec = singles[0].spec if singles else native.spec
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin episodes with the seeds and options given before, which count this once.
+        """Begin episodes with the seeds and options given before; they are used once.
 
         Raises:
             ValueError: an option is unknown or its value out of range.
@@ -114,7 +117,7 @@ class Sb3VecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take note of the actions (N, 1)."""
+        """Keep the actions (N, 1) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -125,6 +128,7 @@ class Sb3VecEnv(VecEnv):
         """
         observations, rewards, terminated, truncated, columns = self.env.step(self._actions)
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
+        self.last_info = columns
         infos: list[dict[str, Any]] = []
         for i in range(self.num_envs):
             running = LazyInfo()
@@ -146,7 +150,7 @@ class Sb3VecEnv(VecEnv):
         return observations, rewards.astype(np.float32), dones, infos
 
     def _book(self, i: int, info: dict[str, Any]) -> None:
-        """What the Monitors of row i do when an episode ends."""
+        """Do what the Monitors of row i do when an episode ends."""
         for monitor in self._monitors[i]:
             total, length = float(self._returns[i]), int(self._lengths[i])
             elapsed = time.time() - monitor.t_start
@@ -173,7 +177,7 @@ class Sb3VecEnv(VecEnv):
         return frames or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The attribute of each row, as a single environment calls it.
+        """The attribute of each row, by the name that it has in a single environment.
 
         Raises:
             AttributeError: there is none.
@@ -196,7 +200,7 @@ class Sb3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call `get_wrapper_attr`, or what a row's Monitor tells: get_episode_rewards and so on.
+        """Call `get_wrapper_attr`, or a method of each row's Monitor such as `get_episode_rewards`.
 
         Raises:
             NotImplementedError: a row has no such method of its own.
@@ -214,7 +218,7 @@ class Sb3VecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Whether each row plays the part of such a wrapper."""
+        """Whether each row stands for an environment in such a wrapper."""
         return [
             any(isinstance(wrapper, wrapper_class) for wrapper in self._wrappers[i])
             for i in self._get_indices(indices)

@@ -8,18 +8,29 @@ from base64 import b64encode
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import A2C, PPO
+from stable_baselines3 import PPO
 
 from agents import PRETRAINED
-from agents.checkpoint import FORMAT, CheckpointError, load_policy, read_record, save_policy
-from agents.policies import model_policy
-from agents.resumption import StateError, load_state
+from agents.policy_files import FORMAT, CheckpointError, load_policy, read_record, save_policy
+from agents.sb3.networks import architecture
+from agents.training_state import StateError, read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 
 
 def observations():
     return np.random.default_rng(0).uniform(-1, 1, (50, 6)).astype(np.float32)
+
+
+@pytest.fixture
+def new_policy(tmp_path, new_learner):
+    """Makes the file of a new policy."""
+
+    def make(algo="ppo"):
+        learner = new_learner(algo)
+        return save_policy(tmp_path / "p.zip", learner.training, learner)
+
+    return make
 
 
 def with_record(path, target, **changes):
@@ -48,12 +59,12 @@ class Trap:
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_model, algo):
-    model = new_model(algo)
-    path = save_policy(tmp_path / "p.zip", model, THESIS_PHYSICAL, Task(0.4), 7, note="x")
+def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_learner, algo):
+    learner = new_learner(algo, seed=7, task=Task(0.4))
+    path = save_policy(tmp_path / "p.zip", learner.training, learner, note="x")
     loaded = load_policy(path, THESIS_PHYSICAL)
     x = observations()
-    np.testing.assert_array_equal(model_policy(loaded.model)(x, x), model_policy(model)(x, x))
+    np.testing.assert_array_equal(loaded.act(x), learner.act(x))
     assert (loaded.algo, loaded.params, loaded.task, loaded.seed) == (
         algo,
         THESIS_PHYSICAL,
@@ -65,8 +76,8 @@ def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_model, algo):
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_loaded_policy_can_walk_and_go_on_learning(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def test_a_loaded_policy_can_walk_and_go_on_learning(tmp_path, new_policy):
+    path = new_policy()
     model = load_policy(path).model
     action, _ = model.predict(model.env.reset(), deterministic=True)
     assert action.shape == (1, 1)
@@ -96,9 +107,9 @@ def trapped(path, mark):
 
 
 def test_nothing_in_a_file_of_plain_stable_baselines3_is_run_unless_its_author_is_trusted(
-    tmp_path, new_model
+    tmp_path, new_learner
 ):
-    new_model().save(tmp_path / "foreign.zip")
+    new_learner().model.save(tmp_path / "foreign.zip")
     mark = tmp_path / "mark"
     foreign = trapped(tmp_path / "foreign.zip", mark)
     for read in (load_policy, read_record):
@@ -109,12 +120,12 @@ def test_nothing_in_a_file_of_plain_stable_baselines3_is_run_unless_its_author_i
     assert mark.exists()  # the attack is real
 
 
-def test_a_file_of_plain_stable_baselines3_can_be_trusted(tmp_path, new_model):
-    model = new_model("sac")
+def test_a_file_of_plain_stable_baselines3_can_be_trusted(tmp_path, new_learner):
+    model = new_learner("sac").model
     model.save(tmp_path / "foreign.zip")
     loaded = load_policy(tmp_path / "foreign.zip", PROTOTYPE, trust_pickle=True)
     x = observations()
-    np.testing.assert_array_equal(model_policy(loaded.model)(x, x), model_policy(model)(x, x))
+    np.testing.assert_array_equal(loaded.act(x), model.predict(x, deterministic=True)[0][:, 0])
     assert (loaded.algo, loaded.params) == ("sac", PROTOTYPE)
 
 
@@ -125,8 +136,8 @@ def signed(arrays):
     return file.getvalue()
 
 
-def test_a_policy_that_holds_more_than_arrays_is_refused_though_it_is_signed(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model("ppo"), THESIS_PHYSICAL, Task(), 0)
+def test_a_policy_that_holds_more_than_arrays_is_refused_though_it_is_signed(tmp_path, new_policy):
+    path = new_policy("ppo")
     with np.load(path) as data:
         arrays = {name: data[name] for name in data.files if name != DIGEST}
     file = io.BytesIO()
@@ -139,7 +150,7 @@ def test_a_policy_that_holds_more_than_arrays_is_refused_though_it_is_signed(tmp
 
 
 @pytest.mark.parametrize("part", ["weights", HEADER, "beside"])
-def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_model, part):
+def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_policy, part):
     mark = tmp_path / "mark"
     trap = np.array([Trap(mark)], dtype=object)
     header = np.array(json.dumps({"format": FORMAT}))
@@ -153,11 +164,11 @@ def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_model, par
         np.savez(file, allow_pickle=True, **{HEADER: header, DIGEST: np.array("")} | {part: trap})
     path = tmp_path / "trap.zip"
     path.write_bytes(file.getvalue())
-    for read, error in ((load_policy, CheckpointError), (load_state, StateError)):
+    for read, error in ((load_policy, CheckpointError), (read_state, StateError)):
         with pytest.raises(error, match=r"trap\.zip"):
             read(path)
     path.write_bytes(pickle.dumps(Trap(mark)))
-    for read, error in ((load_policy, CheckpointError), (load_state, StateError)):
+    for read, error in ((load_policy, CheckpointError), (read_state, StateError)):
         with pytest.raises(error, match="damaged"):
             read(path)
     assert not mark.exists()
@@ -175,8 +186,8 @@ def test_a_file_that_is_no_archive_is_refused(tmp_path):
         load_policy(tmp_path / "bad.zip")
 
 
-def test_a_truncated_or_altered_checkpoint_is_refused(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def test_a_truncated_or_altered_checkpoint_is_refused(tmp_path, new_policy):
+    path = new_policy()
     content = bytearray(path.read_bytes())
     (tmp_path / "short.zip").write_bytes(content[: len(content) // 2])
     content[len(content) // 3] ^= 0xFF
@@ -186,22 +197,22 @@ def test_a_truncated_or_altered_checkpoint_is_refused(tmp_path, new_model):
             load_policy(tmp_path / name)
 
 
-def test_a_policy_of_another_observation_layout_is_refused(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def test_a_policy_of_another_observation_layout_is_refused(tmp_path, new_policy):
+    path = new_policy()
     other = with_record(path, tmp_path / "q.zip", observation_layout=["phi", "theta"])
     with pytest.raises(CheckpointError, match="observes"):
         load_policy(other)
 
 
-def test_a_policy_of_another_machine_is_refused_unless_asked_for(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def test_a_policy_of_another_machine_is_refused_unless_asked_for(tmp_path, new_policy):
+    path = new_policy()
     with pytest.raises(CheckpointError, match=r"pendulum_mass.*2\.22.*0\.555"):
         load_policy(path, PROTOTYPE)
     assert load_policy(path).params == THESIS_PHYSICAL
 
 
-def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, new_model):
-    path = save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, new_policy):
+    path = new_policy()
     write_arrays(tmp_path / "v.zip", "rimless-gym policy 99", {}, {})
     with pytest.raises(CheckpointError, match="policy 99"):
         read_record(tmp_path / "v.zip")
@@ -210,8 +221,8 @@ def test_a_record_of_another_version_or_with_parts_missing_is_refused(tmp_path, 
 
 
 @pytest.fixture
-def saved(tmp_path, new_model):
-    return save_policy(tmp_path / "p.zip", new_model(), THESIS_PHYSICAL, Task(), 0)
+def saved(tmp_path, new_policy):
+    return new_policy()
 
 
 @pytest.mark.parametrize("text", ["[]", "null", "3", "not JSON", "", "[" * 100_000])
@@ -244,8 +255,8 @@ def test_a_record_with_an_invalid_entry_is_refused(tmp_path, saved, changes):
 
 
 @pytest.mark.parametrize(("algo", "other"), [("ppo", "sac"), ("sac", "ppo")])
-def test_a_relabelled_algorithm_is_refused(tmp_path, new_model, algo, other):
-    path = save_policy(tmp_path / "p.zip", new_model(algo), THESIS_PHYSICAL, Task(), 0)
+def test_a_relabelled_algorithm_is_refused(tmp_path, new_policy, algo, other):
+    path = new_policy(algo)
     bad = with_record(path, tmp_path / "bad.zip", algo=other)
     with pytest.raises(CheckpointError, match=rf"bad\.zip: its record says {other}.*again"):
         load_policy(bad)
@@ -272,12 +283,7 @@ def test_a_folder_is_refused(tmp_path):
         load_policy(tmp_path)
 
 
-def test_networks_that_cannot_be_told_in_words_are_not_saved(tmp_path, new_model):
+def test_networks_that_plain_values_cannot_describe_are_refused():
     odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"optimizer_class": torch.optim.SGD})
-    with pytest.raises(CheckpointError, match="optimizer_class"):
-        save_policy(tmp_path / "p.zip", odd, THESIS_PHYSICAL, Task(), 0)
-
-
-def test_only_ppo_and_sac_are_saved(tmp_path):
-    with pytest.raises(CheckpointError, match="A2C"):
-        save_policy(tmp_path / "p.zip", A2C("MlpPolicy", "Pendulum-v1"), THESIS_PHYSICAL, Task(), 0)
+    with pytest.raises(ValueError, match="optimizer_class"):
+        architecture(odd)

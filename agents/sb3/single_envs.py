@@ -13,7 +13,7 @@ from stable_baselines3.common.monitor import Monitor
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.envs.env import RimlessWheelEnv
 
-#: Wrappers whose part the rows, and who owns them, can play.
+#: Wrappers whose effect `Sb3VecEnv` reproduces.
 HONOURED = (Monitor, TimeLimit, OrderEnforcing, PassiveEnvChecker)
 
 
@@ -25,12 +25,12 @@ def wrappers(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, Any]
 
 
 def gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
-    """Rows that do what the single environments do, with autoreset in the same step.
+    """Rows that behave like the single environments, with autoreset in the same step.
 
     Raises:
         TypeError: an environment is not a `RimlessWheelEnv`.
         ValueError: there are none, they differ in more than `params`, or one has a wrapper whose
-            part the rows cannot play.
+            effect cannot be reproduced.
     """
     if not envs:
         raise ValueError("no environments: give at least one function that makes one")
@@ -52,7 +52,7 @@ def gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
 
 
 def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
-    """What the native environment must be given to do as this one."""
+    """The arguments with which the native environment behaves like this one."""
     single, limits = env.unwrapped, []
     if type(single) is not RimlessWheelEnv:
         raise TypeError(
@@ -80,7 +80,7 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
             f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
             "use DummyVecEnv"
         )
-    fleet = single.get_state()["fleet"]  # its machine as it was given, not as it was drawn
+    fleet = single.get_state()["fleet"]  # the machine before anything was drawn
     return {
         "params": fleet["params"][0],
         "task": single.task,

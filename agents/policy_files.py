@@ -1,7 +1,7 @@
 """Policy files: weights and a record of what they were trained for, nothing else.
 
 A file is an archive of plain arrays with a JSON record and a digest (`trajopt.files`). Reading it
-executes nothing: the loader builds the stable-baselines3 model itself and puts the weights in.
+executes nothing: the learner that is named in the record builds the policy and puts the weights in.
 Files written by plain stable-baselines3 are pickles, which can run any code.
 """
 
@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from stable_baselines3 import PPO, SAC
 
-from agents.hyperparameters import ACTIVATIONS
-from agents.training_env import training_env
-from rimless_gym.envs import task as walking
+from agents import learners
+from agents.learner import Learner, PolicyParts
+from agents.policies import Act
+from agents.sb3.foreign import unpickled
+from agents.training import Training
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
-from trajopt.files import digest, jsonable, read_arrays, write_arrays
+from trajopt.files import digest, read_arrays, write_arrays
 from trajopt.provenance import provenance
 
 FORMAT = "rimless-gym policy 2"
-ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC}
 
 #: Policies that come with the package, by name.
 PRETRAINED = {
@@ -41,8 +41,8 @@ OBSERVATION_LAYOUT = (
     "(phi - pi/2) / (alpha/2)",
     "sin theta",
     "cos theta",
-    f"phi' / {walking.LEG_RATE_SCALE} rad/s",
-    f"theta' / {walking.PENDULUM_RATE_SCALE} rad/s",
+    f"phi' / {LEG_RATE_SCALE} rad/s",
+    f"theta' / {PENDULUM_RATE_SCALE} rad/s",
     "resting",
 )
 
@@ -58,114 +58,70 @@ class Checkpoint:
     """A loaded policy.
 
     Attributes:
-        model: the stable-baselines3 model, whose `predict` takes observations of the environment.
-            Its settings of learning are stable-baselines3's defaults.
-        algo: "ppo" or "sac".
+        act: the policy: observations (N, 6) of the environment -> actions (N,) in [-1, 1].
+        algo: name of the learner.
         params: the machine that it was trained on.
         task: the reward that it was trained for.
         seed: of the training.
-        record: everything that was saved with the weights.
+        parts: what the file held; the record has everything that was saved with the weights.
     """
 
-    model: Any
+    act: Act
     algo: str
     params: WheelParams
     task: Task
     seed: int
-    record: dict[str, Any]
+    parts: PolicyParts
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Everything that was saved with the weights."""
+        return self.parts.record
+
+    @property
+    def model(self) -> Any:
+        """The stable-baselines3 model, with that library's default settings of learning.
+
+        Raises:
+            AttributeError: the learner is not one of stable-baselines3.
+        """
+        return self.act.model  # type: ignore[attr-defined]
 
 
-def save_policy(
-    path: str | Path, model: Any, params: WheelParams, task: Task, seed: int, **notes: Any
-) -> Path:
-    """Write a model's weights with their record; the file is complete or left as it was.
+def save_policy(path: str | Path, training: Training, learner: Learner, **notes: Any) -> Path:
+    """Write a learner's policy with its record; the file is complete or left as it was.
 
     Args:
         path: of the file, .zip.
-        model: PPO or SAC with an "MlpPolicy".
-        params: the machine.
-        task: the reward.
-        seed: of the training.
+        training: in which it was learned.
+        learner: whose policy to write.
         notes: plain JSON values to record beside these.
 
     Returns:
         The path.
 
     Raises:
-        CheckpointError: the model is of another kind, or its networks cannot be written as JSON.
+        ValueError: the policy cannot be described by plain values.
         OSError: the file cannot be written; one that was there is kept.
     """
-    algo = next((name for name, kind in ALGORITHMS.items() if isinstance(model, kind)), None)
-    if algo is None:
-        raise CheckpointError(f"model = {type(model).__name__}: must be one of {list(ALGORITHMS)}")
-    if type(model.policy) is not ALGORITHMS[algo].policy_aliases["MlpPolicy"]:
-        raise CheckpointError(
-            f"policy = {type(model.policy).__name__}: only an MlpPolicy is kept in a policy file"
-        )
     versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
-    made_by = provenance()
+    made_by, parts = provenance(), learner.parts()
     record = {
-        "algo": algo,
-        "policy_kwargs": architecture(model),
-        "seed": seed,
-        "timesteps": model.num_timesteps,
+        "algo": training.algo,
+        "seed": training.seed,
+        "timesteps": learner.steps,
         "observation_layout": list(OBSERVATION_LAYOUT),
-        "params": params.to_dict(),
-        "task": dataclasses.asdict(task),
+        **training.conditions.to_dict(),
+        "task": dataclasses.asdict(training.task),
         "versions": made_by["versions"] | versions,
         "git_revision": made_by["git_revision"],
+        **parts.record,
         **notes,
     }
-    weights = {name: w.detach().cpu().numpy() for name, w in model.policy.state_dict().items()}
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_arrays(path, FORMAT, record, weights)
+    write_arrays(path, FORMAT, record, parts.weights)
     return path
-
-
-def architecture(model: Any) -> dict[str, Any]:
-    """The `policy_kwargs` of a model as JSON values, the activation by its name.
-
-    Raises:
-        CheckpointError: they hold something that JSON cannot.
-    """
-    named = {kind: name for name, kind in ACTIVATIONS.items()}
-    kwargs = dict(model.policy_kwargs)
-    # SAC puts this one in by itself.
-    kwargs = {k: v for k, v in kwargs.items() if not (k == "use_sde" and v is False)}
-    activation = kwargs.get("activation_fn")
-    if activation is not None:
-        if activation not in named:
-            raise CheckpointError(f"activation_fn = {activation}: choose from {list(ACTIVATIONS)}")
-        kwargs["activation_fn"] = named[activation]
-    wrong = [k for k, v in kwargs.items() if not _is_plain(v)]
-    if wrong:
-        raise CheckpointError(f"policy_kwargs {wrong}: only plain values are kept in a policy file")
-    return dict(jsonable(kwargs))
-
-
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, dict):
-        return all(isinstance(key, str) and _is_plain(item) for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return all(_is_plain(item) for item in value)
-    return value is None or isinstance(value, bool | int | float | str)
-
-
-def built(algo: str, policy_kwargs: dict[str, Any], env: Any, **arguments: Any) -> Any:
-    """A new model with the networks that `architecture` described.
-
-    Args:
-        algo: "ppo" or "sac".
-        policy_kwargs: from `architecture`.
-        env: to learn in.
-        arguments: any others for the algorithm.
-    """
-    kwargs = dict(policy_kwargs)
-    if "activation_fn" in kwargs:
-        kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
-    arguments = {"policy": "MlpPolicy", "device": "cpu"} | arguments
-    return ALGORITHMS[algo](env=env, policy_kwargs=kwargs, **arguments)
 
 
 def find_policy(path: str | Path) -> Path:
@@ -175,7 +131,7 @@ def find_policy(path: str | Path) -> Path:
         CheckpointError: neither exists.
     """
     found = Path(path)
-    for file in (found, Path(f"{path}.zip")):  # as stable-baselines3 names what it saves
+    for file in (found, Path(f"{path}.zip")):  # stable-baselines3 adds .zip by itself
         if file.is_file():
             return file
     if str(path) in PRETRAINED:
@@ -233,8 +189,7 @@ def load_policy(
     try:
         trained_on = WheelParams(**record["params"])
         task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
-        if algo not in ALGORITHMS:
-            raise ValueError(f"algo = {algo!r}: must be one of {list(ALGORITHMS)}")
+        kind = learners.learner(algo)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise CheckpointError(
             f"{path}: its record is incomplete or invalid: {error!r}; {_REMEDY}"
@@ -246,17 +201,15 @@ def load_policy(
             f"{path}: trained on another machine: {differing}; to try it on this one all the "
             "same, load it without params"
         )
+    parts = PolicyParts(record, weights)
     try:
-        model = built(algo, record["policy_kwargs"], training_env(1, trained_on, task, seed=0))
-        model.policy.load_state_dict({name: torch.from_numpy(w) for name, w in weights.items()})
-        model.num_timesteps = int(record["timesteps"])
-    except Exception as error:  # torch and stable-baselines3 raise almost anything
+        act = kind.load(parts, trained_on, task)
+    except Exception as error:  # learners may raise anything
         raise CheckpointError(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
             f"({error!r}), so it was edited or damaged; {_REMEDY}"
         ) from error
-    model.policy.set_training_mode(False)
-    return Checkpoint(model, algo, trained_on, task, seed, record)
+    return Checkpoint(act, algo, trained_on, task, seed, parts)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -285,14 +238,9 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
-    """The model in a file of plain stable-baselines3, PPO or SAC."""
-    env = training_env(1, params, Task(), seed=0)
-    causes = []
-    for algo, kind in ALGORITHMS.items():
-        try:
-            model = kind.load(path, env=env, device="cpu")
-        except Exception as error:  # unpickling can raise anything
-            causes.append(f"{algo}: {error!r}")
-        else:
-            return Checkpoint(model, algo, params, Task(), 0, {"algo": algo})
-    raise CheckpointError(f"{path}: neither a PPO nor a SAC model ({'; '.join(causes)})")
+    """The policy in a file of plain stable-baselines3."""
+    try:
+        algo, act = unpickled(path, params)
+    except ValueError as error:
+        raise CheckpointError(str(error)) from error
+    return Checkpoint(act, algo, params, Task(), 0, PolicyParts({"algo": algo}, {}))

@@ -12,20 +12,18 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from agents.conditions import Conditions
 from agents.policies import Policy
-from agents.rollout import rollout
-from rimless_gym.energy import ROW
+from agents.rollout import Rollout
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.wheel import Scene, draw, save_gif
+from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.solution import Solution
-
-Floats = NDArray[np.float64]
 
 INK, FAINT = "#26303b", "#8a97a6"
 COLOURS = ("#0b8f83", "#e5562e", "#3b6fb6", "#b0892b", "#8459a8")
@@ -38,21 +36,31 @@ class Walk:
     Attributes:
         states: at the start of each control interval, (N, STATE_SIZE).
         voltages: held over it (V), (N,).
-        rows: its bookings, (N, N_ROWS) of `rimless_gym.energy`.
+        energies: drawn over it (J), E+, (N,).
+        distances: travelled over it (m), (N,).
     """
 
     states: Floats
     voltages: Floats
-    rows: Floats
+    energies: Floats
+    distances: Floats
+
+    def until(self, seconds: float) -> Walk:
+        """Its beginning."""
+        n = round(seconds / CONTROL_PERIOD)
+        return Walk(self.states[:n], self.voltages[:n], self.energies[:n], self.distances[:n])
 
 
 def record(params: WheelParams, policy: Policy, start: Floats, seconds: float) -> Walk:
     """Roll a policy out from one hybrid state (STATE_SIZE,) until it falls or time is up."""
-    intervals = list(rollout(params, policy, start[None], round(seconds / CONTROL_PERIOD)))
+    n_intervals = round(seconds / CONTROL_PERIOD)
+    intervals = list(Rollout(Conditions(params), policy, start[None], n_intervals))
+    drawn = [i.info["electrical_positive"] + i.info["idle"] for i in intervals]
     return Walk(
         np.concatenate([interval.states for interval in intervals]),
         params.voltage_limit * np.concatenate([interval.actions for interval in intervals]),
-        np.concatenate([interval.rows for interval in intervals]),
+        np.concatenate(drawn),
+        np.concatenate([interval.info["distance"] for interval in intervals]),
     )
 
 
@@ -138,8 +146,7 @@ def animate(
 ) -> None:
     """A GIF of a walk, drawn by the environment's own renderer, with its running CoT."""
     stride = round(1 / (fps * CONTROL_PERIOD))
-    energy = np.cumsum(walk.rows[:, ROW.electrical_positive] + params.idle_power * CONTROL_PERIOD)
-    distance = np.cumsum(walk.rows[:, ROW.distance])
+    energy, distance = np.cumsum(walk.energies), np.cumsum(walk.distances)
     frames, trail = [], list[tuple[float, float]]()
     for i in tqdm(
         range(0, len(walk.states), stride), desc="animation", disable=not progress, leave=False

@@ -18,7 +18,7 @@ class Study:
         steps: of the gait that is solved for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning, and of training from scratch.
-        starts: random starts of the search for the gait, beside the shipped guess.
+        starts: random starts of the search for the gait, in addition to the shipped guess.
         front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
 
     Raises:
