@@ -25,7 +25,7 @@ from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from trajopt import periodic_gait
-from trajopt.feedback import law
+from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
 
 #: What is imitated where no expert is given: a feedback law, and the gait that it holds.
@@ -151,7 +151,7 @@ def _begun(plan: Plan, init: str, expert: Controller | None, cloning: Cloning) -
     learner, params = kind(training), training.conditions.params
     if expert is None:
         gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=plan.progress)
-        expert = law(EXPERT)(gait)
+        expert = laws.design(EXPERT, gait)
     report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
     return learner

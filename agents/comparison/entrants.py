@@ -20,7 +20,7 @@ from agents.policy_files import load_policy
 from agents.train import EXPERT, train
 from agents.training import IMITATION, INITS, SCRATCH
 from trajopt import Solution, periodic_gait
-from trajopt.feedback import law, laws
+from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.shipped import leads_for
@@ -106,14 +106,14 @@ class Law:
     """A feedback law that holds the best gait at the study's speed.
 
     Attributes:
-        name: one of `trajopt.feedback.laws()`.
+        name: one of `trajopt.feedback.laws.names()`.
     """
 
     name: str
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        controller = law(self.name)(arena.best_gait)
+        controller = laws.design(self.name, arena.best_gait)
         return arena.evaluated(controller_policy(arena.params, controller))
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
@@ -153,7 +153,7 @@ class Learned:
             arena.out / self.name,
             timesteps=arena.study.timesteps if self.learns else 0,
             params=arena.params,
-            expert=law(EXPERT)(arena.best_gait) if imitates else None,
+            expert=laws.design(EXPERT, arena.best_gait) if imitates else None,
             progress=arena.progress,
         )
         if trained.interrupted:
@@ -188,7 +188,7 @@ def entrants() -> tuple[Entrant, ...]:
         Gait("gait", None, _searched),
         Front(),
         Gait("swinging", "optimal while the pendulum swings", _swinging),
-        *(Law(name) for name in laws()),
+        *(Law(name) for name in laws.names()),
         Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),
         Learned(
             "fine_tuned",

@@ -122,11 +122,11 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     from agents.policies import controller_policy
     from agents.protocol import PROTOCOL
     from agents.rollout import Rollout, draw_starts
-    from trajopt.feedback import law
+    from trajopt.feedback import laws
     from trajopt.gaits.shipped import nearest
 
     gait = nearest(PARAMS, SPEED, STEPS)[0]
-    expert = controller_policy(PARAMS, law("lqr")(gait))
+    expert = controller_policy(PARAMS, laws.design("lqr", gait))
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
         return expert(states, observations).astype(np.float32).astype(np.float64)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from agents.comparison.entrants import entrants
 from agents.comparison.report import format_table, gap_to_front
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
+from trajopt.feedback import laws
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 
@@ -104,7 +104,6 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
         "def design(solution):\n    return lambda x, mode: 0 * x[:, 0]\n"
     )
     before = [entrant.name for entrant in entrants()]
-    laws = import_module("trajopt.feedback.laws")
     monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
     now = {entrant.name: entrant for entrant in entrants()}
     assert set(now) - set(before) == {"at_rest"}

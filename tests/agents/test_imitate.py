@@ -13,7 +13,7 @@ from agents.rollout import draw_starts
 from agents.sb3.cloning import CloningError, clone
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import periodic_gait
-from trajopt.feedback import law
+from trajopt.feedback import laws
 
 QUICK = Cloning(
     rounds=2,
@@ -121,7 +121,7 @@ def test_settings_out_of_range_are_refused():
 def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_actor):
     gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
     actor = new_actor()
-    teach(actor, law("lqr")(gait), Cloning())
+    teach(actor, laws.design("lqr", gait), Cloning())
     result = evaluate(learned_policy(actor.act))
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
