@@ -1,4 +1,4 @@
-"""Feedback laws that hold a gait: `trajopt.feedback.laws` has one per file, the rest is for them."""
+"""Feedback laws that hold a gait: one per file in `trajopt.feedback.laws`, parts beside it."""
 
 from trajopt.feedback.law import Controller
 from trajopt.feedback.laws.lqr import LimitCycleLqr
