@@ -22,7 +22,9 @@ from typing import Any, NamedTuple
 
 from rimless_gym.records import record
 
-PLASTIC, RELABEL, THESIS = 0, 1, 2  # indices in params.IMPACT_LAWS
+#: Names of the impact laws; `impact` has what each does.
+IMPACT_LAWS = ("plastic", "relabel", "thesis")
+PLASTIC, RELABEL, THESIS = range(len(IMPACT_LAWS))
 
 #: The losses of smooth motion, each with its power. A new loss is an entry here, its power in
 #: `losses` and its torque in `hub_friction` or `forces`: the ledger, the simulators, `info`, the

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import SMALLEST, real
-from rimless_gym.equations import equations
+from rimless_gym.equations import IMPACT_LAWS, equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
 MOST_LEGS = 1_000_000  # so near together the model still tells them apart
-IMPACT_LAWS = ("plastic", "relabel", "thesis")
 LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rimless_gym import Disturbances, Pushes, SensorNoise, WheelParams
 from rimless_gym.envs.starts import draw_start
-from rimless_gym.equations import equations
+from rimless_gym.equations import IMPACT_LAWS, equations
 from rimless_gym.hybrid import MAX_RATE, MODE_NAMES
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import IMPACT_LAWS, MOTOR_MOUNTS, PRESETS, Constants
+from rimless_gym.params import MOTOR_MOUNTS, PRESETS, Constants
 
 Floats = NDArray[np.float64]
 Generator = np.random.Generator

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from rimless_gym import RimlessWheelVectorEnv, WheelParams
-from rimless_gym.params import IMPACT_LAWS
+from rimless_gym.equations import IMPACT_LAWS
 from scripts.fuzzing import draws
 from scripts.fuzzing.reintegration import DIFFERENCE, Interval, difference
 from scripts.fuzzing.rules import Rules, followed
