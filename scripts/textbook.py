@@ -13,7 +13,7 @@ from scripts.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
 from trajopt.gaits.passive import PASSIVE_WHEEL
 from trajopt.ocp.textbook import EXAMPLES, Example
-from trajopt.ocp.transcribe.mesh import SCHEMES
+from trajopt.ocp.transcribe.schemes import SCHEMES
 
 PROBLEMS = (*EXAMPLES, PASSIVE_WHEEL)
 

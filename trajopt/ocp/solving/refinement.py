@@ -22,7 +22,8 @@ from trajopt.ocp.pose.phase import Phase
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.switches import breaks, is_smooth, switch_points
 from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import FIXED_DEGREE, Mesh
+from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.transcribe.schemes import SCHEMES
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: What refinement never exceeds: the degree of an element, and the elements of all phases together.
@@ -79,7 +80,7 @@ def refined(
     halved. Where there is no room to split all elements, the worst are split.
     """
     fractions, degrees = [], []
-    room, fixed = max(MAX_ELEMENTS - mesh.elements, 0), mesh.scheme in FIXED_DEGREE
+    room, fixed = max(MAX_ELEMENTS - mesh.elements, 0), bool(SCHEMES[mesh.scheme].degree)
     pairs = zip(problem.phases, qualities, strict=True)
     limits = [_limits(phase, quality, tolerances.limits) for phase, quality in pairs]
     misses = [_misses(*each, tolerances) for each in zip(qualities, limits, strict=True)]

@@ -10,12 +10,7 @@ import numpy as np
 
 from trajopt.ocp.checks import integer, real_array
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.transcribe.schemes import Scheme, hermite_simpson, radau, trapezoid
-
-#: Degree of the state polynomial, of schemes whose degree is fixed.
-FIXED_DEGREE = {"trapezoid": 2, "hermite-simpson": 3}
-
-SCHEMES = (*FIXED_DEGREE, "radau")
+from trajopt.ocp.transcribe.schemes import SCHEMES, Scheme
 
 #: Largest degree. An element's work grows with the cube of its degree, and beyond this the error
 #: no longer falls: tracing takes a second at degree 40, and minutes at 200.
@@ -32,7 +27,7 @@ class Mesh:
     Attributes:
         fractions: for each phase the element edges as fractions of its duration, from 0 to 1.
         degrees: for each phase the degree of the state on each element.
-        scheme: "trapezoid", "hermite-simpson" or "radau".
+        scheme: its name in `SCHEMES`: "trapezoid", "hermite-simpson" or "radau".
         control_degree: the control's highest degree under "radau"; None for the state's less one.
     """
 
@@ -108,7 +103,7 @@ class Mesh:
         _require_scheme(scheme)
         degree = integer("degree", degree, 1, MOST_DEGREE)
         edges = tuple(tuple(float(s) for s in np.linspace(0.0, 1.0, n + 1)) for n in each)
-        degree = FIXED_DEGREE.get(scheme, degree)
+        degree = SCHEMES[scheme].degree or degree
         return cls(edges, tuple((degree,) * n for n in each), scheme, control_degree)
 
     @classmethod
@@ -119,9 +114,7 @@ class Mesh:
 
     def scheme_of_degree(self, degree: int) -> Scheme:
         """The scheme of elements of this degree."""
-        if self.scheme == "radau":
-            return radau(degree, self.control_degree)
-        return trapezoid() if self.scheme == "trapezoid" else hermite_simpson()
+        return SCHEMES[self.scheme].of_degree(degree, self.control_degree)
 
     @property
     def elements(self) -> int:
@@ -131,4 +124,4 @@ class Mesh:
 
 def _require_scheme(scheme: Any) -> None:
     if not isinstance(scheme, str) or scheme not in SCHEMES:
-        raise ValueError(f"scheme = {scheme!r}: choose from {SCHEMES}")
+        raise ValueError(f"scheme = {scheme!r}: choose from {tuple(SCHEMES)}")

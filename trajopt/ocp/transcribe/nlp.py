@@ -188,12 +188,14 @@ def _curved_down(stats: dict[str, Any]) -> bool:
 
 
 def _require_inequalities(problem: Problem, mesh: Mesh) -> None:
+    if mesh.scheme_of_degree(mesh.degrees[0][0]).shared_controls:
+        return
     for phase in problem.phases:
         path = phase.path
-        if mesh.scheme == "radau" and path is not None and np.any(path.lower == path.upper):
+        if path is not None and np.any(path.lower == path.upper):
             name = path.names[int(np.argmax(path.lower == path.upper))]
             raise ValueError(
-                f"path constraint {name!r} of phase {phase.name!r} is an equation: radau imposes "
-                "path constraints at more places than its controls have degrees of freedom; solve "
-                "the equation for a control, or use another scheme"
+                f"path constraint {name!r} of phase {phase.name!r} is an equation: {mesh.scheme} "
+                "imposes path constraints at more places than its controls have degrees of "
+                "freedom; solve the equation for a control, or use another scheme"
             )
