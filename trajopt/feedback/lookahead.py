@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
     MODE,
     STATE_SIZE,
@@ -107,7 +108,7 @@ def _best_first(x, mode, follow, data, plan, machine):  # type: ignore[no-untype
     return volts
 
 
-@njit(error_model="numpy")
+@inner
 def _scores(moving, u, out, follow, data, plan, machine):  # type: ignore[no-untyped-def]
     """How near to the gait each column of `moving` gets that begins with the voltage in `u`."""
     tries = len(u)
