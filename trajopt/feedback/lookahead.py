@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from rimless_gym import energy as row
 from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE
+from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
+    FOOT,
     MODE,
     STATE_SIZE,
     advance_batch,
@@ -96,18 +98,18 @@ def _best_first(x, mode, follow, data, plan, machine):  # type: ignore[no-untype
     moving, out = np.empty((STATE_SIZE, tries)), np.empty((row.N_ROWS, tries))
     for i in range(len(x)):
         own, _ = follow(x[i], data)
-        u[:m], u[m] = plan.candidates, own
-        moving[:] = 0.0
         for k in range(tries):
-            moving[:4, k] = x[i]
-        moving[MODE] = mode[i]
+            u[k] = plan.candidates[k] if k < m else own
+            for c in range(4):
+                moving[c, k] = x[i, c]
+            moving[MODE, k], moving[FOOT, k] = mode[i], 0.0
         scores = _scores(moving, u, out, follow, data, plan, machine)
         best = np.argmin(scores)
         volts[i] = plan.candidates[best] if scores[best] < scores[m] else own
     return volts
 
 
-@njit(error_model="numpy")
+@inner
 def _scores(moving, u, out, follow, data, plan, machine):  # type: ignore[no-untyped-def]
     """How near to the gait each column of `moving` gets that begins with the voltage in `u`."""
     tries = len(u)

@@ -174,9 +174,12 @@ def _voltage_along_orbit(
     return np.asarray(trend[:, None] * time_ahead)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def follow(x, orbit):  # type: ignore[no-untyped-def]
-    """The voltage for a state, and the state's squared distance from the orbit; compiled."""
+    """The voltage for a state, and the state's squared distance from the orbit; compiled.
+
+    Only for callers that are compiled too: it has no wrapper for Python, which takes seconds.
+    """
     states, metric = orbit.states, orbit.metric
     best, j = np.inf, 0
     for i in range(len(states)):

@@ -1,4 +1,4 @@
-"""Solved cases in files, from which an interrupted run goes on."""
+"""Solved cases in files, so that an interrupted run can go on."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scripts.thesis.experiments.case import Case, Key
-from scripts.thesis.experiments.run import Solved, of_durations, simulated
+from scripts.thesis.experiments.solve import of_durations, simulated
+from scripts.thesis.experiments.solved import Solved
 from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.judge.saved import ExtremalFileError
 from trajopt.provenance import provenance
 
-#: What a file records of a search besides its best solution.
+#: Fields of `Solved` about the search, which a file keeps beside the best solution.
 SEARCH = ("optima", "failed", "reaching", "seconds")
 
 
@@ -32,7 +33,7 @@ def store(folder: Path, solution: Solved) -> None:
 
 
 def recalled(folder: Path, cases: Sequence[Case]) -> dict[Key, Solved]:
-    """Those cases, in order, that a folder holds as solved by these versions of all software."""
+    """The cases that a folder holds, solved with the software as it is now; by key, in order."""
     found: dict[Key, Solved] = {}
     for case in cases:
         before = found.get(case.after.key) if case.after else None

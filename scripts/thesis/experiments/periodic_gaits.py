@@ -1,7 +1,8 @@
-"""What the thesis set out for: steps that repeat, with real collisions, at least electrical energy.
+"""The thesis's aim: steps that repeat, with real collisions and the least electrical energy.
 
-The motor is on the wheel, touchdowns are plastic, the ground pushes and holds by friction only, the
-battery takes nothing back: the gaits of `trajopt.periodic_gait`, with the pendulum's mass chosen.
+The motor is on the wheel, touchdowns are plastic, the ground only pushes and holds by friction, and
+the battery takes nothing back. These are the gaits of `trajopt.periodic_gait`, but the pendulum's
+mass is chosen too.
 """
 
 from __future__ import annotations
@@ -20,17 +21,18 @@ from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.search.optima import Start
 
-SPEED, STEPS = 0.5, 2  # m/s, per stride
+#: Of the gaits: m/s, and steps per stride.
+SPEED, STEPS = 0.5, 2
 
 
 def rod_of_mass(params: WheelParams) -> Design:
-    """The pendulum's mass, its inertia in proportion: a denser rod of the same length."""
+    """m2 as a design variable, with the inertia in proportion: a denser rod of the same length."""
     ratio = params.pendulum_inertia / params.pendulum_mass
     return Design(("m2",), lambda p: {"pendulum_mass": p[0], "pendulum_inertia": ratio * p[0]})
 
 
 def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) -> Problem:
-    """A gait of least cost of transport (E+), m2 to be chosen.
+    """The problem of a gait of least cost of transport (E+) with m2 to be chosen.
 
     Args:
         params: the machine.
@@ -48,7 +50,7 @@ def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) ->
 
 @dataclasses.dataclass(frozen=True)
 class FromGait:
-    """Starts at the cheapest gait of the machine as it is, with m2 as it is, or at random.
+    """Starts from the cheapest gait of the machine as it is; the first has its m2, others any m2.
 
     Attributes:
         params: the machine.
@@ -60,7 +62,7 @@ class FromGait:
 
     @cached_property
     def gait(self) -> Solution:
-        """Of the machine as it is."""
+        """The cheapest gait of the machine as it is."""
         return periodic_gait(self.params, SPEED, STEPS)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
@@ -69,9 +71,9 @@ class FromGait:
         return Start(tuple(self.gait.phases), np.array([mass]))
 
     def problem(self, before: Extremal | None = None) -> Problem:
-        """With as many turns of the pendulum as the gait has."""
+        """The problem with the gait's number of turns of the pendulum."""
         return cheapest_gait(self.params, self.mass, self.gait.theta_turns)
 
     def itself(self, problem: Problem) -> FromGait:
-        """The family of a problem: this one."""
+        """This family, whatever the problem."""
         return self
