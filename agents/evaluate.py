@@ -26,7 +26,8 @@ from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, OK, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
 from trajopt.feedback.law import Floats

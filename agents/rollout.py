@@ -15,7 +15,7 @@ from rimless_gym.checks import real_array
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.starts import draw_start
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import MODE_NAMES
+from rimless_gym.equations import MODE_NAMES
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats

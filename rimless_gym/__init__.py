@@ -40,8 +40,8 @@ __all__ = [
     "simulate",
 ]
 
-# Where the names are that are looked up when they are first used: numba, SciPy and CasADi, which
-# their modules need, take longer to import than everything else.
+# Names that are imported on first use, and their modules. These modules need numba, SciPy or
+# CasADi, which take longer to import than everything else.
 _MODULES = {
     "Disturbances": "envs.disturbances",
     "Failure": "hybrid",
@@ -78,7 +78,7 @@ gymnasium.register(
     entry_point="rimless_gym.envs.env:RimlessWheelEnv",
     vector_entry_point="rimless_gym.envs.vector_env:RimlessWheelVectorEnv",
     max_episode_steps=EPISODE_STEPS,
-    # The environment refuses by itself, with errors, what these wrappers look for in every step.
+    # The environment itself raises the errors that these wrappers check for in every step.
     order_enforce=False,
     disable_env_checker=True,
 )

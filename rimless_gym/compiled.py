@@ -1,7 +1,7 @@
 """The hybrid model's functions for callers in Python: compiled, and kept on disk between processes.
 
-They take the machine as an array of constants, and compute together what is asked for together:
-every function compiled costs a new process some tenths of a second.
+They take the machine as an array of constants. One function computes all the values that callers
+need together, because every compiled function costs a new process some tenths of a second.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from rimless_gym.params import N_CONSTANTS, Constants
 
 @kept()
 def rates(mode, phi, theta, dphi, dtheta, u, constants):
-    """(Rates of the state, electrical power, shaft power) and the losses' powers, all smooth.
+    """Two tuples: the state's rates with electrical and shaft power, and the losses' powers.
 
-    The shaft's power is what the motor does to wheel and pendulum.
+    All are smooth. The shaft power is what the motor delivers to wheel and pendulum.
     """
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)

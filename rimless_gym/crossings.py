@@ -1,6 +1,6 @@
 """Where functions of time change sign: guards to stop at, and kinks at which to split integrals.
 
-Both are sampled, and looked at again where a top or dip between two samples may change its sign.
+Both are sampled. Where an extremum between two samples may change the sign, it is searched for.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Guards = Callable[[float, Array], tuple[float, ...]]
 
 SAMPLES = 16  # per step of an integrator
-GUARD_TOLERANCE = 1e-13  # rad, or N: how far past its guard a crossing is
+GUARD_TOLERANCE = 1e-13  # rad, or N: a guard counts as passed above this
 
 #: A component that nowhere exceeds this (SI units) counts as zero: its sign is rounding.
 NOTHING = 1e-12
@@ -79,7 +79,7 @@ def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[in
         if bracket is None:
             continue
         low, high = bracket
-        # Just after an impact the state is on the guard it left: look for a time when it was off.
+        # Just after an impact the state is still on the guard: look for a time when it has left.
         while guard(low) >= 0 and high - low > 1e-15:
             low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
         root = low if guard(low) >= 0 else float(brentq(guard, low, high, xtol=1e-15))
@@ -91,11 +91,11 @@ def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[in
 def _first_positive(
     guard: Callable[[float], float], times: Array, values: Array
 ) -> tuple[float, float] | None:
-    """Two times around the first crossing: samples, or a sample and a top between samples."""
+    """Two times that bracket the first crossing: samples, or a sample and a maximum between."""
     if not np.all(np.isfinite(values)):
         return None  # a pin joint never lets go
     last = len(times) - 1
-    bend = np.abs(np.diff(values, 2)).max()  # a top is at most bend / 8 above the nearest sample
+    bend = np.abs(np.diff(values, 2)).max()  # a maximum is at most bend / 8 above a sample
     for i, value in enumerate(values):
         if i and value > GUARD_TOLERANCE:
             return times[i - 1], times[i]

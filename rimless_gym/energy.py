@@ -4,8 +4,8 @@ Over any interval, whatever the motion, the energies of `CHANNELS` balance:
 
     electrical + push = (losses) + collision + mechanical_change
 
-with the losses of `rimless_gym.equations.LOSSES`, and the foot's own descent in the mechanical
-energy. `Ledger.residual` is what is left over.
+with the losses of `rimless_gym.equations.LOSSES`. The mechanical energy includes the descent of
+the stance foot. `Ledger.residual` is what is left over.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Channel(NamedTuple):
     """An energy of the ledger (J).
 
     Attributes:
-        name: of the kernel's row, of the entry in `info` and of the ledger's field.
-        sign: in the balance: 1 what comes in, -1 where it goes, 0 what is counted beside it.
-        meaning: in words.
+        name: shared by the kernel's row, the entry in `info` and the ledger's field.
+        sign: 1 for energy that comes in, -1 for where it goes, 0 if it is outside the balance.
+        meaning: one line of documentation.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Channel(NamedTuple):
     meaning: str
 
 
-#: What the simulators book of every interval.
+#: The energies that the simulators book for every interval.
 BOOKED = (
     Channel("electrical", 1, "integral of V i; the battery can be recharged"),
     Channel("electrical_positive", 0, "integral of max(V i, 0); the battery cannot be recharged"),
@@ -47,7 +47,7 @@ BOOKED = (
     Channel("mechanical_change", -1, "change of kinetic and potential energy, descent included"),
 )
 
-#: All channels: with those that the environment adds.
+#: All channels, including those that the environment adds.
 CHANNELS = (
     *BOOKED,
     Channel("idle", 0, "idle power times duration"),
@@ -57,8 +57,8 @@ CHANNELS = (
 #: The stepping kernel's rows that are sums over an interval.
 SUMS = ("elapsed", "distance", *(channel.name for channel in BOOKED), "steps", "touchdowns")
 
-#: All of its rows: then come extremes, and what holds at the interval's end. `touchdown_time` is
-#: when in the interval the last touchdown was (s), or -1.
+#: All of its rows: the sums, then extremes, then values at the interval's end. `touchdown_time` is
+#: the time of the last touchdown since the interval began (s), or -1.
 Row = record(
     "Row",
     [
@@ -69,15 +69,15 @@ Row = record(
     __name__,
 )
 
-#: Where each is, such as ``rows[:, ROW.distance]``.
+#: The index of each row, as in ``rows[:, ROW.distance]``.
 ROW = places(Row)
 
 
 def balance(energies: Mapping[str, Any]) -> list[Any]:
-    """The energies that balance, by sign: their sum is what is left unexplained.
+    """The energies of the balance with their signs; their sum is the residual.
 
     Args:
-        energies: by the names of `CHANNELS`, J; numbers or arrays. `push` may be missing.
+        energies: name in `CHANNELS` -> energy (J), numbers or arrays. `push` may be missing.
     """
     signs = {channel.name: channel.sign for channel in CHANNELS if channel.sign}
     return [sign * energies[name] for name, sign in signs.items() if name in energies]
@@ -91,8 +91,8 @@ class Ledger:
         time: duration (s).
         distance: net travel of the hub along the ground (m), downhill positive.
         electrical: integral of V i; the battery can be recharged.
-        electrical_positive: integral of max(V i, 0); it cannot.
-        losses: of smooth motion, by name: `rimless_gym.equations.LOSSES`.
+        electrical_positive: integral of max(V i, 0); the battery cannot be recharged.
+        losses: energies lost in smooth motion, named as in `rimless_gym.equations.LOSSES`.
         collision: loss in touchdowns (signed under the non-physical impact laws).
         shaft: integral of |T psi'|, the thesis's measure.
         mechanical_change: change of kinetic and potential energy, foot descent included.
@@ -113,7 +113,7 @@ class Ledger:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64], params: WheelParams) -> Ledger:
-        """From the rows (len(ROW),) that the kernel booked, summed over intervals or not."""
+        """The ledger of rows (len(ROW),) booked by the kernel, of one interval or a sum of many."""
         booked = Row(*rows.tolist())
         return cls.of(booked._asdict() | {"idle": params.idle_power * booked.elapsed, "push": 0.0})
 
@@ -140,9 +140,9 @@ class Ledger:
         return self.electrical + self.idle
 
     def cost_of_transport(self, params: WheelParams, *, regeneration: bool = False) -> float:
-        """Energy / (weight * distance), electrical, without regeneration unless asked for.
+        """Electrical energy / (weight * distance), without regeneration unless asked for.
 
-        NaN if the hub did not get forward.
+        NaN if the hub has not moved forward.
         """
         energy = self.energy_with_regeneration if regeneration else self.energy
         return energy / (params.weight * self.distance) if self.distance > 0 else math.nan

@@ -1,10 +1,10 @@
 """The physics, written once.
 
-`equations(sin, cos, compiled)` returns plain functions of scalars. numba compiles these very
-lines for stepping (`rimless_gym.hybrid`), CasADi traces the very same lines for optimisation
+`equations(sin, cos, compiled)` returns plain functions of scalars. numba compiles these lines for
+stepping (`rimless_gym.hybrid`), and CasADi traces the same lines for optimisation
 (`rimless_gym.symbolic`). There is no other copy of an equation of motion, guard or impact map.
 
-Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y off it):
+Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y normal to it):
 
     hub          = foot + L1 (-cos phi, sin phi)        phi: stance leg from the ground
     pendulum CoM = hub  + L2 (sin theta, -cos theta)    theta: pendulum from the ground's normal
@@ -21,6 +21,10 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from rimless_gym.records import record
+
+#: Names of the stance modes.
+MODE_NAMES = ("single_stance", "double_stance")
+SINGLE, DOUBLE = range(len(MODE_NAMES))
 
 #: Names of the impact laws; `impact` has what each does.
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
@@ -47,7 +51,7 @@ class State(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Of the two angles (rad/s^2)."""
+    """Accelerations of the two angles (rad/s^2)."""
 
     ddphi: Any
     ddtheta: Any
@@ -66,7 +70,7 @@ def equations(
 
     Args:
         sin: sine of one scalar, of the caller's number type.
-        cos: cosine likewise.
+        cos: cosine of one scalar, of the same type.
         compiled: decorator applied to each function, e.g. ``numba.njit``.
 
     Returns:
@@ -77,7 +81,7 @@ def equations(
 
     @compiled
     def angle_sum(phi, theta):
-        """Sine and cosine of phi + theta, from the four that nearly every equation shares."""
+        """Sine and cosine of phi + theta, from those of phi and theta that most equations share."""
         return (
             sin(phi) * cos(theta) + cos(phi) * sin(theta),
             cos(phi) * cos(theta) - sin(phi) * sin(theta),
@@ -85,7 +89,7 @@ def equations(
 
     @compiled
     def hub_position(phi, p):
-        """Hub from the stance foot, (x, y) in m."""
+        """Position (x, y) of the hub relative to the stance foot (m)."""
         return -p.L1 * cos(phi), p.L1 * sin(phi)
 
     @compiled
@@ -95,40 +99,40 @@ def equations(
 
     @compiled
     def relative_rate(dphi, dtheta, p):
-        """psi' of the motor (3.48); the frame mount sees theta' alone (thesis 4.4)."""
+        """psi' of the motor (3.48); with the frame mount it is theta' alone (thesis 4.4)."""
         return dtheta + p.d1 * dphi
 
     # -- energies ---------------------------------------------------------------------------
 
     @compiled
     def coupling(phi, theta, p):
-        """The mass matrix's M12 (3.41), rotor included."""
+        """M12 of the mass matrix (3.41), rotor included."""
         return p.Je3 * angle_sum(phi, theta)[0] + p.Jr * p.d1
 
     @compiled
     def mass_matrix(phi, theta, p):
-        """(3.41), rotor included, as (M11, M12, M22)."""
+        """The mass matrix (3.41) as (M11, M12, M22), rotor included."""
         return p.Je1 + p.Jr * p.d1, coupling(phi, theta, p), p.Je2 + p.Jr
 
     @compiled
     def touchdown_matrix(phi_new, phi_old, theta, p):
         """M(+, -) between two stance poses, as (M11, M12, M21, M22); (3.41) when they are equal.
 
-        M(+,+) v+ = M(+,-) v- is the plastic touchdown: angular momentum about the new foot, and
-        of the pendulum about the hub.
+        M(+,+) v+ = M(+,-) v- is the plastic touchdown. It conserves the angular momentum about the
+        new foot, and that of the pendulum about the hub.
         """
         m11 = p.I1 + (p.Je1 - p.I1) * cos(phi_new - phi_old) + p.Jr * p.d1
         return m11, coupling(phi_new, theta, p), coupling(phi_old, theta, p), p.Je2 + p.Jr
 
     @compiled
     def kinetic_energy(phi, theta, dphi, dtheta, p):
-        """(3.27), rotor included (J)."""
+        """Kinetic energy (3.27), rotor included (J)."""
         m11, m12, m22 = mass_matrix(phi, theta, p)
         return 0.5 * m11 * dphi**2 + m12 * dphi * dtheta + 0.5 * m22 * dtheta**2
 
     @compiled
     def potential_energy(phi, theta, p):
-        """(3.26) on a slope, measured from the stance foot (J)."""
+        """Potential energy (3.26) on a slope, measured from the stance foot (J)."""
         wheel = p.S1 * (p.gy * sin(phi) + p.gx * cos(phi))
         return wheel - p.S2 * (p.gy * cos(theta) + p.gx * sin(theta))
 
@@ -161,7 +165,7 @@ def equations(
 
     @compiled
     def hub_friction(dpsi, p):
-        """Torque of friction at the hub (N m), against psi'."""
+        """Friction torque at the hub (N m), against psi'."""
         return p.damping * dpsi
 
     @compiled
@@ -171,12 +175,12 @@ def equations(
 
     @compiled
     def air_drag(dphi, p):
-        """Torque of the air's drag on the hub about the foot (N m), against phi'."""
+        """Torque about the foot of the air drag on the hub (N m), against phi'."""
         return p.Cd * abs(dphi) * dphi
 
     @compiled
     def losses(dphi, dpsi, u, p):
-        """Powers lost (W), those of `LOSSES`."""
+        """Powers of the `LOSSES` (W)."""
         return Losses(
             copper=p.Rm * motor_current(dpsi, u, p) ** 2,
             friction=hub_friction(dpsi, p) * dpsi,
@@ -198,7 +202,7 @@ def equations(
 
     @compiled
     def solve(m11, m12, m22, r1, r2):
-        """The symmetric 2 x 2 system with right-hand side (r1, r2)."""
+        """Solution of the symmetric 2 x 2 system with right-hand side (r1, r2)."""
         inverse = 1 / (m11 * m22 - m12 * m12)
         return (m22 * r1 - m12 * r2) * inverse, (m11 * r2 - m12 * r1) * inverse
 
@@ -216,10 +220,10 @@ def equations(
 
     @compiled
     def lift_off_guards(theta, dtheta, u, p):
-        """phi'' that each foot of a wheel at rest would give alone, (leading, trailing).
+        """phi'' of a wheel at rest if it stood on one foot alone: (leading, trailing).
 
-        Both feet press while leading < 0 < trailing. Leading > 0: the trailing foot lifts off and
-        the wheel goes forward; trailing < 0: the leading foot lifts off, backward.
+        Both feet press while leading < 0 < trailing. If leading > 0, the trailing foot lifts off
+        and the wheel goes forward. If trailing < 0, the leading foot lifts off and it goes back.
         """
         leading, _ = single_stance(p.a, theta, 0.0, dtheta, u, p)
         trailing, _ = single_stance(p.b, theta, 0.0, dtheta, u, p)
@@ -234,13 +238,13 @@ def equations(
 
     @compiled
     def lift_off_guard(theta, dtheta, u, p):
-        """Of a wheel at rest on two feet: positive once one foot would have to be pulled down."""
+        """Positive once a foot of a wheel at rest on two feet would have to be pulled down."""
         leading, trailing = lift_off_guards(theta, dtheta, u, p)
         return max(leading, -trailing)
 
     @compiled
     def contact_guard(fy, pull):
-        """How far the ground's pull on the feet (N) is beyond the largest that it can exert."""
+        """How far the pull that the feet need (N) exceeds `pull`, the most the ground can exert."""
         return -pull - fy
 
     # -- touchdown ----------------------------------------------------------------------------
@@ -270,28 +274,28 @@ def equations(
 
     @compiled
     def touchdown_backward(phi, theta, dphi, dtheta, p):
-        """Backward touchdown: the state on the stance leg before."""
+        """Backward touchdown: the state on the new stance leg, the one behind."""
         dphi_new, dtheta_new = impact(phi + p.alpha, phi, theta, dphi, dtheta, p)
         return phi + p.alpha, theta, dphi_new, dtheta_new
 
     @compiled
     def stop_on_two_feet(phi_old, theta, dphi, dtheta, p):
-        """theta' after an impact that leaves the wheel at rest: the pendulum's momentum alone."""
+        """theta' after an impact that stops the wheel; the pendulum's momentum is conserved."""
         return dtheta + coupling(phi_old, theta, p) * dphi * p.mobility
 
     @compiled
     def push(phi, theta, dphi, dtheta, jx, jy, p):
-        """Rates after an impulse (jx, jy) in N s on the hub, the stance foot held."""
+        """Rates after an impulse (jx, jy) in N s on the hub, with the stance foot held."""
         m11, m12, m22 = mass_matrix(phi, theta, p)
         turned = p.L1 * (jx * sin(phi) + jy * cos(phi))
         jump = solve(m11, m12, m22, turned, 0.0)
         return dphi + jump[0], dtheta + jump[1]
 
-    # -- how stiff and how near to singular a machine is -----------------------------------------
+    # -- stiffness of a machine, and how nearly singular it is -----------------------------------
 
     @compiled
     def regularity(angle, p):
-        """1 - M12^2 / (M11 M22) where phi + theta is `angle`: 0 where the matrix is singular.
+        """1 - M12^2 / (M11 M22) at phi + theta = `angle`; 0 where the matrix is singular.
 
         It is least at one of the ends of M12's range, at -pi/2 or pi/2.
         """
@@ -300,9 +304,9 @@ def equations(
 
     @compiled
     def psi_mobility(angle, p):
-        """psi'' per torque of the motor (1 / (kg m^2)) where phi + theta is `angle`.
+        """psi'' per motor torque (1 / (kg m^2)) at phi + theta = `angle`.
 
-        It is (M11 + M22 - 2 M12) / det M, or M11 / det M with the stator on a frame.
+        It is (M11 + M22 - 2 M12) / det M, or M11 / det M with the frame mount.
         """
         m11, m12, m22 = mass_matrix(0.0, angle, p)
         ddphi, ddtheta = solve(m11, m12, m22, p.d1, 1.0)
@@ -319,7 +323,7 @@ def equations(
 
     @compiled
     def drag_pole(dphi, p):
-        """How fast the air drag damps phi' (1/s), at most."""
+        """Largest rate (1/s) at which air drag damps phi', over all poses."""
         return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
 
     # -- ground ---------------------------------------------------------------------------------

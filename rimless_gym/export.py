@@ -1,24 +1,24 @@
 """The machine for other people's simulators: MJCF for MuJoCo, URDF for Drake and others.
 
-Both files describe the same planar tree with four joints of these names and coordinates, in the
-ground's frame (x downhill along the ground, z off it):
+Both files describe the same planar tree. It has four joints with these names and coordinates, in
+the ground's frame (x downhill along the ground, z normal to it):
 
     hub_x      slide  hub from the first stance foot, along the ground (m)
     hub_z      slide  height of the hub less the leg length (m)
-    wheel      hinge  phi - pi/2 + foot alpha, forward positive: the wheel on leg number `foot`
+    wheel      hinge  phi - pi/2 + foot alpha, forward positive, with the wheel on leg `foot`
     pendulum   hinge  mount "wheel": the angle psi from the wheel, theta + wheel
                       mount "frame": theta, from a hub that does not turn
 
-Positive theta swings the pendulum forward, so the pendulum's axis is the wheel's reversed. At zero
-the wheel stands upright on leg 0 and the pendulum hangs. `joint_state` converts.
+Positive theta swings the pendulum forward, so the pendulum's axis is opposite to the wheel's. At
+zero the wheel stands upright on leg 0 and the pendulum hangs. `joint_state` converts states.
 
-The hub itself weighs nothing. MuJoCo wants a mass of every moving body; both files make it
-put at least 1e-14 kg (and kg m^2) in place of every zero.
+The hub itself is massless. MuJoCo wants every moving body to have a mass, so both files tell it to
+use at least 1e-14 kg (and kg m^2) in place of zeros.
 
-What neither format can say is left out: air drag, idle power and the impact law (touchdowns are
-whatever the other simulator's contacts make of them; inelastic in the MJCF, to about 1 %). Feet
-are spheres so small that rolling on them hardly matters, and touch when their centres reach
-height 0; the pendulum touches nothing, as in our model.
+Neither format has air drag, idle power or an impact law, so the files leave them out. A touchdown
+is what the other simulator's contact model makes of it; in the MJCF it is inelastic to about 1 %.
+Feet are spheres, so small that rolling on them hardly matters. They touch when their centres reach
+height 0. The pendulum touches nothing, as in our model.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rimless_gym.params import WheelParams
 
 JOINTS = ("hub_x", "hub_z", "wheel", "pendulum")
 FOOT_RADIUS = 1e-3  # in leg lengths
-LEG_RADIUS, ROD_RADIUS = 0.02, 0.015  # to look at, in leg lengths
+LEG_RADIUS, ROD_RADIUS = 0.02, 0.015  # for looks only, in leg lengths
 LEAST = 1e-14  # kg and kg m^2: MuJoCo refuses zero
 TIMESTEP = 5e-4  # s
 CONTACT_TIME = 2e-3  # s, time constant of MuJoCo's contacts
@@ -64,12 +64,12 @@ def joint_state(
 
 
 def _text(*values: float) -> str:
-    """Numbers as XML text that reads back to the very same floats."""
+    """Numbers as XML text that reads back as exactly the same floats."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def _feet(params: WheelParams) -> list[str]:
-    """Positions of the feet from the hub as XML text; leg 0 is down, leg 1 the next forward."""
+    """Positions of the feet from the hub as XML text; leg 0 is down, leg 1 the next one ahead."""
     angles = params.leg_angle * np.arange(params.n_legs)
     length = params.leg_length
     return [_text(length * math.sin(k), 0, -length * math.cos(k)) for k in angles]
@@ -78,13 +78,13 @@ def _feet(params: WheelParams) -> list[str]:
 def to_mjcf(params: WheelParams) -> str:
     """The wheel as an MJCF document for MuJoCo.
 
-    The one actuator's control is the motor voltage (V), limited to ``voltage_limit``, its gear
-    K / Rm with K = motor_constant * gear_ratio; back-EMF, K^2 / Rm, and hub friction are the
-    pendulum joint's damping, rotor inertia its armature. A motor constant of 0 leaves the actuator
-    out. The slope is in gravity: the ground is level in the file. Foot k has the site ``foot{k}``;
-    keyframe ``rest`` is the wheel at rest on feet 0 and n - 1, its pendulum hanging. Drake reads
-    the file too, but gives the actuator torque at the hub (N m) for its control. See
-    `rimless_gym.export` for the coordinates.
+    The control of its one actuator is the motor voltage (V), limited to ``voltage_limit``; its
+    gear is K / Rm with K = motor_constant * gear_ratio. The pendulum joint's damping is back-EMF,
+    K^2 / Rm, plus hub friction, and its armature is the rotor inertia. With a motor constant of 0
+    there is no actuator. The ground is level in the file; gravity is tilted by the slope. Foot k
+    has the site ``foot{k}``. Keyframe ``rest`` is the wheel at rest on feet 0 and n - 1 with the
+    pendulum hanging. Drake reads the file too, but takes the actuator's control as torque at the
+    hub (N m). See `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm
@@ -159,11 +159,11 @@ def _planar_inertia(inertia: float) -> str:
 def to_urdf(params: WheelParams) -> str:
     """The wheel as a URDF document, with Drake's elements for rotor inertia and friction.
 
-    The one actuator's effort is torque at the hub (N m): volts times K / Rm, with
-    K = motor_constant * gear_ratio; back-EMF, K^2 / Rm, and hub friction are the damping of the
-    joint ``pendulum``. The slope is a fixed joint between the world and the ground, so gravity
-    stays upright; its magnitude is the simulator's to set (``params.gravity``). MuJoCo reads the
-    file too, without rotor inertia and actuator. See `rimless_gym.export` for the coordinates.
+    The effort of its one actuator is torque at the hub (N m): volts times K / Rm, with
+    K = motor_constant * gear_ratio. The damping of the joint ``pendulum`` is back-EMF, K^2 / Rm,
+    plus hub friction. The slope is a fixed joint between world and ground, so gravity stays
+    vertical; set its magnitude (``params.gravity``) in the simulator. MuJoCo reads the file too,
+    without rotor inertia and actuator. See `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm

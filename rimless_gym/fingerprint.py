@@ -1,7 +1,7 @@
-"""A digest of the package's sources, which names the compiled code that is kept on disk.
+"""A digest of the package's sources, part of the file names of compiled code kept on disk.
 
-A compiled function may contain functions of any file, so a change in any source must keep stale
-machine code from being loaded.
+A compiled function may contain functions from any file, so a change in any source makes all
+compiled code stale.
 """
 
 from __future__ import annotations

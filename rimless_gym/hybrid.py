@@ -1,9 +1,9 @@
 """The hybrid automaton: which mode the wheel is in, and what a touchdown or lift-off does.
 
-The equations are those of `rimless_gym.equations`, compiled by numba with sines and cosines that
-vectorise, and always inlined: a loop with a call in it would not vectorise. Both simulators, the
-stepping kernel and the SciPy reference, take their equations, guards, resets and thresholds from
-this file. They differ only in how they integrate and locate events.
+numba compiles the equations of `rimless_gym.equations` with sines and cosines that vectorise. They
+are always inlined, because a loop that contains a call does not vectorise. Both simulators, the
+stepping kernel and the SciPy reference, take their equations, guards, reset maps and thresholds
+from this file. They differ only in how they integrate and locate events.
 """
 
 from __future__ import annotations
@@ -14,24 +14,28 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from rimless_gym.equations import RELABEL, THESIS, Accelerations, equations
+from rimless_gym.equations import (
+    DOUBLE,
+    RELABEL,
+    SINGLE,
+    THESIS,
+    Accelerations,
+    equations,
+)
 from rimless_gym.jit import inlined, inner
 from rimless_gym.trigonometry import cos, cos_turned, sin, sin_turned
 
-SINGLE, DOUBLE = 0, 1  # stance modes
-MODE_NAMES = ("single_stance", "double_stance")
-
 
 class Failure(enum.IntEnum):
-    """What can end an advance of the hybrid state before its time.
+    """Why an advance of the hybrid state ended early.
 
     Attributes:
-        NONE: nothing; it took its full time.
-        CONTACT_LOST: the ground would have to pull the feet.
+        NONE: it did not end early.
+        CONTACT_LOST: the ground would have to pull the feet down.
         RATE_EXCEEDED: the leg or the pendulum turns faster than `MAX_RATE`.
         TOO_MANY_EVENTS: more than `MAX_EVENTS` within a control interval.
         BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW: that impact law does not cover backward touchdowns.
-        DIVERGED: the motion is beyond what an integration step can be trusted with.
+        DIVERGED: the rates are so large, or NaN, that an integration step cannot be trusted.
     """
 
     NONE = 0
@@ -42,32 +46,32 @@ class Failure(enum.IntEnum):
     DIVERGED = 5
 
 
-# The same as the plain numbers that compiled code takes.
+# The same as plain integers, for compiled code.
 OK, CONTACT_LOST, RATE_EXCEEDED, TOO_MANY_EVENTS, THESIS_BACKWARD, DIVERGED = map(int, Failure)
 
-#: Kinetic energy of the wheel, in units of (m1+m2) g L1, below which a touchdown that would leave
-#: both feet pressing ends the Zeno sequence of ever smaller ones in double stance.
+#: Kinetic energy of the wheel, in units of (m1+m2) g L1, below which a touchdown ends in double
+#: stance if both feet would press there. It cuts short the Zeno sequence of ever smaller ones.
 REST_ENERGY = 1e-8
 
 #: Zero-order hold of the environment and of sampled controls (s).
 CONTROL_PERIOD = 0.01
 
-#: Touchdowns and lift-offs allowed within one control interval before it is called an error.
+#: Most touchdowns and lift-offs within one control interval; more are an error.
 MAX_EVENTS = 200
 
 #: Shortest mean time (s) between the touchdowns of a wheel rocking on two feet under the impact law
-#: "relabel", which takes no energy from it. A wheel that rocks faster is brought to rest. It is
-#: twice the time that `MAX_EVENTS` allows.
+#: "relabel", which takes no energy from it. A wheel that rocks faster is brought to rest. This is
+#: twice the shortest time that `MAX_EVENTS` allows.
 SHORTEST_ROCKING = 2 * CONTROL_PERIOD / MAX_EVENTS
 
-#: Fastest rate (rad/s) of leg or pendulum for which the model is offered.
+#: Fastest rate (rad/s) of leg or pendulum that the model covers.
 MAX_RATE = 60.0
 
 eq = equations(sin, cos, inlined)
-#: The same equations of angles phi and theta given as `rimless_gym.trigonometry.sin_turned` does.
+#: The same equations, for phi and theta as `rimless_gym.trigonometry.sin_turned` takes angles.
 turned = equations(sin_turned, cos_turned, inlined)
 
-# Compiled code finds functions as names of modules only.
+# Compiled code can only call functions that are names of a module.
 hub_position = eq.hub_position
 relative_rate = eq.relative_rate
 mass_matrix = eq.mass_matrix
@@ -100,7 +104,7 @@ def _in_either_mode(eq: SimpleNamespace) -> Callable[..., Any]:
 
     @inlined
     def accelerations(mode, phi, theta, dphi, dtheta, u, p):
-        """(phi'', theta'') in either stance mode, without a branch: loops over it vectorise."""
+        """(phi'', theta'') in either stance mode, without a branch, so that loops vectorise."""
         ddphi, ddtheta = single_stance(phi, theta, dphi, dtheta, u, p)
         standing = double_stance(phi, theta, dphi, dtheta, u, p)
         stands = mode == DOUBLE
@@ -121,10 +125,10 @@ def both_feet_press(theta, dtheta, u, p):
 
 @inner
 def rocks_too_fast(theta, dphi, dtheta, u, p):
-    """Whether a wheel leaving two feet at phi' would return sooner than `SHORTEST_ROCKING`.
+    """Whether a wheel that leaves two feet at phi' would be back sooner than `SHORTEST_ROCKING`.
 
-    The time is the mean over both feet of 2 phi' / |phi''|, with phi'' as at rest. Both feet must
-    press.
+    The time is the mean over both feet of 2 phi' / |phi''|, with phi'' of the wheel at rest. Both
+    feet must press.
     """
     leading, trailing = lift_off_guards(theta, dtheta, u, p)
     return abs(dphi) * (trailing - leading) < SHORTEST_ROCKING * trailing * -leading
@@ -132,7 +136,7 @@ def rocks_too_fast(theta, dphi, dtheta, u, p):
 
 @inner
 def guards(mode, phi, theta, dphi, dtheta, u, pull, p):
-    """Positive once passed: forward and backward touchdown, lift-off, loss of contact."""
+    """Guards, positive once passed: touchdown forward, touchdown backward, lift-off, contact."""
     ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
     contact = contact_guard(ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1], pull)
     if mode == DOUBLE:
@@ -141,15 +145,15 @@ def guards(mode, phi, theta, dphi, dtheta, u, pull, p):
 
 
 class Landing(NamedTuple):
-    """What a touchdown leads to.
+    """The state after a touchdown.
 
     Attributes:
         mode: stance mode.
-        phi: of the new stance leg, or of the leading one of two.
-        dphi: its rate.
-        dtheta: the pendulum's rate.
-        shift: legs by which the stance foot has moved forward.
-        legal: whether the impact law covers it; nothing else has changed if not.
+        phi: angle of the new stance leg; in double stance, of the leading leg (rad).
+        dphi: its rate (rad/s).
+        dtheta: the pendulum's rate (rad/s).
+        shift: number of legs by which the stance foot has moved forward.
+        legal: whether the impact law covers the touchdown; if not, the rest is the state before.
     """
 
     mode: Any
@@ -162,12 +166,12 @@ class Landing(NamedTuple):
 
 @inner
 def after_touchdown(direction, theta, dphi, dtheta, u, p):
-    """What a touchdown leads to: a `Landing`.
+    """The state after a touchdown, a `Landing`.
 
     `direction` is +1 at phi = b rising, -1 at phi = a falling. The wheel goes on over the new foot
-    if the impact leaves it travelling. It comes to rest on both feet if not, or if both feet would
-    press there and its motion is below `REST_ENERGY`, or (under the impact law "relabel") it would
-    rock faster than `SHORTEST_ROCKING`.
+    if it still moves in that direction after the impact; otherwise it comes to rest on both feet.
+    It also comes to rest if both feet would press and it is slow: its kinetic energy is below
+    `REST_ENERGY`, or, under the impact law "relabel", it would rock faster than `SHORTEST_ROCKING`.
     """
     if direction > 0:
         phi_old, phi_new = p.b, p.a
@@ -188,9 +192,10 @@ def after_touchdown(direction, theta, dphi, dtheta, u, p):
 
 @inner
 def after_lift_off(theta, dtheta, u, p):
-    """Where a wheel at rest goes when a foot lifts off: (phi, foot shift).
+    """(phi, foot shift) after a foot of a wheel at rest lifts off.
 
-    It is the trailing foot that lifts, and the wheel goes forward, if that one is pulled more.
+    The foot that would be pulled harder lifts off. If that is the trailing foot, the wheel goes
+    forward.
     """
     leading, trailing = lift_off_guards(theta, dtheta, u, p)
     if leading > -trailing:

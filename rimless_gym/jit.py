@@ -1,9 +1,9 @@
 """How functions are compiled.
 
-Functions that only compiled code calls stay plain Python functions, so Python may call them too.
-numba compiles them where compiled code calls them, once per combination of argument types, without
-the wrappers for calls from Python, which take a third of the compile time. Functions that Python
-calls are `kept`.
+Functions that only compiled code calls stay plain Python functions, so Python can call them too.
+numba compiles them where compiled code calls them, once per combination of argument types. It omits
+the wrappers for calls from Python, which take a third of the compile time. Functions for callers in
+Python are `kept`.
 """
 
 from __future__ import annotations
@@ -33,17 +33,18 @@ def _called_from_compiled_code(**options: Any) -> Callable[[F], F]:
 #: Compiled as it stands.
 inner = _called_from_compiled_code()
 
-#: May fuse products and sums: for loops over the lanes of a tile.
+#: The same, but products and sums may be fused: for loops over the lanes of a tile.
 vectorised = _called_from_compiled_code(fastmath={"contract"})
 
-#: The same, always part of its caller: a loop with a call in it would not vectorise.
+#: Like `vectorised`, and always inlined: a loop that contains a call does not vectorise.
 inlined = _called_from_compiled_code(fastmath={"contract"}, forceinline=True)
 
 
 def written(source: str, **names: Any) -> Callable[..., Any]:
-    """The function that `source` defines, whose lines depend on a layout; it knows `names`.
+    """The function that `source` defines; its code can use `names`.
 
-    Loops over the fields of a tuple do not vectorise, and the same lines written out do.
+    It serves for code generated from a layout: a loop over the fields of a tuple does not
+    vectorise, but the same lines written out do.
     """
     exec(source, names)
     function: Callable[..., Any] = names[source[len("def ") : source.index("(")]]
@@ -51,19 +52,19 @@ def written(source: str, **names: Any) -> Callable[..., Any]:
     return function
 
 
-#: What is announced when a part of the package is compiled, once: the function of that part that
-#: takes longest, or is compiled first, names it.
+#: Parts of the package, announced once when they are compiled. One function of each part names it:
+#: the one that takes longest, or is compiled first.
 ENVIRONMENT = "the simulator for environments (about 15 s)"
 ROLLOUTS = "the simulator for roll-outs of policies (about 10 s)"
 REFERENCE = "the reference simulator (about 1 s)"
 
 
 def kept(part: str | None = None, *, nogil: bool = False) -> Callable[[F], Any]:
-    """Compiled when it is first called, for callers in Python, and kept on disk.
+    """Decorator: compile the function on its first call from Python, and keep the code on disk.
 
     Args:
-        part: of the package, announced when this is compiled; None to announce nothing.
-        nogil: whether other threads run meanwhile.
+        part: part of the package to announce when the function is compiled; None for none.
+        nogil: whether other threads may run during a call.
     """
 
     def decorate(function: F) -> Kept:

@@ -1,8 +1,8 @@
 """Compiled functions whose machine code is kept on disk: each is compiled once, by one process.
 
-numba's own cache writes its index before the code that the index points to. A process that is
-killed in between, or reads meanwhile, can load stale code. Here the code of a function, for one
-machine and these sources, is a single file, which is either complete or absent.
+numba's own cache writes its index before the code that the index points to. If a process is killed
+in between, or another one reads meanwhile, stale code can be loaded. Here the code of a function,
+for one machine and one state of the sources, is a single file, which is either complete or absent.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numba.core.serialize import dumps
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
 from rimless_gym.turns import Turn
 
-_TURN = Turn()  # used by one thread at a time: under numba's compiler lock
+_TURN = Turn()  # used by one thread at a time, under numba's compiler lock
 _DIGEST_SIZE = hashlib.sha256().digest_size
 
 
@@ -36,7 +36,7 @@ class Kept(CPUDispatcher):
     """A function that numba compiles and keeps on disk.
 
     Attributes:
-        part: what to announce before compiling, and how long it takes; None to announce nothing.
+        part: what is compiled and how long it takes, announced before; None to announce nothing.
     """
 
     part: str | None = None
@@ -56,7 +56,7 @@ class Kept(CPUDispatcher):
 def _cache_of(function: Any, part: str | None) -> MachineCode | Nowhere:
     try:
         return MachineCode(function, part)
-    except RuntimeError:  # numba can write to none of its folders
+    except RuntimeError:  # numba cannot write to any of its folders
         return Nowhere()
 
 
@@ -72,7 +72,7 @@ class MachineCode(FunctionCache):
         code = _read(path)
         if code is None:
             _TURN.take(path.with_name("rimless_gym.lock"))
-            code = _read(path)  # the process before us may have written it
+            code = _read(path)  # another process may have written it while this one waited
         if code is None:
             _announce(self._part)
             return None
@@ -94,7 +94,7 @@ class MachineCode(FunctionCache):
                     other.unlink()
 
     def _path(self, signature: Any, codegen: Any) -> Path:
-        """Named after the function, the types, machine and versions, and the sources."""
+        """The file, named after the function, argument types, machine, versions and sources."""
         name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace("<locals>.", "")
         made = signature, codegen.magic_tuple(), numba.__version__, sys.version
         digest = hashlib.sha256(repr(made).encode()).hexdigest()[:16]
@@ -102,13 +102,13 @@ class MachineCode(FunctionCache):
 
 
 class Nowhere(NullCache):
-    """Keeps nothing, and warns of it."""
+    """Keeps nothing, and says so in a warning."""
 
     def load_overload(self, signature: Any, target_context: Any) -> None:
-        """None, so that numba compiles."""
+        """Warn, and return None so that numba compiles."""
         _warn_once(
             "every process compiles the simulator again, which takes about 15 s: neither the "
-            "package's folder nor a cache in the home folder can be written"
+            "package's folder nor a cache in the home folder is writable"
         )
 
 
@@ -126,7 +126,7 @@ def _warn_once(trouble: str) -> None:
 
 
 def _read(path: Path) -> bytes | None:
-    """What `_write` wrote; None if the file is missing, damaged, or somebody else's."""
+    """What `_write` wrote; None if the file is missing, damaged, or may be somebody else's."""
     try:
         with path.open("rb") as file:
             if not _is_ours(os.fstat(file.fileno())):
@@ -139,7 +139,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _is_ours(status: os.stat_result) -> bool:
-    """Whether nobody but this user or root wrote a file: to load machine code is to run it."""
+    """Whether only this user or root can have written a file: loading machine code runs it."""
     if not hasattr(os, "getuid"):
         return True
     return status.st_uid in (os.getuid(), 0) and not status.st_mode & stat.S_IWOTH

@@ -15,7 +15,7 @@ from rimless_gym.checks import SMALLEST, real
 from rimless_gym.equations import IMPACT_LAWS, equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
-MOST_LEGS = 1_000_000  # so near together the model still tells them apart
+MOST_LEGS = 1_000_000  # the model still tells legs apart that are this close
 LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
@@ -23,10 +23,10 @@ _eq = equations(np.sin, np.cos)
 
 
 class Constants(NamedTuple):
-    """What the equations need of the parameters, in the thesis's notation (3.22-3.25).
+    """The constants in the equations, in the thesis's notation (3.22-3.25).
 
-    A tuple of plain scalars, so that numba compiles functions of it and CasADi may put symbols
-    in it. Beyond the thesis's: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
+    It is a tuple of plain scalars, so that numba compiles functions of it and CasADi can put
+    symbols in it. Not in the thesis: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
     m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
     mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``Cd``
     the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
@@ -67,9 +67,9 @@ N_CONSTANTS = len(Constants._fields)
 class WheelParams:
     """Physical parameters of the actuated rimless wheel, in SI units and radians.
 
-    The defaults are those of the machine of Mihevc (2015), Table 4.6 and Table 4.2. No number is
-    larger in size than 1e30; where 0 is not allowed, nor for the sum of the masses, none is less
-    than 1e-30.
+    The defaults are the machine of Mihevc (2015), Table 4.6 and Table 4.2. No number may exceed
+    1e30 in size. Numbers that must be greater than 0, and the sum of the masses, must be at least
+    1e-30.
 
     Args:
         wheel_mass: ``m1`` (kg), >= 0.
@@ -85,10 +85,10 @@ class WheelParams:
         rotor_inertia: ``Jm`` at the motor shaft (kg m^2), >= 0; the hub feels ``Jm N^2``.
         hub_damping: viscous friction torque per unit of psi' (N m s), >= 0.
         drag: air drag force per squared hub speed (N s^2/m^2), >= 0.
-        idle_power: drawn from the battery whatever happens (W), >= 0.
-        gravity: (m/s^2), > 0.
+        idle_power: drawn from the battery at all times (W), >= 0.
+        gravity: acceleration (m/s^2), > 0.
         slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
-        friction: coefficient of the ground, >= 0; reported against, never enforced by the model.
+        friction: coefficient of the ground, >= 0; a higher demand is reported, but no foot slips.
         voltage_limit: largest |V| (V), > 0.
         motor_mount: ``"wheel"`` (the machine) or ``"frame"`` (the thesis's simulations).
         impact_law: ``"plastic"``, ``"relabel"`` (the thesis's "perfectly elastic"), or
@@ -179,7 +179,7 @@ class WheelParams:
         return True
 
     def _is_singular(self) -> bool:
-        """Whether a mass matrix in single stance is, with or without the rotor, or all but."""
+        """Whether the mass matrix in single stance is (nearly) singular, with or without rotor."""
         pendulum = self.pendulum_mass * self.pendulum_length**2 + self.pendulum_inertia
         if pendulum + self.rotor_inertia * self.gear_ratio**2 < SMALLEST**4:
             return True
@@ -250,7 +250,7 @@ def weight_of(params: Any) -> Any:
 
 
 def leg_angle_of(params: Any) -> Any:
-    """``alpha = 2 pi / n`` (rad), likewise."""
+    """``alpha = 2 pi / n`` (rad) of anything with an ``n_legs``; numba compiles it too."""
     return 2 * math.pi / params.n_legs
 
 
@@ -259,9 +259,9 @@ def shorthand(
     sin: Callable[[Any], Any] = math.sin,
     cos: Callable[[Any], Any] = math.cos,
 ) -> Constants:
-    """Derived constants of `params` (thesis 3.22-3.25), whose fields may be CasADi symbols.
+    """The constants of `params`, whose fields may be CasADi symbols.
 
-    A symbolic slope needs its own `sin` and `cos`.
+    A symbolic slope needs CasADi's `sin` and `cos`.
     """
     d1 = 1.0 if params.motor_mount == "wheel" else 0.0
     return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)), sin, cos)
@@ -270,7 +270,7 @@ def shorthand(
 def constants_of(
     params: Any, d1: Any, law: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
 ) -> Constants:
-    """`shorthand` of the parameters that are numbers, which numba compiles too."""
+    """`shorthand` with the motor mount and the impact law as numbers; numba compiles it too."""
     m1, m2, L1, L2 = (
         params.wheel_mass,
         params.pendulum_mass,
@@ -337,7 +337,7 @@ def preset(name: str) -> WheelParams:
     """The preset called `name`.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: no preset has that name.
     """
     if name not in PRESETS:
         raise ValueError(f"unknown preset {name!r}: choose from {', '.join(PRESETS)}")

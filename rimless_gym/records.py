@@ -8,10 +8,10 @@ from typing import Any
 
 
 def record(name: str, fields: Iterable[str], module: str) -> Any:
-    """A class of named tuples; `module` is where it is assigned to `name`, for pickles."""
+    """A named tuple class. `module` is where it is assigned to `name`; pickles need it."""
     return namedtuple(name, list(fields), module=module)
 
 
 def places(kind: Any) -> Any:
-    """The named tuple of 0, 1, 2, ...: where the fields of `kind` are in an array."""
+    """The named tuple (0, 1, 2, ...): the index of each field of `kind` in an array."""
     return kind(*range(len(kind._fields)))

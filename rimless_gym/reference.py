@@ -1,8 +1,8 @@
 """The reference simulator: SciPy's adaptive DOP853, events bracketed on its dense output.
 
-It shares the equations, guards and resets with the stepping kernel (`rimless_gym.hybrid`) and
-nothing else: steps, event location and energy integrals are done in another way, so that each
-checks the other. Slow and exact.
+It shares only the equations, guards and reset maps (`rimless_gym.hybrid`) with the stepping
+kernel. Its steps, event location and energy integrals are its own, so that each simulator checks
+the other. It is slow and exact.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from scipy.integrate import DOP853
 from rimless_gym import compiled, hybrid
 from rimless_gym.crossings import SAMPLES, first_crossing, with_zeros
 from rimless_gym.energy import Ledger
-from rimless_gym.equations import LOSSES, Losses
-from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES, SINGLE
+from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
-RECORDED = 4  # per step, of which the largest forces and the like are taken
+RECORDED = 4  # samples per step, from which extreme forces and the clearance are taken
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
-# Integrals behind the state, as `compiled.rates` has them: electrical work, the shaft's, losses.
+# Integrals that follow the state, in the order of `compiled.rates`: electrical, shaft, losses.
 ELECTRICAL, SHAFT, LOST = 4, 5, slice(6, 6 + len(LOSSES))
 
 Control = Callable[[float, NDArray[np.float64]], float]
@@ -38,7 +38,7 @@ Control = Callable[[float, NDArray[np.float64]], float]
 
 @dataclasses.dataclass
 class _Motion:
-    """The moving state of one simulation."""
+    """The state of a simulation as it runs."""
 
     y: NDArray[np.float64]  # state (4) and integrals
     mode: int
@@ -80,7 +80,7 @@ def simulate(
         atol: absolute tolerance of the integrator.
 
     Raises:
-        TypeError: x0 is not of real numbers.
+        TypeError: x0 does not consist of real numbers.
         ValueError: an argument is out of its range or not finite.
         RuntimeError: more than `hybrid.MAX_EVENTS` events within 10 ms, or a diverging motion.
     """
@@ -140,9 +140,9 @@ def _advance(
     rtol: float,
     atol: float,
 ) -> str | None:
-    """Advance over an interval of smooth control; the name of a failure, or None."""
+    """Advance over an interval of smooth control; returns the name of a failure, or None."""
     constants, t, first_event = params.constants_array, t0, len(motion.events)
-    last = np.nextafter(t1, t0)  # the control is that of this interval up to its very end
+    last = np.nextafter(t1, t0)  # the control may jump at t1: this interval ends just before
 
     def voltage(time: float, y: NDArray[np.float64]) -> float:
         u = float(control(min(max(time, t0), last), y[:4]))

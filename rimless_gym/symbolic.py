@@ -10,21 +10,20 @@ from typing import Any
 
 import casadi as ca
 
-from rimless_gym.equations import equations
+from rimless_gym.equations import MODE_NAMES, equations
 from rimless_gym.params import WheelParams, shorthand
 
 _eq = equations(ca.sin, ca.cos)
-MODES = ("single_stance", "double_stance")
 
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """Parameters of the machine that are to be chosen.
+    """Parameters of the machine that an optimisation chooses.
 
     Attributes:
-        names: of the design variables p.
-        fields: p -> fields of `WheelParams`, by name, as expressions in p; what `n_legs`, the
-            mount and the impact law are cannot be chosen.
+        names: names of the design variables p.
+        fields: p -> fields of `WheelParams` by name, as expressions in p. `n_legs`, the motor
+            mount and the impact law cannot be chosen.
     """
 
     names: tuple[str, ...]
@@ -32,11 +31,11 @@ class Design:
 
     @classmethod
     def of(cls, *fields: str) -> Design:
-        """Fields of `WheelParams` as they are, such as ``Design.of("gear_ratio")``."""
+        """A design whose variables are fields of `WheelParams`: ``Design.of("gear_ratio")``."""
         return cls(fields, lambda p: {name: p[i] for i, name in enumerate(fields)})
 
     def machine(self, params: WheelParams, p: Any) -> WheelParams:
-        """`params` with the values p (np,) of the design."""
+        """`params` with the values p (np,) of the design variables."""
         return params.replace(**{name: float(value) for name, value in self.fields(p).items()})
 
 
@@ -44,14 +43,15 @@ class HybridModel:
     """CasADi functions of the model at `params`.
 
     The state is x = (phi, theta, phi', theta') in rad and rad/s, the input u the motor voltage
-    (V). Every method takes numbers, `DM`, `SX` or `MX` and returns the like; `functions` holds
-    the underlying `casadi.Function` objects by name, for `map`, `jacobian` and code generation.
-    Double stance holds the wheel at phi = a of its leading leg.
+    (V). Every method takes numbers, `DM`, `SX` or `MX`; it returns `DM` for numbers, and otherwise
+    the type it was given. `functions` holds the underlying `casadi.Function` objects by name, for
+    `map`, `jacobian` and code generation. Double stance holds the wheel at phi = a of its leading
+    leg.
 
     Args:
         params: the machine.
-        design: what is to be chosen of it. Every one of `functions` then takes the design
-            variables ``p`` as a last input.
+        design: the parameters to choose. If given, every one of `functions` takes the design
+            variables ``p`` as its last input.
 
     Example:
         >>> from rimless_gym import THESIS_PHYSICAL
@@ -120,13 +120,15 @@ class HybridModel:
         return self.functions["touchdown"](x)
 
     def touchdown_backward(self, x: Any) -> Any:
-        """The smooth backward touchdown map: the state (4) on the stance leg before.
+        """The smooth backward touchdown map: the state (4) on the leg behind.
 
         Raises:
-            ValueError: under the impact law "thesis", which the thesis prints forward only.
+            ValueError: the impact law is "thesis", which covers forward touchdowns only.
         """
         if self.params.impact_law == "thesis":
-            raise ValueError("impact_law = 'thesis' is defined forward only: use another law")
+            raise ValueError(
+                "impact_law = 'thesis' covers forward touchdowns only: use another law"
+            )
         return self.functions["touchdown_backward"](x)
 
     def ground_reaction(self, x: Any, u: Any, mode: str = "single_stance") -> Any:
@@ -134,7 +136,7 @@ class HybridModel:
         return self.functions[_with_mode("ground_reaction", mode)](x, u)
 
     def electrical_power(self, x: Any, u: Any) -> Any:
-        """V i at the terminals (W), idle power apart."""
+        """V i at the terminals (W), without idle power."""
         return self.functions["electrical_power"](x, u)
 
     def mechanical_energy(self, x: Any) -> Any:
@@ -143,6 +145,6 @@ class HybridModel:
 
 
 def _with_mode(name: str, mode: str) -> str:
-    if mode not in MODES:
-        raise ValueError(f"mode = {mode!r}: choose from {MODES}")
+    if mode not in MODE_NAMES:
+        raise ValueError(f"mode = {mode!r}: choose from {MODE_NAMES}")
     return name if mode == "single_stance" else f"{name}_double_stance"

@@ -1,4 +1,4 @@
-"""What a simulation returns: dense states, events, the energy ledger and the ground's view."""
+"""What a simulation returns: dense states, events, the energy ledger and the contact forces."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import real_array
 from rimless_gym.energy import Ledger
-from rimless_gym.hybrid import DOUBLE, MAX_RATE, MODE_NAMES
+from rimless_gym.equations import DOUBLE, MODE_NAMES
+from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 
-#: Largest |theta| (rad) at a start: it is rounded to 1e-11 rad there, as events are located.
+#: Largest |theta| (rad) of a start. Angles of that size are rounded to 1e-11 rad.
 MAX_TURNED = 1e5
 
 
@@ -29,7 +30,7 @@ class Event:
         direction: +1 forward, -1 backward, 0 where it has no meaning.
         before: state (4,) before it.
         after: state (4,) after it.
-        mode: stance mode after it, a name in `hybrid.MODE_NAMES`.
+        mode: stance mode after it, a name in `equations.MODE_NAMES`.
         loss: energy lost (J).
         impulse: (x, y) impulse of the ground (N s).
     """
@@ -46,7 +47,7 @@ class Event:
 
 @dataclasses.dataclass(frozen=True)
 class Arc:
-    """A smooth piece of motion over [start, end] in one mode, `dense(t)` its interpolant."""
+    """A smooth piece of motion over [start, end] in one mode; `dense(t)` interpolates it."""
 
     start: float
     end: float
@@ -64,15 +65,15 @@ class Trajectory:
         t: times at which `x` is sampled (s), shape (N,); an event's time appears twice.
         x: states (phi, theta, phi', theta'), shape (N, 4).
         mode: stance mode per sample, shape (N,), 0 single and 1 double.
-        foot: stance foot per sample, legs forward of the first, shape (N,).
+        foot: stance foot per sample, counted in legs forward of the first, shape (N,).
         u: voltage per sample (V), shape (N,).
         events: in order of time.
         ledger: the energies of the whole motion.
-        min_normal_force: smallest Fy met (N).
-        friction_demand: largest |Fx|/Fy met in stance (infinite where Fy <= 0).
-        impulse_friction_demand: the same of the touchdowns' impulses, 0 without any.
+        min_normal_force: smallest Fy (N).
+        friction_demand: largest |Fx|/Fy in stance (infinite where Fy <= 0).
+        impulse_friction_demand: the same for the impulses of touchdowns, 0 if there are none.
         clearance: smallest height of the pendulum's end above the ground (m).
-        failure: None, or why it ended early: the name of a `hybrid.Failure`, in small letters.
+        failure: None, or why it ended early: the name of a `hybrid.Failure`, in lower case.
     """
 
     params: WheelParams
@@ -109,7 +110,7 @@ class Trajectory:
 
     @property
     def slips(self) -> bool:
-        """Whether the foot needs more friction than `params.friction` offers, ever."""
+        """Whether the foot ever needs more friction than `params.friction` offers."""
         return max(self.friction_demand, self.impulse_friction_demand) > self.params.friction
 
     @property
@@ -120,7 +121,7 @@ class Trajectory:
     def state(self, t: ArrayLike, side: str = "right") -> NDArray[np.float64]:
         """State at time t (s): (4,) for a scalar, (N, 4) for N times.
 
-        At an event's time the state after it, or with ``side="left"`` the one before.
+        At the time of an event it is the state after it, or with ``side="left"`` the one before.
 
         Raises:
             ValueError: a time lies outside the simulated interval.
@@ -148,7 +149,7 @@ def validated_start(
     Errors call it `name`.
 
     Raises:
-        TypeError: it is not of real numbers.
+        TypeError: it does not consist of real numbers.
         ValueError: it is not four finite numbers, or not a state of that mode.
     """
     x = real_array(name, x0).astype(np.float64)

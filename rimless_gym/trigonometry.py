@@ -1,11 +1,11 @@
-"""Sine and cosine that a compiler can vectorise: the libraries' are calls, one number at a time.
+"""Sine and cosine that a compiler can vectorise; those of libraries take one number per call.
 
-x is reduced to r = x - k pi/2 in [-pi/4, pi/4]; sin r and cos r are minimax polynomials there,
-and the quadrant k picks one of them and its sign. Both functions share that work where a program
-needs both. Absolute error below 2.5e-16 for |x| < 1e5; sin is exactly odd, cos even.
+x is reduced to r = x - k pi/2 in [-pi/4, pi/4]. There sin r and cos r are minimax polynomials;
+the quadrant k picks one of them and its sign. Where a program needs both functions, they share
+that work. The absolute error is below 2.5e-16 for |x| < 1e5; sin is exactly odd, cos exactly even.
 
-Within a step an angle only turns a little from where its sine and cosine are known: `sin_turned`
-and `cos_turned` take (sine, cosine, turn), and get by with shorter polynomials of the turn.
+Within a step an angle turns only a little from one whose sine and cosine are known. `sin_turned`
+and `cos_turned` take (sine, cosine, turn) and need only shorter polynomials of the turn.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rimless_gym.jit import inlined
 
 _ROUND = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, which its low bits hold
 # pi / 2 in two parts. k times the first is exact up to k = 2^20, so that x - k pi / 2 is accurate
-# on processors without a fused multiply-add too.
+# even on processors without a fused multiply-add.
 _HALF_PI = 1.5707963267341256
 _REST = 6.077100506506192e-11
 _S = (
@@ -64,7 +64,7 @@ def cos(x):
     return _signed(s if k & 1 else c, k + 1)
 
 
-#: Up to this turn (rad) the error is below 3.5e-16, all of it rounding; it grows like (turn)^11.
+#: Up to this turn (rad) the error is only rounding, below 3.5e-16; beyond, it grows like turn^11.
 MAX_TURN = 0.25
 
 _TURN_S = (
@@ -88,7 +88,7 @@ def _turn(d):
 
 @inlined
 def sin_turned(angle):
-    """Sine of an angle given as the sine and cosine of one that it is a small turn away from."""
+    """Sine of an angle given as (sine, cosine, turn): a nearby angle and the turn from it (rad)."""
     sine, cosine, turn = angle
     s, c = _turn(turn)
     return sine * c + cosine * s
@@ -96,7 +96,7 @@ def sin_turned(angle):
 
 @inlined
 def cos_turned(angle):
-    """Cosine likewise."""
+    """Cosine of an angle given as (sine, cosine, turn), as in `sin_turned`."""
     sine, cosine, turn = angle
     s, c = _turn(turn)
     return cosine * c - sine * s

@@ -32,7 +32,7 @@ from agents.comparison.study import Study
 from agents.folder import sole_user
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance

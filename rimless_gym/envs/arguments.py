@@ -13,7 +13,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams, preset
 
-#: A machine: a WheelParams, a preset's name, or some of its fields; the default has the others.
+#: A machine: a WheelParams, a preset's name, or a mapping of fields that differ from the default's.
 Machine = WheelParams | str | Mapping[str, Any]
 
 
@@ -21,7 +21,7 @@ def as_params(params: Any) -> WheelParams:
     """The machine given in any of the forms of `Machine`.
 
     Raises:
-        TypeError: it is of another type.
+        TypeError: it has the wrong type.
         ValueError: there is no preset or field of that name, or a value is out of its range.
     """
     if isinstance(params, WheelParams):
@@ -36,10 +36,10 @@ def as_params(params: Any) -> WheelParams:
 
 
 def as_task(task: Any) -> Task:
-    """The task; the default one for None.
+    """The task, given as such or as a mapping of its fields; the default one for None.
 
     Raises:
-        TypeError: it is of another type.
+        TypeError: it has the wrong type.
         ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
@@ -63,8 +63,8 @@ def machines_of(params: Any, n: int) -> list[WheelParams]:
     """`params`, one for all or one per row, as a list of N.
 
     Raises:
-        TypeError: one of them is of another type.
-        ValueError: there is another number of them, or one cannot be made or stepped.
+        TypeError: a machine has the wrong type.
+        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
     """
     each = list(map(as_params, params)) if isinstance(params, (list, tuple)) else None
     if each is None:
@@ -77,7 +77,7 @@ def machines_of(params: Any, n: int) -> list[WheelParams]:
 
 
 def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
-    """Refuse ranges with an end that is not valid for one of the machines.
+    """Refuse ranges whose ends are not valid for one of the machines.
 
     Raises:
         ValueError: see `WheelParams`.
@@ -98,7 +98,7 @@ def fleet_of(
     """The rows of an environment.
 
     Raises:
-        TypeError: an argument is of another type.
+        TypeError: an argument has the wrong type.
         ValueError: the machines cannot be stepped with the ends of the ranges.
     """
     drawn = as_ranges(ranges)

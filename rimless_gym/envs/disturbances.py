@@ -1,7 +1,7 @@
 """Disturbances for training robust policies: pushes, sensor noise, delay, and varied machines.
 
-Each is drawn from the row's own randomness (`rimless_gym.envs.randomness`). A disturbance that is
-not used costs no time.
+Each is drawn from the row's own random stream (`rimless_gym.envs.randomness`). A disturbance that
+is not used costs no time.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rimless_gym.params import CHOICES, WheelParams
 
 MAX_DELAY = 100  # control intervals
 
-#: Largest standard deviation of a sensor (rad or rad/s). Sines of the resulting angles are still
-#: accurate; those of angles some millions of turns away are not.
+#: Largest standard deviation of a sensor's error (rad or rad/s). The sines of the resulting angles
+#: are still accurate; after millions of turns they would not be.
 MOST_NOISE = 1e3
 
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
@@ -35,12 +35,12 @@ DRAWABLE = tuple(
 class Pushes:
     """Blows on the hub along the ground, forward or backward, at random times.
 
-    They come at the start of a control interval. The foot does not slip during a blow, as always in
-    this model; in double stance the wheel tips over the foot it is pushed towards.
+    They come at the start of a control interval. The stance foot does not slip during a blow; it
+    never does in this model. In double stance the wheel tips over the foot it is pushed towards.
 
     Args:
         rate: pushes per second, on average.
-        impulse: least and greatest (N s), drawn evenly.
+        impulse: least and greatest size (N s), drawn uniformly.
     """
 
     rate: float
@@ -59,10 +59,10 @@ class SensorNoise:
     No standard deviation may exceed `MOST_NOISE`, far beyond any useful sensor.
 
     Args:
-        leg_angle: standard deviation of the leg's angle (rad).
-        pendulum_angle: of the pendulum's (rad).
-        leg_rate: of the leg's rate (rad/s).
-        pendulum_rate: of the pendulum's (rad/s).
+        leg_angle: standard deviation for the leg's angle (rad).
+        pendulum_angle: for the pendulum's angle (rad).
+        leg_rate: for the leg's rate (rad/s).
+        pendulum_rate: for the pendulum's rate (rad/s).
     """
 
     leg_angle: float = 0.0
@@ -88,11 +88,11 @@ class Disturbances:
         pushes: a `Pushes` or a dictionary of its fields; None for none.
         sensor_noise: a `SensorNoise` or a dictionary of its fields; None for none.
         actuator_delay: control intervals (10 ms) from an action to its voltage: a whole number, or
-            the least and greatest, drawn anew for each episode. Until the first action takes
-            effect, the voltage is 0.
+            the least and greatest, between which each episode draws one. Until the first action
+            takes effect, the voltage is 0.
 
     Raises:
-        TypeError: a value is of another type.
+        TypeError: a value has the wrong type.
         ValueError: a value is out of its range.
     """
 
@@ -127,7 +127,7 @@ class Disturbances:
 
 @dataclasses.dataclass(frozen=True)
 class Ranges:
-    """Domain randomisation: parameters drawn evenly from ranges, anew for each episode.
+    """Domain randomisation: parameters drawn uniformly from ranges for each episode.
 
     Args:
         bounds: field of `WheelParams` -> (least, greatest).
@@ -147,7 +147,7 @@ class Ranges:
         object.__setattr__(self, "bounds", ordered)
 
     def require_valid(self, params: WheelParams) -> None:
-        """Refuse ranges with an end that is not valid for `params` otherwise unchanged.
+        """Refuse ranges whose ends, put into `params` singly or together, are not valid.
 
         Raises:
             ValueError: see `WheelParams` and `require_steppable`.
@@ -192,7 +192,7 @@ def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Di
 
 
 def _delay(delay: Any) -> int | tuple[int, int]:
-    """Intervals of delay, or the least and the greatest, as plain integers."""
+    """The delay (intervals), or the least and the greatest, as plain integers."""
     if not isinstance(delay, Sequence):
         return integer("actuator_delay", delay, 0, MAX_DELAY)
     each = [integer("actuator_delay", one, 0, MAX_DELAY) for one in delay]

@@ -57,8 +57,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Action Space
     `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
-    Actions outside are clipped, and a plain number is accepted too. NaN and other shapes raise
-    `ValueError`; anything but real numbers raises `TypeError`.
+    Actions outside this range are clipped, and a plain number is accepted too. NaN and other shapes
+    raise `ValueError`; anything but real numbers raises `TypeError`.
 
     ## Observation Space
     `Box` of 6 float32 numbers:
@@ -74,22 +74,22 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
     In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less a charge for an early end. The
-    prices are fields of `task`. The terms are in `info`; their sum in this order is the reward,
+    prices are fields of `task`. The terms are in `info`; summed in this order they give the reward
     exactly.
 
     {terms}
 
-    Resting earns 0 (idle power apart).
+    Resting earns 0, apart from idle power.
 
     ## Starting State
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
     1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
-    and theta' in [-3, 3] rad/s, drawn evenly and kept if the foot presses on the ground.
+    and theta' in [-3, 3] rad/s, drawn uniformly and kept if the foot presses on the ground.
     `reset(options=...)` takes
 
-    - `state`: phi, theta (within 1e5 rad), phi', theta', and with it `mode`: "single_stance" (the
-      default) or "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at
-      rest, its pendulum hanging.
+    - `state`: phi, theta (within 1e5 rad), phi', theta'; and with it `mode`: "single_stance" (the
+      default) or "double_stance", in which phi = a. `mode` "double_stance" without a `state` is a
+      wheel at rest with the pendulum hanging.
     - `params`, `ranges` and `disturbances`, as below. They hold until new ones are given; `{}` or
       None switches ranges or disturbances off.
 
@@ -106,14 +106,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
-      name such as `"PROTOTYPE"`, or a dictionary of some fields, the others being the default's.
+      name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from the default.
     - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`, or a
       dictionary of some of its fields.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
-      `gymnasium.utils.play.play(env)` hands the wheel to the arrow keys.
+      `gymnasium.utils.play.play(env)` lets you drive the wheel with the arrow keys.
     - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
-      `params` to the least and greatest value, drawn evenly and anew for each episode;
-      `env.unwrapped.params` is what was drawn.
+      `params` to the least and greatest value. Each episode draws its machine uniformly from
+      them; `env.unwrapped.params` is the machine drawn.
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
       `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
@@ -121,33 +121,37 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `env.spec` holds all of them as plain JSON values:
     `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the same environment again.
 
-    `info` holds, for the step:
+    ## Info
+    For the step:
 
-    - the terms of the energy ledger (J), `{balance}`, and beside them `electrical_positive`,
-      `shaft` and `idle`; `rimless_gym.energy.CHANNELS` says what each is;
-    - `elapsed`: its time (s), and `distance`: the hub's travel (m);
-    - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: when in the
-      step the last one was (s), or -1;
-    - `force_x` and `force_y`: the ground reaction at its end (N); `min_normal_force`,
+    - the terms of the energy ledger (J), which balance:
+      `{balance}`;
+      and outside the balance `electrical_positive`, `shaft` and `idle`.
+      `rimless_gym.energy.CHANNELS` describes each;
+    - `elapsed`: the step's duration (s), and `distance`: the hub's travel (m);
+    - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: the time of the
+      last one since the step began (s), or -1;
+    - `force_x` and `force_y`: the ground reaction at the step's end (N); `min_normal_force`,
       `friction_demand` and `impulse_friction_demand`: the extremes. A wheel that touches down on a
       second foot and lifts the first at once never stood on both; such forces do not count;
     - `clearance`: the least height of the pendulum's end above the ground (m);
     - `mode`: 0 on one foot, 1 on two;
-    - `failure`: 0, or what ended the episode, a `rimless_gym.Failure`: 1 contact lost, 2 rate
+    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
       exceeded;
-    - `slips`: whether a force or an impulse asked for more friction than `params.friction` offers
-      (the model's foot holds all the same);
+    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers
+      (in the model the foot holds all the same);
     - the terms of the reward.
 
     Each entry has the same type in every step. `reset` gives the same entries, all 0 except the
-    mode. `step` returns a dictionary that makes its entries when they are first read.
+    mode. The dictionary that `step` returns makes its entries when they are first read.
 
+    ## Snapshots
     `get_state` and `set_state` save and restore everything, including the random generator, so that
     a planner can branch. Pickled and deep-copied environments continue in the same way.
 
     ## Vectorized environment
-    `gym.make_vec("RimlessWheel-v0", num_envs=N)` is `rimless_gym.RimlessWheelVectorEnv`: rows that
-    are this environment bit for bit, stepped together.
+    `gym.make_vec("RimlessWheel-v0", num_envs=N)` makes a `rimless_gym.RimlessWheelVectorEnv`. Its
+    rows are this environment bit for bit, stepped together.
 
     ## Version History
     - v0: first version, unreleased.
@@ -204,9 +208,12 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode; see "Starting State" for the options.
 
+        Seed and options are checked before anything changes.
+
         Raises:
-            TypeError: the seed or an option is of another type; nothing has changed then.
-            ValueError: an option is unknown or a value out of range; likewise.
+            TypeError: the seed or an option has the wrong type.
+            ValueError: an option is unknown or a value out of range.
+            RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
         fleet = self._fleet
         seed = None if seed is None else integer("seed", seed, 0)
@@ -229,7 +236,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold a voltage for 10 ms; see the class for what comes back.
+        """Hold a voltage for 10 ms; the class docstring describes what is returned.
 
         Raises:
             TypeError: the action is not a real number.
@@ -266,7 +273,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return mark.failure
 
     def _bind(self) -> None:
-        """Look up what `step` needs of the fleet as it is now."""
+        """Look up what `step` needs from the fleet; call this after every change of the fleet."""
         self._advance = self._fleet.stepper(self._block, self._observation)
         self._held: Any = memoryview(self._fleet.memory[MEMORY.action].data)
         self._values: Any = memoryview(self._block[:, 0].data)
@@ -292,8 +299,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
         """The keys and their actions for `gymnasium.utils.play.play`.
 
-        The left and right arrows give full negative and positive voltage; half of it while the down
-        arrow is held.
+        The left and right arrows give full negative and positive voltage, or half of it while the
+        down arrow is held.
         """
         from rimless_gym.rendering._pygame import pygame  # only when it is needed
 
@@ -302,21 +309,23 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return {key: np.array([volts], dtype=np.float32) for key, volts in keys.items()}
 
     def get_state(self) -> dict[str, Any]:
-        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+        """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and taken up by another environment of the same task. A `TimeLimit`
-        around the environment counts its steps by itself.
+        It can be pickled, and restored in another environment with the same task. A `TimeLimit`
+        wrapper keeps its own count of steps.
         """
         self._fleet.ended[0] = self._ended
         generator = self.np_random.bit_generator.state
         return {"fleet": self._fleet.get_state(), "generators": [generator]}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`, even one from before the first episode.
+        """Go back to a snapshot from `get_state`, even one from before the first episode.
+
+        The snapshot is checked before anything changes.
 
         Raises:
-            TypeError: it is not a snapshot; nothing has changed then.
-            ValueError: it is from a vector environment or has another task; likewise.
+            TypeError: it is not a snapshot.
+            ValueError: it is from a vector environment or has another task.
         """
         require_snapshot(state, _PARTS, 1, self.task, "RimlessWheelEnv")
         restore([self.np_random], state["generators"])
@@ -341,7 +350,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def _as_number(action: Any) -> float:
-    """The number in an action that is not simply one float.
+    """The number in an action that is not the usual array (1,) of floats.
 
     Raises:
         TypeError: it is not a real number.

@@ -1,7 +1,7 @@
-"""Many wheels and the episodes they are in: what both environments are made of.
+"""Many wheels and their episodes: what both environments are built on.
 
-The single environment is a fleet of one. Whatever happens to a row is computed by the same
-compiled functions, with the same results, however many rows there are.
+The single environment is a fleet of one. Every row is computed by the same compiled functions,
+with the same results, however many rows there are.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
-#: Rows that a thread takes at least; fewer are not worth waking it.
+#: Fewest rows for a thread; waking it for fewer does not pay.
 LEAST_ROWS = 256
 
 
@@ -38,15 +38,15 @@ class Fleet:
     Args:
         params: the machine of each row.
         task: what is paid for.
-        ranges: what is drawn anew of each machine when an episode begins.
+        ranges: the parameters of each machine that are drawn when an episode begins.
         disturbances: what disturbs every episode.
-        num_threads: that share a step.
-        limit: of intervals in an episode.
+        num_threads: threads that share a step.
+        limit: greatest number of intervals in an episode.
 
     Attributes:
-        params: the machine of each row before anything of it is drawn, a list of N.
-        memory: what is remembered of each row, see `rimless_gym.envs.layout`.
-        numbers: the parameters that are numbers as they are now, (len(NUMBERS), N).
+        params: the machine of each row before parameters are drawn, a list of N.
+        memory: what is remembered of each row; see `rimless_gym.envs.layout`.
+        numbers: current values of the parameters that are numbers, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
     """
 
@@ -80,7 +80,7 @@ class Fleet:
     @property
     def begun(self) -> bool:
         """Whether any row has begun an episode."""
-        return bool(self.memory[MEMORY.phi].any())  # which is never 0 on the ground
+        return bool(self.memory[MEMORY.phi].any())  # phi is never 0 on the ground
 
     @property
     def states(self) -> NDArray[np.float64]:
@@ -92,7 +92,7 @@ class Fleet:
     ) -> None:
         """Give each row its machine.
 
-        `rows` are about to begin an episode; the others keep what they drew.
+        `rows` are about to begin an episode; the others keep the parameters that they drew.
         """
         kept = np.setdiff1d(np.arange(len(self)), rows)
         before = [a + np.zeros(len(self)) for a in (self.numbers, self.constants, self.poles)]
@@ -113,14 +113,14 @@ class Fleet:
         self._orders = None
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
-        """Set the disturbances of all rows, whose episodes must then begin anew."""
+        """Set the disturbances of all rows; every row must then begin a new episode."""
         self.disturbances = disturbances
         self._settings = disturbances.settings(CONTROL_PERIOD)
         self._rough = disturbances != Disturbances()
         self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
 
     def machine(self, i: int) -> WheelParams:
-        """Row i's machine as it is now, what has been drawn included."""
+        """Row i's current machine, including the parameters drawn."""
         if not self.ranges.bounds:
             return self.params[i]
         drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
@@ -167,10 +167,10 @@ class Fleet:
     def stepper(
         self, block: NDArray[np.float64], observations: NDArray[np.float32]
     ) -> Callable[[], int]:
-        """What holds the actions in `memory` for one interval, and returns what `step_rows` does.
+        """A function that holds the actions in `memory` for one interval.
 
-        It overwrites `block` (len(BLOCK), columns) and `observations` (flat). Get a new one after
-        any change of the fleet.
+        It overwrites `block` (len(BLOCK), columns) and `observations` (flat), and returns what
+        `step_rows` returns. Get a new one after any change of the fleet.
         """
         if self._orders is None:
             self._orders = self._divided()
@@ -236,7 +236,7 @@ class Fleet:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to what `get_state` returned, here or in another fleet of as many rows.
+        """Restore what `get_state` returned, of this fleet or another with as many rows.
 
         `rimless_gym.envs.snapshots` checks the state; nothing is checked here.
         """
@@ -253,7 +253,7 @@ class Fleet:
                 self._orders = None
 
     def close(self) -> None:
-        """Let the threads go."""
+        """Shut down the threads."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

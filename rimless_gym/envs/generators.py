@@ -28,13 +28,14 @@ class Generators:
         self.seeds: list[int] = []
 
     def seed(self, seed: Seeds, rows: NDArray[np.int64]) -> None:
-        """Seed `rows`: by one number counted up over all rows, or by one (or None) per row.
+        """Seed `rows` by one number, counted up over all rows, or by one number or None per row.
 
-        A generator that has no seed yet gets one of the system's entropy.
+        A generator without a seed gets one from the system's entropy. Seeds are checked before
+        anything changes.
 
         Raises:
-            TypeError: a seed is no integer; nothing has changed then.
-            ValueError: there is not one seed per row, or one is negative; likewise.
+            TypeError: a seed is not an integer.
+            ValueError: there is not one seed per row, or one is negative.
         """
         seeds = self._one_per_row(seed)
         if not self.each:
@@ -56,30 +57,30 @@ class Generators:
         return [None if each is None else integer("seed", each, 0) for each in seed]
 
     def keys(self, rows: NDArray[np.int64]) -> NDArray[np.uint64]:
-        """The keys of the next episodes of `rows`, see `rimless_gym.envs.randomness`."""
+        """The keys of the next episodes of `rows`; see `rimless_gym.envs.randomness`."""
         draws = [self.each[i].bit_generator.random_raw() for i in rows.tolist()]
         return np.array(draws, dtype=np.uint64)
 
     def get_state(self) -> list[dict[str, Any]]:
-        """The generators' states; one that has no seed yet gets one of the system's entropy."""
+        """The generators' states; one without a seed gets one from the system's entropy."""
         self.seed(None, np.arange(self.n))
         return [dict(one.bit_generator.state) for one in self.each]
 
     def set_state(self, states: Sequence[dict[str, Any]]) -> None:
-        """Go back to `get_state`'s.
+        """Restore the states that `get_state` returned, all or none.
 
         Raises:
-            ValueError: one of them is no such state; nothing has changed then.
+            ValueError: one of them is not a state of these generators.
         """
         self.seed(None, np.arange(self.n))
         restore(self.each, states)
 
 
 def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str, Any]]) -> None:
-    """Put generators into states of theirs.
+    """Put each generator into its state, all or none.
 
     Raises:
-        ValueError: one of them is no such state; nothing has changed then.
+        ValueError: one of them is not a state of these generators.
     """
     before = [dict(one.bit_generator.state) for one in generators]
     try:

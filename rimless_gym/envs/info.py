@@ -1,4 +1,4 @@
-"""What `info` holds: dense arrays over the rows, or the entries of one of them.
+"""What `info` holds: dense arrays over the rows, or the entries of one row.
 
 The entries are numbers and truth values. Each has the same type in every step and reset, so that
 programs that collect episodes can make arrays of them.
@@ -37,7 +37,7 @@ def begun(mode: int) -> dict[str, Any]:
 
 
 def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str, Any]:
-    """The entries of all rows, views (N,) of a block and its marks."""
+    """The entries of all rows, as views (N,) of a block and its marks."""
     info: dict[str, Any] = dict(zip(INFO_NAMES, block, strict=False))
     info["slips"] = codes[MARK.slips].view(np.bool_)
     info["mode"], info["failure"] = codes[MARK.mode], codes[MARK.failure]
@@ -45,7 +45,7 @@ def dense_info(block: NDArray[np.float64], codes: NDArray[np.int8]) -> dict[str,
 
 
 def row_of(columns: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
-    """One row of the dense arrays (N,), as the single environment has it."""
+    """One row of the dense arrays (N,), as the `info` of the single environment."""
     return {name: column.item(row) for name, column in columns.items()}
 
 

@@ -33,7 +33,7 @@ _marks = inner(marks)
 
 @inner
 def _hold(memory, first, last):
-    """Voltages from actions."""
+    """Set the voltages from the actions."""
     for i in range(first, last):
         share = min(max(memory[MEMORY.action, i], -1.0), 1.0)
         memory[MEMORY.voltage, i] = memory[MEMORY.voltage_limit, i] * share
@@ -41,7 +41,7 @@ def _hold(memory, first, last):
 
 @inner
 def _account(block, memory, first, last):
-    """Add what the environment knows of the interval's energies: idle power, and pushes."""
+    """Add what the environment books: idle energy, and the work and steps of pushes."""
     for i in range(first, last):
         block[BLOCK.idle, i] = memory[MEMORY.idle_power, i] * block[BLOCK.elapsed, i]
         block[BLOCK.push, i] = memory[MEMORY.push_work, i]
@@ -65,7 +65,7 @@ def _paying(name: str, term: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _in_turn(first_part: Callable[..., None], second_part: Callable[..., None]) -> Any:
-    """Compiled: pay by one, then by the other."""
+    """Compiled: pay the first part, then the second."""
 
     def pay(block, memory, first, last):
         first_part(block, memory, first, last)
@@ -80,7 +80,7 @@ _pay = functools.reduce(_in_turn, [_paying(*one) for one in zip(TERM_NAMES, TERM
 
 @inner
 def _mark(block, memory, limit, first, last):
-    """Write the marks; how many rows failed in any way or reached the limit."""
+    """Write the marks; returns how many rows failed in any way or reached the limit."""
     bits, unusual = _marks(block), 0
     for i in range(first, last):
         memory[MEMORY.time, i] += block[BLOCK.elapsed, i]
@@ -106,8 +106,8 @@ def step(memory, constants, poles, limit, begin, end, block, observations, work)
     """Hold the actions in `memory` for one interval, in rows `begin` to `end`.
 
     It advances `memory` (len(MEMORY), columns), and overwrites `block` (len(BLOCK), columns) and
-    the flat `observations` (float32, OBSERVATION_SIZE numbers a row). It returns how many of the
-    rows failed in any way or reached `limit`, the greatest number of intervals.
+    the flat `observations` (float32, OBSERVATION_SIZE numbers per row). It returns how many rows
+    failed in any way or reached `limit`, the greatest number of intervals.
     """
     first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
     _hold(memory, first, last)
@@ -125,7 +125,7 @@ def step(memory, constants, poles, limit, begin, end, block, observations, work)
 
 @kept()
 def take_actions(actions, ignored, memory):
-    """Copy the actions (N, 1) to `memory`, unless some are NaN that are not ignored: how many."""
+    """Copy the actions (N, 1) to `memory`, unless some that count are NaN; returns how many."""
     wrong = 0
     for i in range(len(actions)):
         wrong += (actions[i, 0] != actions[i, 0]) & (not ignored[i])

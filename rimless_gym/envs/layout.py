@@ -1,4 +1,4 @@
-"""Where everything is in the arrays of a fleet, by name.
+"""The layout of a fleet's arrays: where everything is, by name.
 
 Every array is field-major, (fields, rows): a quantity's values over the rows lie side by side, so
 that loops over rows vectorise. ``memory[MEMORY.voltage, i]`` is one number; the `*_of` functions
@@ -23,7 +23,7 @@ from rimless_gym.records import places, record
 
 
 class Machine(NamedTuple):
-    """What the task needs of the machine.
+    """What the task needs to know about the machine.
 
     Attributes:
         voltage_limit: V.
@@ -31,7 +31,7 @@ class Machine(NamedTuple):
         friction: coefficient of the ground.
         weight: N.
         slope: rad.
-        leg_scale: of the observed leg angle, 2 / alpha (1/rad).
+        leg_scale: scale of the observed leg angle, 2 / alpha (1/rad).
     """
 
     voltage_limit: Any
@@ -48,10 +48,10 @@ Prices = record(  # the fields of a Task
     __name__,
 )
 
-#: What is remembered of each row from step to step: the hybrid state, the voltage held over the
-#: interval (V), the action last given, time (s) and intervals since the episode began, intervals
-#: from action to voltage, machine and prices, a push before the interval: its work (J), and the
-#: legs by which it moved the stance foot.
+#: What is remembered of each row from step to step: the hybrid state; the voltage held over the
+#: interval (V) and the last action; time (s) and intervals since the episode began; the delay from
+#: action to voltage (intervals); machine and prices; and, for a push before the interval, its work
+#: (J) and the number of legs by which it moved the stance foot.
 Memory = record(
     "Memory",
     [
@@ -65,14 +65,14 @@ Memory = record(
 )
 MEMORY = places(Memory)
 
-#: What an interval gives: the kernel's rows, the energies that the environment adds, the rewards,
-#: and in the bytes of its last row `MARK`.
+#: The results of an interval: the kernel's rows, the energies that the environment adds, the
+#: rewards, and a last row whose bytes are laid out by `MARK`.
 Block = record("Block", [*Row._fields, "idle", "push", *TERM_NAMES, "reward", "marks"], __name__)
 BLOCK = places(Block)
 
 
 class Mark(NamedTuple):
-    """What takes a byte: four truth values and codes, of 8 bytes; see `marks`."""
+    """Truth values and codes of one byte each, in the 8 bytes of a number; see `marks`."""
 
     terminated: Any
     truncated: Any
@@ -83,7 +83,7 @@ class Mark(NamedTuple):
 
 MARK = Mark(*range(len(Mark._fields)))
 
-#: What `info` calls the first rows of a block, its numbers; "failure" is a code there.
+#: Names in `info` of the first rows of a block, its numbers. There "failure" is an integer code.
 INFO_NAMES = Block._fields[: BLOCK.reward]
 
 
@@ -92,9 +92,10 @@ Interval = record("Interval", [*Row._fields, "idle", "push", "failed"], __name__
 
 
 def columns(n: int) -> int:
-    """Columns of an array for n rows of an environment; those beyond n are never used.
+    """Number of columns of an array for n rows of an environment; those beyond n are unused.
 
-    Rows of an array a large power of two apart would drive each other out of the cache.
+    Without them, rows of an array could be a large power of two apart and evict each other from
+    the cache.
     """
     return n if n <= 64 else 8 * (n // 8 + 2)
 
@@ -113,7 +114,7 @@ def reader(kind: type[Any], first: int) -> Any:
 
 
 def writer(kind: type[Any], first: int) -> Any:
-    """Compiled: (array, i, values) sets them."""
+    """Compiled: (array, i, values) sets the numbers that the matching `reader` reads."""
     numbers = "".join(f"array[{first + k}, i], " for k in range(len(kind._fields)))
     return inner(written(f"def set_{kind.__name__}(array, i, values):\n    {numbers} = values"))
 
@@ -127,7 +128,7 @@ set_prices = writer(Prices, getattr(MEMORY, Prices._fields[0]))
 
 @inner
 def ends_episode(failure):
-    """Whether it is a failure that ends an episode; others are errors."""
+    """Whether a failure ends the episode; any other failure is an error."""
     return (failure == CONTACT_LOST) | (failure == RATE_EXCEEDED)
 
 

@@ -28,7 +28,7 @@ def serves_all() -> bool:
 class LazyInfo(dict[str, Any]):
     """A dictionary whose entries `source` makes when one of them is first read.
 
-    What is written to it stays. It behaves like a dictionary otherwise; copies are plain ones.
+    Entries written to it stay. Otherwise it behaves like a dictionary; its copies are plain ones.
 
     Attributes:
         source: a function that makes the entries `NAMES`, and its arguments; None once called.

@@ -1,4 +1,4 @@
-"""Compiled: the machines of many rows, their parameters drawn anew when an episode begins."""
+"""Compiled: the machines of many rows, whose parameters are drawn when an episode begins."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ for _function in (weight_of, leg_angle_of, constants_of):
 
 @inner
 def _set_terms(numbers, prices, memory, i):
-    """What the task needs of row i: its machine's part in it, and the prices of a `Task`."""
+    """Write what the task needs for row i: numbers of its machine, and the prices of a `Task`."""
     f = _numbers_of(numbers, i)
     machine = Machine(
         voltage_limit=f.voltage_limit,
@@ -83,6 +83,6 @@ def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memor
 
 @kept()
 def set_terms(numbers, prices, memory):
-    """Write what the task needs of each row into `memory`."""
+    """Write what the task needs for each row into `memory`."""
     for i in range(numbers.shape[1]):
         _set_terms(numbers, prices, memory, i)

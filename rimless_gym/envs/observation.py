@@ -22,7 +22,7 @@ OBSERVATION_BOUND = np.array(
     [1, 1, 1, MAX_RATE / LEG_RATE_SCALE, MAX_RATE / PENDULUM_RATE_SCALE, 1], dtype=np.float32
 )
 
-#: Errors of the sensors for phi, theta, phi', theta' where there are none.
+#: Sensor errors of phi, theta, phi', theta' without noise.
 NO_ERRORS = (0.0, 0.0, 0.0, 0.0)
 
 _WIDTH = np.uint64(OBSERVATION_SIZE)
@@ -48,7 +48,7 @@ def _within(value, bound):
 
 @inner
 def observe_row(memory, errors, observations, i):
-    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers a row."""
+    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers per row."""
     values = observation(
         memory[MEMORY.phi, i] + errors[0],
         memory[MEMORY.theta, i] + errors[1],

@@ -23,14 +23,14 @@ NAMES = ("state", "mode", "params", "ranges", "disturbances")
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """What the next episodes of some rows are to be like.
+    """How the next episodes of some rows begin.
 
     Attributes:
-        rows: those that begin an episode, K of N.
-        params: the machines of all rows, or None where they and the ranges stay.
-        ranges: of all rows.
-        disturbances: of all rows, or None where they stay.
-        kind: of start, see `rimless_gym.envs.starts`.
+        rows: the rows that begin an episode, K of N.
+        params: the machines of all rows, or None to keep them and the ranges.
+        ranges: the ranges of all rows.
+        disturbances: the disturbances of all rows, or None to keep them.
+        kind: kind of start; see `rimless_gym.envs.starts`.
         given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
     """
 
@@ -42,7 +42,7 @@ class Options:
     given: NDArray[np.float64]
 
     def apply(self, fleet: Fleet) -> None:
-        """Set up the fleet for them."""
+        """Set the fleet's machines, ranges and disturbances."""
         if self.params is not None:
             fleet.set_machines(self.params, self.ranges, self.rows)
         if self.disturbances is not None:
@@ -50,10 +50,10 @@ class Options:
 
 
 def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64]) -> Options:
-    """The options for `rows` of a fleet, none of which has changed yet.
+    """The options for `rows` of a fleet, checked; the fleet is not changed.
 
     Raises:
-        TypeError: a value is of another type.
+        TypeError: a value has the wrong type.
         ValueError: an option is unknown or its value out of range, or ranges or disturbances, which
             hold for all rows, are given for some.
     """
@@ -84,11 +84,11 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
 
 
 def masked(mask: Any, n: int) -> NDArray[np.int64]:
-    """The rows of N that a `reset_mask` marks; all of them without one.
+    """Indices of the rows, out of N, that a `reset_mask` marks; of all rows without a mask.
 
     Raises:
-        TypeError: it is no array of bool.
-        ValueError: it has another shape, or marks none.
+        TypeError: it is not an array of bool.
+        ValueError: it has the wrong shape, or marks no row.
     """
     if mask is None:
         return np.arange(n)

@@ -1,6 +1,6 @@
-"""One step of many rows as a call with a single number: the address of its orders.
+"""One step of many rows, called with a single number: the address of its orders.
 
-Unpacking arrays in a call from Python would take as long as a row's motion.
+Unpacking arrays in a call from Python would take as long as stepping a row.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rimless_gym.kernel.stepping import SCRATCH_SIZE
 from rimless_gym.params import N_CONSTANTS
 from rimless_gym.records import places, record
 
-#: Addresses of arrays; columns of memory and block; machines, one for all or one per row; the
-#: greatest number of intervals; and the rows to step.
+#: Addresses of arrays; number of columns of memory and block; number of machines, 1 or one per
+#: row; greatest number of intervals; and the rows to step, the first and one after the last.
 Orders = record(
     "Orders",
     [
@@ -47,10 +47,10 @@ def _pointer(typing_context, address):
 
 @kept(ENVIRONMENT, nogil=True)
 def step_rows(address):
-    """`interval.step` of the orders at that address.
+    """`interval.step` with the orders at that address.
 
-    One row or many, it is one compiled function: two would be compiled apart and differ in the last
-    bit.
+    The same compiled function steps one row or many: two functions, compiled separately, would
+    differ in the last bit.
     """
     orders = carray(_pointer(address), len(AT), np.int64)
     wide, machines, end = orders[AT.columns], orders[AT.machines], orders[AT.end]
@@ -74,14 +74,14 @@ def orders_for(
 ) -> NDArray[np.int64]:
     """Orders for `step_rows`, in which the addresses of block and observations are still 0.
 
-    They hold while these arrays live.
+    They are valid as long as these arrays live.
 
     Args:
         memory: (len(MEMORY), columns).
         constants: (N_CONSTANTS, 1) or (N_CONSTANTS, N), see `advance_batch`.
         poles: (1,) or (N,).
         work: `rimless_gym.kernel.stepping.scratch()`, one per thread.
-        limit: `NO_LIMIT` for none.
+        limit: greatest number of intervals in an episode, or `NO_LIMIT`.
         rows: the first, and one after the last.
     """
     addresses = [array.ctypes.data for array in (memory, constants, poles, work)]
@@ -92,5 +92,5 @@ def orders_for(
 def give_results(
     orders: NDArray[np.int64], block: NDArray[np.float64], observations: NDArray[np.float32]
 ) -> None:
-    """Let the orders write to these arrays: `block` (len(BLOCK), columns), flat observations."""
+    """Make the orders write to these arrays: `block` (len(BLOCK), columns), flat observations."""
     orders[AT.block], orders[AT.observations] = block.ctypes.data, observations.ctypes.data

@@ -1,4 +1,4 @@
-"""The documentation pages of the environments, completed from the tables that they are about."""
+"""Complete the environments' documentation pages, their docstrings, from the code's own tables."""
 
 from __future__ import annotations
 

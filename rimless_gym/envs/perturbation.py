@@ -7,7 +7,8 @@ from typing import NamedTuple
 from rimless_gym.envs.layout import MEMORY, constants_of
 from rimless_gym.envs.observation import observe_row
 from rimless_gym.envs.randomness import between, next_uniform, normal
-from rimless_gym.hybrid import DOUBLE, SINGLE, kinetic_energy, push
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import kinetic_energy, push
 from rimless_gym.jit import inner, kept
 
 
@@ -15,11 +16,11 @@ class Settings(NamedTuple):
     """The numbers of a `Disturbances`.
 
     Attributes:
-        push_chance: per interval.
-        least_impulse: of a push (N s).
-        greatest_impulse: of a push (N s).
-        least_delay: from action to voltage (intervals).
-        greatest_delay: likewise.
+        push_chance: probability of a push in an interval.
+        least_impulse: smallest impulse of a push (N s).
+        greatest_impulse: largest impulse of a push (N s).
+        least_delay: shortest delay from action to voltage (intervals).
+        greatest_delay: longest delay from action to voltage (intervals).
         noise: standard deviations of phi (rad), theta (rad), phi' (rad/s) and theta' (rad/s).
     """
 
@@ -32,7 +33,7 @@ class Settings(NamedTuple):
 
     @property
     def noisy(self) -> bool:
-        """Whether any sensor errs."""
+        """Whether any sensor is noisy."""
         return any(self.noise)
 
 
@@ -49,13 +50,13 @@ def errors(noise, streams, i):
 
 @inner
 def machine_at(constants, i):
-    """The constants of row i, whose machine is its own or everybody's."""
+    """The constants of row i, whether it has its own machine or all rows share one."""
     return constants_of(constants, i if constants.shape[1] > 1 else 0)
 
 
 @inner
 def _delay(memory, held, i):
-    """Put the action given `delay` intervals ago in the place of the one given now."""
+    """Replace the action given now by the one given `delay` intervals ago."""
     length, now = held.shape[0], int(memory[MEMORY.count, i])
     held[now % length, i] = memory[MEMORY.action, i]
     memory[MEMORY.action, i] = held[(now + length - int(memory[MEMORY.delay, i])) % length, i]
@@ -96,6 +97,6 @@ def disturb_rows(memory, constants, streams, held, settings, first, last):
 
 @kept(nogil=True)
 def observe_noisily(observations, memory, streams, noise, first, last):
-    """After the interval: observe once more, with the sensors' errors, within bounds as ever."""
+    """After the interval: observe again with the sensors' errors, still within bounds."""
     for i in range(first, last):
         observe_row(memory, errors(noise, streams, i), observations, i)

@@ -30,10 +30,10 @@ def plain(value: Any) -> Any:
 
 
 def made_of(kind: type[T], name: str, fields: Mapping[str, Any]) -> T:
-    """The `kind` of dataclass with these fields; errors call it `name`.
+    """An instance of the dataclass `kind` with these fields; errors call it `name`.
 
     Raises:
-        TypeError: a field is of another type, or missing.
+        TypeError: a field has the wrong type, or is missing.
         ValueError: there is no such field, or its value is out of range.
     """
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]

@@ -1,8 +1,8 @@
 """Random numbers for compiled code: one splitmix64 stream per row, seeded when an episode starts.
 
-An episode takes a single 64-bit key from its row's NumPy generator; whatever else is random in it
+An episode takes a single 64-bit key from its row's NumPy generator. Everything random in it
 (machine, start, pushes, sensor noise, delay) comes from the stream that begins at that key. So a
-row draws the same numbers whoever steps it, alone or among others.
+row draws the same numbers whether it is stepped alone or among others.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def next_uniform(streams, i):
 
 @inner
 def between(low, high, streams, i):
-    """The next number of stream i, evenly distributed over [low, high)."""
+    """The next number of stream i, uniformly distributed over [low, high)."""
     return low + (high - low) * next_uniform(streams, i)
 
 

@@ -26,9 +26,8 @@ def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, own
     """Refuse a state that `get_state` of an `owner` with n rows and this task cannot have returned.
 
     Raises:
-        TypeError: it, or a part of it, is of another type.
-        ValueError: it has other parts, another number of rows, another task, or a number in it is
-            not finite.
+        TypeError: it, or a part of it, has the wrong type.
+        ValueError: its parts, number of rows or task differ, or a number in it is not finite.
     """
     remedy = f"give what get_state() of a {owner} returned"
     _require_parts("state", state, parts, remedy)
@@ -66,7 +65,7 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
         "poles": ((machines,), _FLOAT),
         "numbers": ((len(NUMBERS), n), _FLOAT),
         "ended": ((n,), _BOOL),
-        "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment alone
+        "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment only
     }
     for name in [name for name in expected if name in state]:
         array, (shape, dtype) = state[name], expected[name]

@@ -1,4 +1,4 @@
-"""Where episodes start: random states in which the feet press, or states that are given.
+"""Where episodes start: random states in which the feet press, or given states.
 
 All of an episode's randomness comes from one key per row; see `rimless_gym.envs.randomness`.
 """
@@ -16,19 +16,20 @@ from rimless_gym.envs.layout import MEMORY
 from rimless_gym.envs.observation import NO_ERRORS, observe_row
 from rimless_gym.envs.perturbation import errors, machine_at
 from rimless_gym.envs.randomness import between, next_uniform
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
 from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 
-#: Starts: one in four at rest on two feet, the others in single stance, drawn evenly from these.
+#: One start in four is at rest on two feet; the others are in single stance. They are drawn
+#: uniformly from these ranges.
 REST_SHARE = 0.25
 REST_ANGLE, REST_RATE = 0.5, 1.0  # |theta| from hanging (rad), |theta'| (rad/s)
 MOVING_LEG_RATE = (0.0, 2.0)  # phi' (rad/s)
 MOVING_PENDULUM_RATE = 3.0  # |theta'| (rad/s), at any angle theta
-LEAST_FORCE = 0.05  # of the foot on the ground, in weights, where the wheel moves
+LEAST_FORCE = 0.05  # of the foot of a moving wheel on the ground, in weights
 DRAWS = 1000  # before giving up
 
 NO_START = (
@@ -64,13 +65,13 @@ def draw_state(slope, weight, p, streams, i):
 
 
 def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.float64]:
-    """A random hybrid state (STATE_SIZE,) in which, without voltage, the feet press.
+    """A random hybrid state (STATE_SIZE,) in which the feet press without voltage.
 
     It takes one 64-bit number from `rng`. An environment with this generator starts in the same
     state.
 
     Raises:
-        RuntimeError: 1000 draws found none (the parameters hardly hold the wheel down).
+        RuntimeError: 1000 draws found none (such a machine hardly presses on the ground).
     """
     streams = np.array([rng.bit_generator.random_raw()], dtype=np.uint64)
     state = np.zeros(STATE_SIZE)
@@ -110,9 +111,9 @@ def _force(constants, x, limit):
 
 @inner
 def _set_state(kind, given, k, p, memory, streams, i):
-    """Write the state in which row i starts; False if the ground would have to pull there.
+    """Write row i's first state; returns False if the ground would have to pull the feet there.
 
-    A drawn one must press without voltage, a given one at some voltage.
+    A drawn state must press without voltage, a given one at some voltage.
     """
     if kind == DRAWN:
         slope, weight = memory[MEMORY.slope, i], memory[MEMORY.weight, i]
@@ -132,10 +133,10 @@ def _set_state(kind, given, k, p, memory, streams, i):
 
 @kept()
 def start_rows(observations, rows, kind, given, memory, streams, held, constants, settings):
-    """Begin the episodes of `rows` at a start of `kind`; a row that found none, or -1.
+    """Begin the episodes of `rows` at starts of `kind`; returns a row that found none, or -1.
 
-    It is drawn, or one of the states `given` (one per row: phi, theta, phi', theta', mode).
-    `settings` are `rimless_gym.envs.perturbation.Settings`.
+    For GIVEN starts, `given` has one state per row: phi, theta, phi', theta', mode. `settings` are
+    `rimless_gym.envs.perturbation.Settings`.
     """
     failed, noisy = -1, settings.noise != NO_ERRORS
     for k in range(len(rows)):

@@ -20,9 +20,9 @@ class Task:
 
     Attributes:
         value_of_distance: reward per metre of travel; it selects the speed on the CoT front.
-        fall_distance: travel forfeited when an episode ends early (m): further than a wheel gets
-            in the lunge that makes it fall, so that falling for the sake of the lunge does not pay.
-        horizon: whose idle energy an early end is charged (s); the time limit of the episodes.
+        fall_distance: travel forfeited when an episode ends early (m). It is more than a wheel
+            gains by the lunge that makes it fall, so that such a lunge does not pay.
+        horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
 
     Raises:
         TypeError: a value is not a number.
@@ -38,8 +38,8 @@ class Task:
             object.__setattr__(self, name, not_negative(name, value))
 
 
-# The terms. Each takes an interval (`layout.Interval`), what the task knows of the machine
-# (`layout.Machine`) and the `Task`; numbers or arrays. numba compiles these very lines.
+# The terms. Each takes an interval (`layout.Interval`), what the task knows about the machine
+# (`layout.Machine`) and the `Task`, of numbers or arrays. numba compiles these same lines.
 
 
 def distance(interval: Any, machine: Any, task: Any) -> Any:
@@ -48,20 +48,20 @@ def distance(interval: Any, machine: Any, task: Any) -> Any:
 
 
 def energy(interval: Any, machine: Any, task: Any) -> Any:
-    """`-E+ / ((m1+m2) g)`, with E+ the energy drawn, without regeneration, plus idle energy."""
+    """`-E+ / ((m1+m2) g)`, with E+ the energy drawn without regeneration, idle energy included."""
     return -(interval.electrical_positive + interval.idle) / machine.weight
 
 
 def end(interval: Any, machine: Any, task: Any) -> Any:
-    """For an early end, minus `value_of_distance * fall_distance` and `horizon`'s idle energy.
+    """`-(value_of_distance * fall_distance + horizon * idle_power / ((m1+m2) g))` at an early end.
 
-    Resting costs idle power only. Where the wheel can rest, ending early is never better.
+    Resting costs only idle power. Where the wheel can rest, ending early is never better.
     """
     idle = machine.idle_power * task.horizon / machine.weight
     return 0.0 - interval.failed * (task.value_of_distance * task.fall_distance + idle)
 
 
-#: In the order in which they are summed.
+#: The terms in the order in which they are summed.
 TERMS = (distance, energy, end)
 
 #: What `info` calls them.

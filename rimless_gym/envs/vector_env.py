@@ -1,4 +1,4 @@
-"""The native vector environment: many rows of the single one, stepped together."""
+"""The native vector environment: many single environments as rows, stepped together."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     """Many actuated rimless wheels, stepped together by one compiled call.
 
     ## Description
-    Row i is `RimlessWheelEnv`, bit for bit: seeded with `seed`, it goes through the very episodes
-    of the single environment seeded with `seed + i`, whatever `num_envs`, `num_threads` and the
-    other rows do. Make it with `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
+    Row i is `RimlessWheelEnv`, bit for bit. After `reset(seed=seed)`, its episodes are those of the
+    single environment seeded with `seed + i`, whatever `num_envs` and `num_threads` are, and
+    whatever the other rows do. Make it with `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
 
     ## Action Space
     `Box(-1, 1, (num_envs, 1), float32)`, as in the single environment; a NaN raises `ValueError`
@@ -64,21 +64,21 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     Those of the single environment, float64 (num_envs,).
 
     ## Starting State
-    `reset(seed=...)` takes a number (row i gets seed + i), one or None per row in a list or array,
-    or None.
-    `reset(options=...)` takes the single environment's options, each for all rows or as a list of
-    one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and only
-    their seeds and options count.
+    `reset(seed=...)` takes a number (row i gets seed + i), a list or array with a number or None
+    per row, or None.
+    `reset(options=...)` takes the single environment's options, each for all rows or as a list
+    with one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and
+    only their seeds and options count.
 
     ## Episode End
-    Terminates as the single environment; truncates after `max_episode_steps`. Then, by
-    `autoreset_mode`:
+    Terminates like the single environment; truncates after `max_episode_steps`. What follows
+    depends on `autoreset_mode`:
 
     - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0
       and an `info` of zeros. (`info["elapsed"]` is also 0 where the new voltage or a push ends an
       episode at once; the row is then `terminated`.)
-    - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold what
-      the episode ended with, for the rows marked in `info["_final_obs"]` and
+    - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold the
+      last observation and info of the episode, for the rows marked in `info["_final_obs"]` and
       `info["_final_info"]`.
     - `DISABLED`: the caller resets with `reset_mask`; stepping an ended row raises.
 
@@ -92,16 +92,17 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `task`: as in the single environment.
     - `max_episode_steps`: default 2000 (20 s); None for no limit.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
-    - `num_threads`: that share a step; pays from some thousand rows on.
-    - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, which is what Gymnasium's
-      `RecordVideo` and `HumanRendering` for vectors take.
-    - `ranges`, `disturbances`: as in the single environment; rows draw each for itself.
+    - `num_threads`: threads that share a step; more than one pays from a few thousand rows on.
+    - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
+      `RecordVideo` and `HumanRendering` take them.
+    - `ranges`, `disturbances`: as in the single environment; each row draws its own.
 
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
-    `info` holds the single environment's entries as arrays (num_envs,), new ones in every step. For
-    a row whose episode ends in this step they describe that last step, except `mode`, which belongs
-    to the state observed.
+    ## Info
+    The single environment's entries as arrays (num_envs,), new ones in every step. For
+    a row whose episode ends in this step they describe that last step, except that `mode` belongs
+    to the observed state.
 
     ## Version History
     - v0: first version, unreleased.
@@ -112,7 +113,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    closed = True  # until it is made: Gymnasium 1.2 closes whatever it deletes
+    closed = True  # until it is made: Gymnasium 1.2 closes an environment when it is deleted
 
     def __init__(
         self,
@@ -179,15 +180,18 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         seed: Seeds = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, dict[str, Any]]:
-        """Start episodes, see "Starting State".
+        """Start episodes; see "Starting State".
+
+        Seeds and options are checked before anything changes.
 
         Returns:
             Observations and info of all rows; rows that are not reset keep their observations.
             Every entry of info is 0, except the modes.
 
         Raises:
-            TypeError: a seed or option is of another type; nothing has changed then.
-            ValueError: a seed or option is unknown or out of range; likewise.
+            TypeError: a seed or option has the wrong type.
+            ValueError: a seed or option is unknown or out of range.
+            RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
         fleet = self._fleet
         options = dict(options or {})
@@ -204,10 +208,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
-        """Hold a voltage in every row for 10 ms; see the class for what comes back.
+        """Hold a voltage in every row for 10 ms; the class docstring describes what is returned.
 
         Raises:
-            TypeError: the actions are no real numbers.
+            TypeError: the actions are not real numbers.
             ValueError: an action is NaN, or their shape is not (num_envs, 1).
             RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
                 motion left the model's range.
@@ -256,9 +260,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return tuple(frame_of(self._fleet, i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
-        """A snapshot: whatever follows `set_state` of it is the same to the last bit.
+        """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and taken up by another environment of as many rows and the same task.
+        It can be pickled, and restored in another environment with as many rows and the same task.
         """
         return {
             "fleet": self._fleet.get_state(),
@@ -267,12 +271,13 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot of `get_state`, even one from before the first episodes.
+        """Go back to a snapshot from `get_state`, even one from before the first episodes.
+
+        The snapshot is checked before anything changes.
 
         Raises:
-            TypeError: it is not a snapshot; nothing has changed then.
-            ValueError: it is from a single environment, or has another number of rows or another
-                task; likewise.
+            TypeError: it is not a snapshot.
+            ValueError: it is from a single environment, or its number of rows or task differs.
         """
         require_snapshot(state, _PARTS, self.num_envs, self.task, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])
@@ -280,7 +285,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._seen[:] = state["seen"]
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go."""
+        """Shut down the threads."""
         self._fleet.close()
 
     def _begin(

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from rimless_gym.equations import State
+from rimless_gym.equations import DOUBLE, SINGLE, State
 from rimless_gym.hybrid import (
     CONTACT_LOST,
     DIVERGED,
-    DOUBLE,
     MAX_EVENTS,
     MAX_RATE,
     OK,
     RATE_EXCEEDED,
-    SINGLE,
     THESIS_BACKWARD,
     TOO_MANY_EVENTS,
     after_lift_off,
@@ -39,20 +37,20 @@ from rimless_gym.kernel.lanes import LANES, one_copy
 from rimless_gym.kernel.tile import get_acc, get_state, machine
 from rimless_gym.kernel.work import split_at_current, split_work
 
-#: Steps are so short that pole * h and turning * h stay below these (see `plan`): energy balances
-#: to 1e-7 relative over an interval of any machine, and to 1e-11 on a gait. Angles then turn well
-#: below `trigonometry.MAX_TURN`, where the stages' sines end; `judge` sees to it that they do.
+#: Steps are so short that pole * h and turning * h stay below these (see `plan`). Energy then
+#: balances to a relative 1e-7 over an interval of any machine, and to 1e-11 on a gait. Angles turn
+#: well below `trigonometry.MAX_TURN`, the limit of the stages' sines; `judge` enforces that limit.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
-#: Narrowest peak of the accelerations (rad) that steps still follow; balances get worse beyond.
+#: Narrowest peak of the accelerations (rad) that steps resolve; below it, balances get worse.
 LEAST_PEAK = 0.01
 
 
 @inlined
 def peak(p):
-    """Width (rad) of the accelerations' peak in the pose that is nearest to a singular mass matrix.
+    """Width (rad) of the accelerations' peak in the pose whose mass matrix is nearest to singular.
 
-    Light wheels with heavy pendulums have narrow ones, where the rod is in line with the leg.
+    It is narrow for light wheels with heavy pendulums, where the rod is in line with the leg.
     """
     m11, m12, m22 = mass_matrix(0.0, 0.5 * np.pi, p)
     return np.sqrt(regularity(0.5 * np.pi, p) * m11 * m22 / (p.Je3 * m12))
@@ -62,10 +60,11 @@ def peak(p):
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
-    That is an equal division of the time left. Rates are those of the angles in the equations,
-    phi + theta the fastest, with what half of the time left adds to them, and count for more where
-    there is a peak narrower than 1 rad; air drag has a pole of its own. Lanes that are done stay
-    where they are. Returns how many lanes stand on two feet or move too fast.
+    The time left is divided into equal steps, short enough for the poles of motor and air drag and
+    for the fastest rate in the equations. That is the rate of phi + theta, with what half of the
+    time left adds to it; it counts for more where the accelerations' peak is narrower than 1 rad.
+    Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move too
+    fast.
     """
     unusual = 0
     for lane in range(LANES):
@@ -88,7 +87,7 @@ def plan(tile):
 
 @inner
 def prepare(tile, lane, pull):
-    """Before a new step of a lane: let go of the ground if a foot would lift off."""
+    """Before a new step of a lane on two feet: lift off if a foot would have to be pulled down."""
     if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
         return
     y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
@@ -102,7 +101,7 @@ def prepare(tile, lane, pull):
 
 @inner
 def too_fast(tile, lane):
-    """Whether a lane's motion ends here because it is too fast for the model."""
+    """End a lane's motion if it is too fast for the model; returns whether it did."""
     y = get_state(tile, of.STATE, lane)
     fastest = max(abs(y.dphi), abs(y.dtheta))
     if tile[of.FAILURE + lane] != OK or fastest <= MAX_RATE:
@@ -124,7 +123,7 @@ def lift_off(tile, lane, pull):
 
 @inner
 def arrive(tile, lane, event, duration, pull):
-    """Do what the event at the end of an accepted step does."""
+    """Apply the event at the end of an accepted step."""
     if event == RELEASE:
         tile[of.FAILURE + lane] = CONTACT_LOST
         return
@@ -148,13 +147,13 @@ def arrive(tile, lane, event, duration, pull):
 
 @inner
 def runs(tile, lane):
-    """Whether there is still something to do in a lane."""
+    """Whether a lane still has time left and has not failed."""
     return tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
 
 
 @inner
 def attempt_step(tile, count, duration, pull):
-    """One attempt at a step in the first `count` lanes; how many of them need another one."""
+    """One attempt at a step in the first `count` lanes; returns how many of them need another."""
     one_copy()
     for lane in range(count, LANES):
         tile[of.LEFT + lane] = 0.0
@@ -188,7 +187,7 @@ def attempt_step(tile, count, duration, pull):
 
 @inner
 def attempt_again(tile, count, duration, pull):
-    """`attempt_step` of lanes that have moved since their interval was opened."""
+    """`attempt_step` for lanes that have moved since their interval was opened."""
     one_copy()
     find_sines(tile)
     return attempt_step(tile, count, duration, pull)

@@ -1,8 +1,8 @@
 """Booking a step's energies and extremes into the rows of `rimless_gym.energy`.
 
 The losses are integrated along with the motion. With V held, the electrical energy is V times the
-charge, which is exact in the step's own solution; what it exceeds the copper loss by is the work
-of the motor's shaft.
+charge, which is exact for the step's own solution. The shaft's work is the electrical energy less
+the copper loss.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from rimless_gym.energy import ROW
-from rimless_gym.equations import LOSSES
+from rimless_gym.equations import DOUBLE, LOSSES
 from rimless_gym.hybrid import (
     CONTACT_LOST,
-    DOUBLE,
     MAX_RATE,
     OK,
     accelerations_turned,
@@ -90,7 +89,7 @@ _no_losses = (0.0,) * len(LOSSES)
 
 @vectorised
 def open_interval(tile, duration, pull):
-    """Begin a control interval of all lanes: nothing booked, no event under way."""
+    """Begin a control interval in all lanes: nothing booked, no event under way."""
     for lane in range(LANES):
         y, here = get_state(tile, of.STATE, lane), unturned_angles(tile, lane)
         acc, contact, energy, hub = _evaluate(tile, lane, here, y.dphi, y.dtheta)
@@ -122,7 +121,7 @@ def open_interval(tile, duration, pull):
 
 @inlined
 def close(tile, lane, duration):
-    """Book what the interval as a whole amounts to so far."""
+    """Book the totals of the interval so far."""
     p = machine(tile, lane)
     steps = tile[of.FOOT + lane] - tile[of.FOOT_BEFORE + lane]
     travel = tile[of.HUB + lane] - tile[of.HUB_BEFORE + lane] + steps * p.chord
@@ -137,7 +136,7 @@ def close(tile, lane, duration):
 
 @inlined
 def clear_attempt(tile, lane):
-    """Nothing tried yet of the next step."""
+    """Forget the attempts at the last step."""
     tile[of.ATTEMPT + lane] = -1.0
     tile[of.GOAL + lane] = 0.0
     tile[of.LOW + lane] = 0.0
@@ -147,7 +146,7 @@ def clear_attempt(tile, lane):
 
 @vectorised
 def measure(tile, pull):
-    """Forces, energies and work of the attempted step; which lanes need more than the common case.
+    """Find forces, energies and work of the attempted step, and flag what is left to do about it.
 
     Returns how many lanes are marked `CURRENT`, `SPLIT` and `FLAGGED` (`rimless_gym.kernel.tile`).
     """
@@ -202,7 +201,7 @@ def measure(tile, pull):
 
 @vectorised
 def accept(tile, duration):
-    """Take the attempted step in all lanes that made one and are not flagged any more.
+    """Accept the attempted step in all lanes that made one and are no longer flagged.
 
     Returns how many lanes are not done.
     """
@@ -243,7 +242,7 @@ def _extreme(tile, lane, fy, demand):
 
 @inner
 def forget_extremes(tile, lane):
-    """No contact forces met so far."""
+    """Forget the extremes of the contact forces."""
     set_booked(tile, ROW.min_normal_force, lane, np.inf)
     set_booked(tile, ROW.friction_demand, lane, 0.0)
 
@@ -252,7 +251,8 @@ def forget_extremes(tile, lane):
 def restart(tile, lane, mode, foot, y, pull):
     """Put a lane into another mode or onto another leg, and book the contact forces there.
 
-    If one of two feet lifts off at once, the wheel never stood on both: no extremes then.
+    If one of two feet lifts off at once, the wheel never stood on both, so the forces do not count
+    as extremes. Returns the normal force (N).
     """
     tile[of.MODE + lane] = mode
     tile[of.FOOT + lane] = foot

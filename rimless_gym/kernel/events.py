@@ -1,19 +1,18 @@
-"""Where within a step an event is: the attempt at the step is judged, and shortened if need be.
+"""Location of events within a step: the attempt at the step is judged, and shortened if need be.
 
-A touchdown is located on the quintic through the step's ends, stepped to, and corrected until the
-leg is on its guard; loss of contact and lift-off likewise, on the forces. Every correction is
-another attempt at the same step.
+A touchdown is first located on the quintic through the step's ends. The step is then shortened to
+end there, and corrected until the leg is on its guard. Lift-off and loss of contact are located in
+the same way, on the forces. Every correction is another attempt at the same step.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from rimless_gym.equations import State
+from rimless_gym.equations import SINGLE, State
 from rimless_gym.hybrid import (
     DIVERGED,
     MAX_RATE,
-    SINGLE,
     accelerations,
     contact_guard,
     ground_reaction,
@@ -33,14 +32,14 @@ from rimless_gym.kernel.interpolation import (
 from rimless_gym.kernel.tile import get_acc, get_state, machine, put_state
 from rimless_gym.trigonometry import MAX_TURN
 
-GUARD_TOLERANCE = 1e-13  # rad: how near to its guard a located touchdown is
-GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
+LOCATED = 1e-13  # rad: how near to its guard a located touchdown is
+GRAZE = 1e-6  # rad: where a leg reverses this near to its guard, a step ends
 
 #: What a step may end on; the first two are also the directions of a touchdown.
 FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
 
 _AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
-_HERE = 1e-6  # fraction of a step: a cut so near its start has been made already
+_HERE = 1e-6  # fraction of a step: a cut this near to its start has been made already
 
 
 @inner
@@ -59,10 +58,11 @@ def past_guard(direction, y0, acc0, y1, acc1, h, p):
 
 @inner
 def turning_cut(y0, acc0, y1, acc1, h, p):
-    """Fraction of a step to end it at, so that near a guard the leg turns only at steps' ends.
+    """Fraction at which to cut a step, so that near a guard the leg reverses only at steps' ends.
 
-    1 where the leg is far from its guards. A turning point within `GRAZE` of a guard becomes the
-    end of a step, where the state is exact; so does an inflection, which parts two turning points.
+    It is 1 where the leg is far from its guards. A turning point within `GRAZE` of a guard becomes
+    the end of a step, where the state is exact. So does an inflection, because it separates two
+    turning points.
     """
     for direction in (FORWARD, BACKWARD):
         c = past_guard(direction, y0, acc0, y1, acc1, h, p)
@@ -89,7 +89,7 @@ def touchdown_crossing(y0, acc0, y1, acc1, h, p):
         s_end = 1.0
         if c[1] > 0.0 and slope(c, 1.0) < 0.0:  # it turns back inside the step: look at the top
             s_end = upward_root(negative(derivative(c)), 1.0)
-        if value(c, s_end) > 0.1 * GUARD_TOLERANCE:
+        if value(c, s_end) > 0.1 * LOCATED:
             s = upward_root(c, s_end)
             if s < s_found:
                 found, s_found, s_past = direction, s, s_end
@@ -127,16 +127,16 @@ def force_guard(kind, mode, y, u, pull, p):
 
 @inner
 def judge(tile, lane, pull):
-    """Whether the attempt at a step stands; if not, the next one is set up, or the failure."""
+    """Whether the attempt at a step stands; if not, this sets up the next one, or the failure."""
     y, acc = get_state(tile, of.STATE, lane), get_acc(tile, of.ACC, lane)
     end, acc_end = get_state(tile, of.NEXT, lane), get_acc(tile, of.NEXT_ACC, lane)
     mode, u, h = tile[of.MODE + lane], tile[of.VOLTAGE + lane], tile[of.STEP + lane]
     goal, cut, p = int(tile[of.GOAL + lane]), int(tile[of.CUT + lane]), machine(tile, lane)
     if not max(abs(end.dphi), abs(end.dtheta)) < 10 * MAX_RATE:
-        tile[of.FAILURE + lane] = DIVERGED  # beyond what a step can be trusted with
+        tile[of.FAILURE + lane] = DIVERGED  # so fast, or NaN, that the step cannot be trusted
         return False
     if goal == NOTHING:
-        if tile[of.FAR + lane] > MAX_TURN * MAX_TURN:  # beyond where its sines are right
+        if tile[of.FAR + lane] > MAX_TURN * MAX_TURN:  # its sines are not accurate that far
             tile[of.ATTEMPT + lane] = 0.5 * h
             return False
         if p.Cd > 0.0 and y.dphi * end.dphi < 0.0 and not cut:  # air drag has a kink: end there
@@ -175,15 +175,15 @@ def judge(tile, lane, pull):
 
 @inner
 def _lands(tile, lane, direction, tau):
-    """Whether an attempt of length tau ends on the guard; else Newton's method along phi'.
+    """Whether an attempt of length tau ends on the guard; if not, this sets up the next one.
 
-    It is kept within its bracket by bisection.
+    That is a step of Newton's method along phi', or of bisection if Newton leaves the bracket.
     """
     p = machine(tile, lane)
     end = get_state(tile, of.NEXT, lane)
     low, high, tries = tile[of.LOW + lane], tile[of.HIGH + lane], tile[of.TRIES + lane]
     miss = touchdown_guard(direction, end.phi, p)
-    if abs(miss) <= GUARD_TOLERANCE or high - low <= 1e-16 or tries >= 60:
+    if abs(miss) <= LOCATED or high - low <= 1e-16 or tries >= 60:
         bound = p.b if direction > 0 else p.a
         put_state(tile, of.NEXT, lane, (bound, end.theta, end.dphi, end.dtheta))
         return True
@@ -201,9 +201,9 @@ def _lands(tile, lane, direction, tau):
 
 @inner
 def _aim_at_force(tile, lane, kind, end, h, pull):
-    """Aim at where a force guard turns positive, given a state `end` after h where it is so.
+    """Aim at the time when a force guard turns positive; at `end`, after a time h, it is positive.
 
-    Bisection on the quintics brings the first attempt near.
+    Bisection on the quintics gives the first attempt.
     """
     y, acc = get_state(tile, of.STATE, lane), get_acc(tile, of.ACC, lane)
     mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
@@ -225,7 +225,10 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
 
 @inner
 def _lets_go(tile, lane, kind, pull):
-    """Whether an attempt ends where a force guard turns positive; else one of two secant steps."""
+    """Whether an attempt ends where a force guard turns positive; if not, this sets up the next.
+
+    There are at most two, both steps of the secant method.
+    """
     end, tau = get_state(tile, of.NEXT, lane), tile[of.STEP + lane]
     mode, u, p = tile[of.MODE + lane], tile[of.VOLTAGE + lane], machine(tile, lane)
     miss, tries = force_guard(kind, mode, end, u, pull, p), tile[of.TRIES + lane]

@@ -1,10 +1,10 @@
 """One 8th-order Runge-Kutta step of the smooth motion between events (Dormand-Prince, DOP853).
 
-Positions and rates of a stage come from the accelerations of the stages before it alone,
+Positions and rates of a stage follow from the accelerations of the stages before it alone:
 
-    v_i = v + h sum_j A_ij a_j,    x_i = x + c_i h v + h^2 sum_j (A A)_ij a_j,
+    v_i = v + h sum_j A_ij a_j,    x_i = x + c_i h v + h^2 sum_j (A A)_ij a_j.
 
-the same method with half of its memory.
+This is the same method with half the memory.
 """
 
 from __future__ import annotations
@@ -16,14 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from rimless_gym.equations import LOSSES
-from rimless_gym.hybrid import (
-    SINGLE,
-    accelerations,
-    accelerations_turned,
-    losses,
-    relative_rate,
-)
+from rimless_gym.equations import LOSSES, SINGLE
+from rimless_gym.hybrid import accelerations, accelerations_turned, losses, relative_rate
 from rimless_gym.jit import inlined, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.lanes import LANES, adder
@@ -46,7 +40,7 @@ _A, _B = DOP853.A, DOP853.B
 
 @inlined
 def _lose(tile, lane, time, dphi, dtheta):
-    """Add the losses of a stage, which counts for a time (s)."""
+    """Add the losses of a stage, weighted by a time (s)."""
     p = machine(tile, lane)
     powers = losses(dphi, relative_rate(dphi, dtheta, p), tile[of.VOLTAGE + lane], p)
     _add_losses(tile, of.LOST, lane, time, powers)
@@ -59,17 +53,17 @@ _no_losses = (0.0,) * len(LOSSES)
 def _terms(
     weights: NDArray[np.float64],
 ) -> tuple[int, tuple[np.int64, ...], tuple[float, ...]]:
-    """Terms of a sum over the stages: how many, and where each is and what it counts."""
+    """Terms of a sum over the stages: how many there are, their places and their weights."""
     used = [j for j, weight in enumerate(weights) if abs(weight) > 1e-15]  # less is a rounded zero
-    used = used or [0]  # numba knows no loop over an empty tuple
+    used = used or [0]  # numba cannot compile a loop over an empty tuple
     offsets = tuple(of.STAGE_ACC + 2 * j * LANES for j in used)
     return len(used), offsets, tuple(float(weights[j]) for j in used)
 
 
 def _stage(i: int) -> Callable[..., None]:
-    """Compiled: NEXT at stage `i` from the accelerations before; at the end of the step, i = 12.
+    """Compiled: the accelerations at stage `i`, or for i = 12 the state NEXT at the step's end.
 
-    With it goes what the stage contributes to the losses.
+    It also adds what the stage contributes to the losses.
     """
     rates = _A[i, :i] if i < STAGES else _B
     positions = rates @ _A[:i, :i]
@@ -100,7 +94,7 @@ def _stage(i: int) -> Callable[..., None]:
             if share != 0.0:
                 _lose(tile, lane, share * h, v0, v1)
 
-    # Machine code finds functions by name, also in what other processes left in numba's cache.
+    # Machine code refers to functions by name, even to those that other processes have cached.
     stage.__qualname__ = f"stage_{i}"
     return vectorised(stage)
 
@@ -152,7 +146,7 @@ def rk8(tile):
 
 @njit(error_model="numpy")
 def _smooth_step(tile):
-    """Go on from NEXT in single stance, unguarded."""
+    """Step on from NEXT in single stance, without guards."""
     for lane in range(LANES):
         y, u, p = get_state(tile, of.NEXT, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
         put_state(tile, of.STATE, lane, y)
@@ -165,7 +159,7 @@ def _smooth_step(tile):
 def smooth_states(
     params: WheelParams, y: Sequence[float], u: float, duration: float, steps: int
 ) -> Iterator[NDArray[np.float64]]:
-    """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, unguarded."""
+    """States (4,) after each of `steps` steps in single stance from `y` at `u` volts, no guards."""
     tile = np.zeros(TILE_SIZE)
     lane = tile.reshape(-1, LANES)[:, 0]  # the others stay empty
     end = of.NEXT // LANES

@@ -56,7 +56,7 @@ def bracketed_root(c, low, high):
             low = s
         newton = s - f / slope(c, s)
         following = newton if low <= newton <= high else 0.5 * (low + high)
-        if abs(following - s) <= 1e-15:  # of s in [0, 1]; nearer, rounding makes it jump about
+        if abs(following - s) <= 1e-15:  # of s in [0, 1]; any closer, rounding makes it jump about
             return following
         s = following
     return s
@@ -66,13 +66,13 @@ def bracketed_root(c, low, high):
 def upward_root(c, s_end):
     """Where the polynomial crosses zero upward in [0, s_end], given that it is positive at s_end.
 
-    Starting on or above zero and rising, the crossing is at 0. Starting at zero and falling (just
-    after an impact), the root at 0 is divided out and the next one returned.
+    If it starts on or above zero and rises, the crossing is at 0. If it starts at zero and falls
+    (just after an impact), the root at 0 is divided out and the next one is returned.
     """
     if c[0] >= 0.0:
         if c[1] > 0.0 or (c[1] == 0.0 and c[2] >= 0.0):
             return 0.0
         c = (c[1], c[2], c[3], c[4], c[5], 0.0)
-        if c[0] == 0.0:  # it leaves without a rate, just after a lift-off: a double root
+        if c[0] == 0.0:  # its rate is 0 too, just after a lift-off: a double root
             c = (c[1], c[2], c[3], c[4], c[5], 0.0)
     return bracketed_root(c, 0.0, s_end)

@@ -1,7 +1,7 @@
-"""How numbers lie in a tile: `LANES` wheels side by side, each of their quantities `LANES` apart.
+"""How numbers lie in a tile: `LANES` wheels side by side, the numbers of one wheel `LANES` apart.
 
-Eight lanes fill the widest registers there are; more are no faster, and make a tile with one
-wheel in it slower. docs/benchmark.md has what eight buy over one.
+Eight lanes fill the widest registers. More are no faster, and slow down a tile with one wheel in
+it. docs/benchmark.md compares eight lanes with one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LANES = 8
 
 
 def reader(kind: type[Any]) -> Callable[..., Any]:
-    """Compiled: (tile, quantity, lane) -> the lane's numbers from `quantity` on, named."""
+    """Compiled: (tile, quantity, lane) -> the lane's numbers from `quantity` on, as a `kind`."""
     numbers = ", ".join(f"tile[i + {k * LANES}]" for k in range(len(kind._fields)))
     return inlined(
         written(
@@ -47,7 +47,7 @@ def writer(count: int) -> Callable[..., Any]:
 
 
 def adder(count: int) -> Callable[..., Any]:
-    """Compiled: (tile, quantity, lane, weight, values) adds weighted values, likewise."""
+    """Compiled: (tile, quantity, lane, weight, values) adds weighted values to such numbers."""
     sums = "\n".join(f"    tile[i + {k * LANES}] += weight * values[{k}]" for k in range(count))
     return inlined(
         written(
@@ -79,9 +79,9 @@ def copy_lanes(typing_context, target, to, source, start):
 
 @intrinsic
 def one_copy(typing_context):
-    """Called in a function: all its callers run the same instructions.
+    """Call this in a function to keep it from being inlined: all callers run the same instructions.
 
-    Inlined here and there, sums of products would be fused differently, and differ in the last bit.
+    Inlined copies would fuse sums of products differently, and differ in the last bit.
     """
 
     def codegen(context, builder, signature, arguments):

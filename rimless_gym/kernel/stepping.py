@@ -1,10 +1,10 @@
 """The stepping kernel: advance hybrid states at constant voltage, events located, energy booked.
 
 Wheels are advanced `LANES` at a time, in a tile (`rimless_gym.kernel.tile`), by attempts at steps
-that vectorise: integrate, measure, and accept, unless a lane's attempt ran into an event; then it
-is judged by itself, and makes another attempt (`rimless_gym.kernel.events`). Wheels that need more
-steps than one wait until there are enough of them for a tile of their own. A wheel's motion is the
-same to the last bit whatever moves beside it.
+that vectorise: integrate, measure, accept. A lane whose attempt ran into an event is judged by
+itself and makes another attempt (`rimless_gym.kernel.events`). Wheels that need more than one step
+wait until there are enough of them to fill a tile. A wheel's motion is the same to the last bit
+whatever moves beside it.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ class HybridState(NamedTuple):
     foot: Any
 
 
-# Where they are in an array.
+# The indices of its fields in an array.
 STATE_SIZE = len(HybridState._fields)
 PHI, THETA, DPHI, DTHETA, MODE, FOOT = HybridState(*range(STATE_SIZE))
 
-_QUEUE = 2 * TILE_SIZE  # where in the work space the wheels wait that need more steps
+_QUEUE = 2 * TILE_SIZE  # where in the work space wheels wait for another step
 SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
 
-#: Fastest motor pole (1/s): 10 ms then take 700 steps, a millisecond.
+#: Fastest motor pole (1/s). At this pole 10 ms take 700 steps, a millisecond of computing.
 MAX_POLE = 1e4
 
 
 @inner
 def share_machine(work, constants, poles):
-    """Put one machine into all lanes of both tiles, unless it is there from the call before."""
+    """Put one machine into all lanes of both tiles, unless it is there since the last call."""
     same = work[-1] == 1.0 and work[of.POLE] == poles[0]
     for c in range(N_CONSTANTS):
         same = same and work[of.CONSTANTS + c * LANES] == constants[c, 0]
@@ -67,7 +67,7 @@ def share_machine(work, constants, poles):
 
 @inner
 def load_machine(tile, lane, constants, poles, i):
-    """Put machine i of the caller's into a lane."""
+    """Put the caller's machine i into a lane."""
     for c in range(N_CONSTANTS):
         tile[of.CONSTANTS + c * LANES + lane] = constants[c, i]
     tile[of.POLE + lane] = poles[i]
@@ -75,7 +75,7 @@ def load_machine(tile, lane, constants, poles, i):
 
 @inner
 def load(tile, states, voltages, base, count, stride):
-    """Put wheels base, base + 1, ... into the tile's lanes; `states` is flat, by `stride`."""
+    """Put wheels base, base + 1, ... into the tile's lanes; `states` has flat rows of `stride`."""
     for lane in range(LANES):
         tile[of.INDEX + lane] = base + lane
     if count == LANES:
@@ -114,7 +114,7 @@ def store_lane(tile, lane, states, out, stride):
 
 @inner
 def enqueue(tile, count, work, waiting):
-    """Add the lanes that need another step to those waiting; how many there are then."""
+    """Add the lanes that need another step to those waiting; returns how many wait now."""
     for lane in range(count):
         if runs(tile, lane):
             place = _QUEUE + waiting * CARRIED
@@ -126,7 +126,7 @@ def enqueue(tile, count, work, waiting):
 
 @inner
 def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, duration, pull):
-    """A step for a tile of waiting wheels; how many wait afterwards."""
+    """A step for a tile of waiting wheels; returns how many wait afterwards."""
     count = min(waiting, LANES)
     waiting -= count
     for lane in range(count):
@@ -146,11 +146,11 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
 def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 
-    They are the first STATE_SIZE rows of it. All are on one machine, `constants` (N_CONSTANTS, 1)
-    and `poles` (1,), or each is on its own, (N_CONSTANTS, N) and (N,). The first len(ROW) rows of
-    `out`, which has as many columns as `states`, are overwritten (`rimless_gym.energy.ROW`). `pull`
-    is the largest force (N) with which the ground holds a foot down: 0, or infinity for a pin
-    joint. `work` is `scratch()`, one per thread.
+    A hybrid state is the first STATE_SIZE rows of a column. All wheels have the same machine, with
+    `constants` (N_CONSTANTS, 1) and `poles` (1,), or each has its own, with (N_CONSTANTS, N) and
+    (N,). The first len(ROW) rows of `out` are overwritten (`rimless_gym.energy.ROW`); it has as
+    many columns as `states`. `pull` is the largest force (N) with which the ground holds a foot
+    down: 0, or infinity for a pin joint. `work` is `scratch()`, one per thread.
     """
     one_copy()
     flat, flat_out, stride = states.ravel(), out.ravel(), states.shape[1]
@@ -180,7 +180,7 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
 
 
 def require_steppable(params: WheelParams) -> None:
-    """Refuse machines for which a control interval would take forever.
+    """Refuse machines that need too many steps in a control interval.
 
     Raises:
         ValueError: the motor or the air drag damps faster than `MAX_POLE`.
@@ -221,9 +221,9 @@ def scratch() -> NDArray[np.float64]:
 
 
 def aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """An empty array that begins with a line of the cache, as do its rows of a tile's width.
+    """An empty array that starts on a cache line, as do its rows of a tile's width.
 
-    Reading eight numbers at once takes twice as long across the border of two lines.
+    Reading eight numbers at once takes twice as long across two cache lines.
     """
     size = math.prod(shape)
     space = np.empty(size + LANES)
@@ -244,7 +244,7 @@ def advance(
         params: the machine.
         states: (N, STATE_SIZE), advanced in place.
         voltages: (N,) in V.
-        duration: s.
+        duration: time to advance (s).
         pull: largest force (N) with which the ground holds a foot down.
 
     Returns:

@@ -1,8 +1,8 @@
-"""A tile: the state of `LANES` wheels side by side, as numbers that vectorise.
+"""A tile: the state of `LANES` wheels side by side, laid out for vector instructions.
 
-A tile is one flat float64 array; quantity q of lane l is ``tile[q + l]``, with offsets q that
-the compiler knows, so that a loop over lanes becomes a few vector instructions. Every lane does
-the same arithmetic whatever the others hold: a wheel's motion does not depend on its neighbours.
+A tile is one flat float64 array; quantity q of lane l is ``tile[q + l]``. The compiler knows the
+offsets q, so a loop over lanes becomes a few vector instructions. Every lane does the same
+arithmetic whatever the others hold: a wheel's motion does not depend on its neighbours.
 Where a quantity is several numbers, they are `LANES` apart, and read and written together as a
 named tuple (`rimless_gym.kernel.lanes`).
 """
@@ -29,17 +29,17 @@ def _rows(n: int) -> np.int64:
     first = next(_count)
     for _ in range(n - 1):
         next(_count)
-    return np.int64(first * LANES)  # numba compiles what takes Python's integers once for each
+    return np.int64(first * LANES)  # with Python's integers, numba would compile once per value
 
 
-# What a wheel brings along from step to step.
-STATE = _rows(len(State._fields))  # the hybrid state goes on with
+# What a wheel keeps from step to step. STATE, MODE and FOOT are the hybrid state.
+STATE = _rows(len(State._fields))
 MODE = _rows(1)
 FOOT = _rows(1)
 ACC = _rows(2)  # `Accelerations`
 VOLTAGE = _rows(1)
 BOOKED = _rows(len(ROW))  # of `rimless_gym.energy.ROW`, so far in this interval
-ENERGY = _rows(1)  # mechanical, the foot's descent apart (J)
+ENERGY = _rows(1)  # mechanical, without the foot's descent (J)
 HUB = _rows(1)  # the hub's x from the stance foot (m)
 ENERGY_BEFORE, HUB_BEFORE, FOOT_BEFORE = _rows(1), _rows(1), _rows(1)
 LEFT = _rows(1)  # of the control interval (s)
@@ -66,16 +66,16 @@ NEXT = _rows(4)  # state after it
 STAGE_ACC = _rows(2 * STAGES)  # accelerations at the stages, times the step's length
 NEXT_ACC = _rows(2)
 SINES = _rows(4)  # sine and cosine of phi, then of theta, at its start
-FAR = _rows(1)  # how far the angles turn from there to any stage, squared: phi's and theta's turns
+FAR = _rows(1)  # from there to any stage, the greatest sum of the squared turns of phi and theta
 LOST = _rows(len(Losses._fields))  # integrals of the `Losses`
 FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
 NEXT_ENERGY, NEXT_HUB = _rows(1), _rows(1)
 WORK_ELECTRICAL, WORK_POSITIVE, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
 EVENT = _rows(1)  # on which an accepted step ended
-FLAG = _rows(1)  # what is still to be done about the attempt, one of
+FLAG = _rows(1)  # what is still to be done about the attempt, one of the following
 PLAIN, CURRENT, SPLIT, FLAGGED, IDLE = 0.0, 1.0, 2.0, 3.0, 4.0
-# nothing; split its work where the current changes sign; or where the current or psi' does; judge
-# it. An idle lane was done before and stays as it was.
+# PLAIN: nothing. CURRENT: split its work where the current changes sign. SPLIT: split it where the
+# current or psi' does. FLAGGED: judge it. IDLE: nothing, the lane was done before the attempt.
 
 TILE_SIZE = next(_count) * LANES
 
@@ -102,13 +102,13 @@ def put_sines(tile, lane):
 
 @inlined
 def turned_angles(tile, lane, turn_phi, turn_theta):
-    """phi and theta so far on from the attempt's start, for `rimless_gym.hybrid.turned`."""
+    """phi and theta after turns (rad) from the attempt's start, for `rimless_gym.hybrid.turned`."""
     sin_phi, cos_phi, sin_theta, cos_theta = get_state(tile, SINES, lane)
     return (sin_phi, cos_phi, turn_phi), (sin_theta, cos_theta, turn_theta)
 
 
 @inlined
 def unturned_angles(tile, lane):
-    """phi and theta of STATE likewise, after setting SINES."""
+    """phi and theta of STATE in the same form; this also sets SINES."""
     put_sines(tile, lane)
     return turned_angles(tile, lane, 0.0, 0.0)

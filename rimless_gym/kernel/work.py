@@ -1,7 +1,7 @@
 """The work of a step in which V i or T psi' changes sign, split there.
 
-The ledger's max(V i, 0) and |T psi'| need it: with V held, the current changes sign where psi' is
-V / K, and the shaft's power there and where psi' does.
+The ledger's max(V i, 0) and |T psi'| need this. With V held, the current changes sign where psi' is
+V / K. The shaft's power changes sign there, and where psi' does.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def split_work(tile):
 
 @inlined
 def _all_work(tile, lane):
-    """The shaft's work over the whole attempt, its signs as they are."""
+    """The shaft's work over the whole attempt, with its sign."""
     return tile[of.WORK_ELECTRICAL + lane] - get_losses(tile, of.LOST, lane).copper
 
 

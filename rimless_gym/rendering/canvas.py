@@ -1,6 +1,6 @@
 """A drawing surface in metres of the ground's frame, with a camera that follows the wheel.
 
-Points are complex numbers, x + iy, x along the ground and y off it.
+Points are complex numbers, x + iy, with x along the ground and y normal to it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rimless_gym.rendering.display import Frame
 
 Colour = tuple[int, int, int]
 
-_SUPERSAMPLING = 3  # drawn this much larger, then scaled down: that is what makes edges smooth
+_SUPERSAMPLING = 3  # drawn this much larger, then scaled down for smooth edges
 
 
 class Canvas:
@@ -26,13 +26,13 @@ class Canvas:
 
     Args:
         params: gives the lengths to fit in and the slope.
-        x: position along the ground (m) of what is in the middle of the picture.
+        x: position along the ground (m) in the middle of the picture.
         size: width and height in pixels of the finished picture.
         background: colour to begin with.
 
     Attributes:
-        width, height: of the surface, in its own pixels, larger than those of the picture.
-        horizon: distance (pixels) of the ground in the middle from the upper edge.
+        width, height: size of the surface in its own pixels, larger than that of the picture.
+        horizon: distance (pixels) from the upper edge down to the ground, in the middle.
         scale: pixels per metre.
         ends: first and last position along the ground (m) that the picture may show.
     """
@@ -73,7 +73,7 @@ class Canvas:
         self.polygon([corner, others[0], opposite, others[1]], colour)
 
     def ellipse(self, centre: complex, width: float, height: float, colour: Colour) -> None:
-        """A filled ellipse along the ground; half its width and height are given."""
+        """A filled ellipse along the ground; `width` and `height` are its half axes (m)."""
         turn = [2 * math.pi * k / 40 for k in range(40)]
         self.polygon(
             [centre + complex(width * math.cos(t), height * math.sin(t)) for t in turn], colour
@@ -93,7 +93,7 @@ class Canvas:
     def text(
         self, text: str, place: tuple[float, float], height: float, colour: Colour, anchor: str
     ) -> None:
-        """Text at `place`, in pixels of the surface; `anchor` names what of it is there."""
+        """Text at `place`, in pixels of the surface; `anchor` names its point that goes there."""
         image = _text(text, round(height), colour)
         self.surface.blit(image, image.get_rect(**{anchor: place}))
 

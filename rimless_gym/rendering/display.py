@@ -71,7 +71,7 @@ def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: 
         raise ValueError("cannot save a GIF of no frames")
     if not 0 < fps <= 50:
         raise ValueError(
-            f"fps = {fps}: must be above 0 and at most 50, leave out frames if need be"
+            f"fps = {fps}: must be above 0 and at most 50; leave out frames if need be"
         )
     samples = frames[:: max(1, len(frames) // 8)]
     palette = Image.fromarray(np.concatenate(samples)).quantize(

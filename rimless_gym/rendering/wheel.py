@@ -1,8 +1,8 @@
 """One drawing of the wheel, used by both environments, videos and reports.
 
 `draw` is a pure function from a `Scene` to an array of pixels and needs no display. The wheel
-walks along the edge of a raised track; the pendulum is on the viewer's side of the wheel, so that
-one longer than the hub is high swings past the track's face.
+walks along the edge of a raised track. The pendulum is on the viewer's side of the wheel, so that
+a pendulum that reaches below the ground swings past the track's face.
 
 `Window` and `save_gif` (from `rimless_gym.rendering.display`) show and keep the pictures.
 """
@@ -15,8 +15,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from rimless_gym.equations import equations
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE, equations
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering._pygame import pygame
 from rimless_gym.rendering.canvas import Canvas, Colour
@@ -41,11 +40,11 @@ class Scene:
     Args:
         phi: stance leg's angle from the ground (rad); in double stance the leading leg's.
         theta: pendulum's angle from the ground's normal (rad).
-        mode: `rimless_gym.hybrid.SINGLE` or `DOUBLE`; decides which feet light up.
+        mode: `rimless_gym.equations.SINGLE` or `DOUBLE`; decides which feet light up.
         foot_x: stance foot's position along the ground (m).
-        voltage: motor voltage (V), shown as a bar; None leaves the bar out, as below.
-        time: (s), shown as text.
-        speed: (m/s), shown as text.
+        voltage: motor voltage (V), shown as a bar; None leaves it out, as for the texts below.
+        time: time (s), shown as text.
+        speed: walking speed (m/s), shown as text.
         cot: cost of transport, shown as text.
     """
 
@@ -106,7 +105,7 @@ def _blend(a: Colour, b: Colour, share: float) -> Colour:
 
 
 def _draw_hills(canvas: Canvas) -> None:
-    """Two level ridges far off, which move more slowly than the track."""
+    """Two level ridges in the distance, which move more slowly than the track."""
     for colour, height, parallax in ((FAR_HILLS, 0.34, 0.12), (NEAR_HILLS, 0.17, 0.3)):
         ridge: list[Point] = [(0.0, float(canvas.height))]
         for k in range(49):
@@ -159,7 +158,7 @@ def _draw_trail(canvas: Canvas, trail: Sequence[Point]) -> None:
 
 
 def _draw_wheel(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
-    """Legs with rounded feet; those that bear are lit."""
+    """Legs with rounded feet; those that stand on the ground are lit."""
     unit, hub = params.leg_length, complex(*scene.hub(params))
     bearing = (0, 1) if scene.mode == DOUBLE else (0,)
     for k in reversed(range(params.n_legs)):  # the bearing ones last, in front of the others
@@ -184,10 +183,10 @@ def _pendulum_ends(params: WheelParams, scene: Scene) -> tuple[complex, complex]
 
 
 def _draw_pendulum(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
-    """The rod, and a bob at its centre of mass whose size tells its share of the mass."""
+    """The rod, and a bob at its centre of mass whose size shows its share of the mass."""
     unit = params.leg_length
     hub, tip = _pendulum_ends(params, scene)
-    light = complex(-0.8, 1.0)  # where it comes from
+    light = complex(-0.8, 1.0)  # the direction it comes from
     canvas.bar(hub, tip, 0.056 * unit, 0.046 * unit, ROD_DARK)
     canvas.bar(hub, tip, 0.044 * unit, 0.034 * unit, ROD)
     lit = 0.014 * unit * light

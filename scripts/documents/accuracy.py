@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from rimless_gym import WheelParams, hybrid, simulate
 from rimless_gym.energy import ROW, Ledger
-from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.equations import MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.attempt import MAX_POLE_STEP, MAX_RATE_STEP
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.stepping import (

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from rimless_gym.rendering.canvas import Canvas
 from rimless_gym.rendering.wheel import Scene, draw
 

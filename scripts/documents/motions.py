@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rimless_gym import WheelParams
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import CONTROL_PERIOD, SINGLE
+from rimless_gym.equations import SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA, advance
 from rimless_gym.params import PRESETS

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rimless_gym import Disturbances, Pushes, SensorNoise, WheelParams
 from rimless_gym.envs.starts import draw_start
-from rimless_gym.equations import IMPACT_LAWS, equations
-from rimless_gym.hybrid import MAX_RATE, MODE_NAMES
+from rimless_gym.equations import IMPACT_LAWS, MODE_NAMES, equations
+from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import MOTOR_MOUNTS, PRESETS, Constants
 

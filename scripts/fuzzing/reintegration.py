@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import WheelParams, simulate
-from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, MODE_NAMES
+from rimless_gym.equations import DOUBLE, MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE
 
 Floats = NDArray[np.float64]

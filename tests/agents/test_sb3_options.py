@@ -9,7 +9,7 @@ from stable_baselines3.common.monitor import Monitor
 
 from agents import Sb3VecEnv
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Task
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from tests.agents.sb3_rows import ID, REST, native
 
 

@@ -15,8 +15,8 @@ from rimless_gym.params import WheelParams
 class FreeWheel:
     """A machine floating free of the ground: what MuJoCo makes of its MJCF.
 
-    Rates are of the joints hub_x, hub_z, wheel and pendulum. Air drag, which MJCF cannot say, is
-    added as a force on the hub.
+    Rates are of the joints hub_x, hub_z, wheel and pendulum. Air drag, which MJCF does not
+    have, is added as a force on the hub.
     """
 
     def __init__(self, params: WheelParams) -> None:
@@ -28,7 +28,7 @@ class FreeWheel:
         self.motor = self.model.nu > 0
 
     def move(self, q: np.ndarray, v: np.ndarray, u: float = 0.0) -> None:
-        """Take a state and a voltage."""
+        """Set the state and the voltage."""
         self.data.qpos[:], self.data.qvel[:] = q, v
         if self.motor:
             self.data.ctrl[0] = u
@@ -42,7 +42,7 @@ class FreeWheel:
         return rows
 
     def force(self) -> np.ndarray:
-        """All generalised forces (4) but those of the ground, so that M v' = force."""
+        """All generalised forces (4) except those of the ground, so that M v' = force."""
         d, drag = self.data, np.zeros(4)
         drag[:2] = -self.params.drag * np.hypot(*d.qvel[:2]) * d.qvel[:2]
         return d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias + drag

@@ -1,8 +1,8 @@
 """The model against MuJoCo: motion, ground reaction and touchdown of a machine free of the ground.
 
 MuJoCo computes inertia, forces and Jacobians of the feet for the floating machine that
-`rimless_gym.export` writes (x, z and two angles); here its foot is pinned, or stopped, by linear
-algebra alone.
+`rimless_gym.export` writes (x, z and two angles). The tests pin or stop its foot with nothing but
+linear algebra.
 """
 
 import math
@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rimless_gym.equations import equations
+from rimless_gym.equations import DOUBLE, equations
 from rimless_gym.export import joint_state
-from rimless_gym.hybrid import DOUBLE, after_touchdown
+from rimless_gym.hybrid import after_touchdown
 from rimless_gym.params import PRESETS, THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
 
@@ -90,13 +90,13 @@ def stopped(inertia: np.ndarray, jacobian: np.ndarray, v: np.ndarray) -> np.ndar
 
 
 def impulses(inertia: np.ndarray, jacobian: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The least impulses of the feet that make a change of rates; theirs must explain it all."""
+    """The smallest impulses on the feet that cause a change of rates; they must explain it all."""
     pushes = np.linalg.pinv(transposed(jacobian)) @ inertia @ change[..., None]
     assert np.allclose(transposed(jacobian) @ pushes, inertia @ change[..., None], atol=1e-9)
     return pushes[..., 0]
 
 
-def test_accelerations_and_ground_reaction_are_mujocos(params, wheel):
+def test_accelerations_and_ground_reaction_agree_with_mujoco(params, wheel):
     x, u = random_states(params)
     q, v = joint_state(params, x)
     theirs = pinned(params, wheel.stack(q, v, u), v)
@@ -111,7 +111,7 @@ def test_accelerations_and_ground_reaction_are_mujocos(params, wheel):
     assert np.max(force_miss / theirs.condition) <= 1e-12
 
 
-def test_standing_on_two_feet_presses_on_each_as_in_mujoco(params, wheel):
+def test_each_foot_presses_in_double_stance_as_in_mujoco(params, wheel):
     x, u = random_states(params)
     x[:, 0], x[:, 2] = params.constants.a, 0.0
     q, v = joint_state(params, x)
@@ -159,12 +159,12 @@ def test_touchdown_stops_the_new_foot_as_in_mujoco(params, wheel, direction):
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("n_legs", [3, 4, 5])
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
-def test_wheel_stops_on_two_feet_where_the_old_one_cannot_leave(
+def test_the_wheel_stops_on_two_feet_if_the_old_foot_cannot_lift_off(
     free_wheel, mount, n_legs, direction
 ):
     """Complementarity: after a touchdown the old foot moves away, or it is pushed, but not both.
 
-    In between, up to `hybrid.REST_ENERGY`, our wheel may be at rest where it would creep away.
+    Our wheel may rest where it would creep away with less energy than `hybrid.REST_ENERGY`.
     """
     params = THESIS_PHYSICAL.replace(n_legs=n_legs, motor_mount=mount, rotor_inertia=1e-7)
     p = params.constants
@@ -224,7 +224,7 @@ def kinetic_energies(wheel, theta, dphi, dtheta, direction=1):
     return v @ inertia @ v / 2, v_new @ inertia @ v_new / 2
 
 
-def test_printed_touchdown_creates_energy_in_a_third_of_the_states(free_wheel):
+def test_thesis_touchdown_creates_energy_in_a_third_of_the_states(free_wheel):
     """Both maps are linear in the rates: only theta and the ratio of the rates matter."""
     wheel, rng = free_wheel(THESIS_PHYSICAL.replace(impact_law="thesis")), np.random.default_rng(0)
     theta, ratio = rng.uniform(-math.pi, math.pi, 10000), rng.uniform(-0.5, 0.5, 10000) * math.pi

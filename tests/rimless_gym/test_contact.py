@@ -1,9 +1,9 @@
-"""Events against a simulation that knows no modes: time stepping with complementary contacts.
+"""Events against a simulation without modes: time stepping with complementary contacts.
 
-Moreau's scheme on MuJoCo's floating machine: in each step every foot at or below the ground may
-push and stick, or else rise. Which feet do is found by complementarity of their impulses and
-velocities, so touchdown, standing on two feet and lift-off come out of it; nothing of
-`rimless_gym.hybrid` is in there. The scheme is of first order in its step.
+This is Moreau's scheme on MuJoCo's floating machine. In each step every foot at or below the ground
+either pushes and sticks, or rises. Complementarity of impulses and velocities decides which, so
+touchdown, standing on two feet and lift-off follow without `rimless_gym.hybrid`. The scheme is of
+first order in its step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Motion:
 
     @property
     def rest_since(self) -> float:
-        """When it came to stand on two feet for good."""
+        """The time from which it stands on two feet until the end."""
         return float(self.t[np.flatnonzero(self.feet < 2)[-1]])
 
     @property
@@ -63,7 +63,7 @@ def time_stepping(
 def after_contact(
     inertia: np.ndarray, v: np.ndarray, impulse: np.ndarray, jacobians: list[np.ndarray]
 ) -> tuple[np.ndarray, int]:
-    """Rates after a step, and the number of feet that push, of those whose Jacobians are given.
+    """Rates after a step, and how many of the feet with these Jacobians push.
 
     A second foot is not held horizontally: on a rigid wheel the first one does that.
     """
@@ -102,7 +102,7 @@ def converging(
     duration: float,
     mode: str = "single_stance",
 ) -> tuple[Trajectory, list[Motion]]:
-    """Our motion and the other at ever smaller steps, between which the distance is of order h."""
+    """Our motion, and the other at smaller and smaller steps h; their distance is of order h."""
     ours = simulate(params, x, lambda t, _: volts(t), duration, mode=mode, pull=0.0)
     assert ours.failure is None
     q, v = joint_state(params, x)
@@ -114,19 +114,19 @@ def converging(
 
 @pytest.mark.parametrize("n_legs", [3, 4, 5])
 @pytest.mark.parametrize("direction", [1, -1])
-def test_wheel_that_falls_slowly_comes_to_rest_on_two_feet(free_wheel, n_legs, direction):
+def test_a_wheel_that_falls_slowly_comes_to_rest_on_two_feet(free_wheel, n_legs, direction):
     params = THESIS_PHYSICAL.replace(n_legs=n_legs, slope=0.03, hub_damping=0.1)
     x = [math.pi / 2 + direction * 0.6 * params.leg_angle / 2, 0.4, direction * 0.2, 1.0]
     ours, theirs = converging(free_wheel, params, x, lambda t: 0.0, 0.8)
     assert ours.final_mode == "double_stance"
     entry = next(event.time for event in ours.events if event.mode == "double_stance")
-    for h, motion in zip(STEPS, theirs, strict=True):  # hops of a height of order h drown
+    for h, motion in zip(STEPS, theirs, strict=True):  # hops of order h are not resolved
         assert motion.rest_since == pytest.approx(entry, abs=0.7 * math.sqrt(h))
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize(("mount", "spin"), [("wheel", 0.0), ("frame", 4.0)])
-def test_wheel_at_rest_lifts_off_when_the_voltage_has_grown_enough(
+def test_a_wheel_at_rest_lifts_off_when_the_voltage_has_grown_enough(
     free_wheel, mount, spin, direction
 ):
     params = THESIS_PHYSICAL.replace(
@@ -143,7 +143,7 @@ def test_wheel_at_rest_lifts_off_when_the_voltage_has_grown_enough(
 
 
 @pytest.mark.parametrize("seed", [0, 1, 5, 6])
-def test_stepping_forth_and_back_under_a_voltage_is_that_of_contacts_alone(free_wheel, seed):
+def test_steps_forward_and_back_agree_with_the_contact_simulation(free_wheel, seed):
     params = THESIS_PHYSICAL.replace(slope=0.05, rotor_inertia=1e-7)
     p, rng = params.constants, np.random.default_rng(seed)
     x = rng.uniform([p.a, -3, -1, -4], [p.b, 3, 2, 4])

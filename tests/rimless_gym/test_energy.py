@@ -25,7 +25,7 @@ def test_a_loss_takes_energy_at_every_speed_and_voltage(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LOSSES)
-def test_what_the_kernel_books_of_a_loss_is_the_integral_of_its_power(name: str) -> None:
+def test_the_booked_loss_is_the_integral_of_its_power(name: str) -> None:
     p, u = LOSSY.constants, 3.0
     state = np.array([[1.5, 0.4, 0.8, -2.0, 0.0, 0.0]])
     powers, booked = [], 0.0

@@ -1,13 +1,14 @@
-"""The equations against a second derivation that shares nothing with them but the drawing.
+"""The equations against a second, independent derivation.
 
-The second model is a floating base: the hub is free to be anywhere, q = (x, y, phi, theta). Its
-inertia and bias forces come by automatic differentiation from the positions of the two masses
-written in Cartesian coordinates, and feet are constraints with multipliers. One linear system,
+The second model is a floating base: the hub can be anywhere, q = (x, y, phi, theta). Automatic
+differentiation of the positions of the two masses in Cartesian coordinates gives its inertia and
+bias forces. Feet are constraints with multipliers. One linear system,
 
     | M  -J' | |   a    |   |    Q - h     |
     | J   0  | | lambda | = |  -(dJ/dt) v  |
 
-then gives accelerations and ground reactions, and with momenta on its right the touchdown.
+then gives accelerations and ground reactions; with momenta on its right-hand side, it gives the
+touchdown.
 """
 
 import math
@@ -185,7 +186,7 @@ def test_double_stance_is_a_free_machine_whose_wheel_is_held(case):
 @pytest.mark.parametrize("n_legs", [3, 4, 5, 8])
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
 @pytest.mark.parametrize("direction", [1, -1])
-def test_plastic_touchdown_projects_onto_what_the_new_foot_allows(mount, n_legs, direction):
+def test_plastic_touchdown_projects_onto_the_rates_that_hold_the_new_foot(mount, n_legs, direction):
     case = Case(mount, n_legs)
     p = case.p
     old, new = (p.b, p.a) if direction > 0 else (p.a, p.b)
@@ -223,7 +224,7 @@ def test_stopping_on_two_feet_keeps_the_pendulums_momentum_about_the_hub(case):
     close(ours, after[:, 3:])
 
 
-def test_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():
+def test_a_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():
     for n_legs, inertia in ((5, 0.0), (5, 0.3), (8, 0.1)):
         wheel = WheelParams(
             n_legs=n_legs, wheel_inertia=inertia, pendulum_length=0.0, pendulum_inertia=0.1
@@ -234,7 +235,7 @@ def test_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():
         assert rates == pytest.approx((eta * 1.7, -0.4), rel=1e-14)
 
 
-def test_passive_rolling_fixed_point_is_that_of_the_textbook():
+def test_passive_rolling_has_the_textbook_fixed_point():
     wheel = WheelParams(
         n_legs=8,
         slope=0.08,
@@ -252,7 +253,7 @@ def test_passive_rolling_fixed_point_is_that_of_the_textbook():
     assert eq_numbers.impact(a, p.b, 0.0, before, 0.0, p)[0] == pytest.approx(rate, rel=1e-12)
 
 
-def test_pendulum_rate_does_not_change_what_the_wheel_keeps():
+def test_the_wheels_rate_after_touchdown_does_not_depend_on_the_pendulums():
     p = THESIS_PHYSICAL.constants
     kept = [
         [eq_numbers.impact(p.a, p.b, theta, 1.0, dtheta, p)[0] for dtheta in (-8.0, 0.0, 5.0)]

@@ -44,9 +44,9 @@ def test_files_load_in_mujoco_with_the_machines_joints_and_mass(params, export):
 
 
 def test_both_files_describe_the_same_machine(params):
-    """But for rotor inertia, which MuJoCo does not read from URDF.
+    """Except for rotor inertia, which MuJoCo does not read from URDF.
 
-    A wheel without inertia has no accelerations to compare while it flies.
+    A wheel without inertia has no accelerations to compare while it is in the air.
     """
     params = params.replace(rotor_inertia=0.0, wheel_inertia=max(params.wheel_inertia, 0.01))
     models = [load(export(params)) for export in (to_mjcf, to_urdf)]
@@ -85,7 +85,7 @@ def test_touchdown_moves_no_joint(params):
     assert q_new == pytest.approx(q, abs=1e-14)
 
 
-def test_states_convert_in_stacks():
+def test_many_states_convert_at_once():
     x = np.random.default_rng(2).uniform(-1, 1, (5, 3, 4))
     q, v = joint_state(THESIS_PHYSICAL, x, 2)
     assert q.shape == v.shape == (5, 3, 4)
@@ -119,7 +119,7 @@ def test_volts_reach_the_joint_as_the_motors_torque():
         assert data.qfrc_actuator[3] + data.qfrc_passive[3] == pytest.approx(torque, rel=1e-14)
 
 
-def test_urdf_says_what_mujoco_does_not_read():
+def test_urdf_contains_what_mujoco_does_not_read():
     root = ElementTree.fromstring(to_urdf(LOSSY))
     drake = "{http://drake.mit.edu}"
     read = {name: root.find(f".//{drake}{name}") for name in ("rotor_inertia", "gear_ratio")}
@@ -130,7 +130,7 @@ def test_urdf_says_what_mujoco_does_not_read():
 
 
 def test_exported_wheel_rolls_down_a_slope_in_mujoco_as_it_does_here():
-    """MuJoCo's own contacts, which are compliant, on feet that have a radius."""
+    """MuJoCo's own contacts are compliant, and its feet have a radius."""
     params = BARE.replace(wheel_inertia=0.05)
     model = load(to_mjcf(params))
     data = mujoco.MjData(model)

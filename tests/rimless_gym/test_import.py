@@ -1,4 +1,4 @@
-"""What `import rimless_gym` brings along, and what it does not."""
+"""What `import rimless_gym` imports, and what it does not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_importing_the_package_and_choosing_a_machine_imports_nothing_heavy() ->
     assert not set(HEAVY) & set(json.loads(printed(code)))
 
 
-def test_every_public_name_is_there_in_whatever_order_it_is_asked_for() -> None:
+def test_public_names_can_be_imported_in_any_order() -> None:
     assert len(set(rimless_gym.__all__)) == len(rimless_gym.__all__)
     assert set(rimless_gym.__all__) <= set(dir(rimless_gym))
     for order in ("", "[::-1]"):
@@ -49,7 +49,7 @@ def test_every_public_name_is_there_in_whatever_order_it_is_asked_for() -> None:
         rimless_gym.Wheel  # noqa: B018
 
 
-def test_the_version_is_that_of_the_project() -> None:
+def test_the_version_is_the_projects() -> None:
     project = Path(__file__).parents[2] / "pyproject.toml"
     assert rimless_gym.__version__ == tomllib.loads(project.read_text())["project"]["version"]
 

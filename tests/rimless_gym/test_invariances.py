@@ -1,4 +1,4 @@
-"""Motions that scaling, mirroring or a turn of the pendulum must carry into each other."""
+"""Scaling, mirroring or a full turn of the pendulum must turn one motion into another."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import SINGLE
+from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
 
 MACHINE = THESIS_PHYSICAL.replace(hub_damping=0.05, drag=0.2, rotor_inertia=1e-7, slope=0.05)
@@ -42,8 +42,10 @@ def motions(
 
 
 @pytest.mark.parametrize("scale", [0.3, 4.0])
-def test_a_larger_machine_moves_alike_in_time_scaled_by_the_root_of_its_size(scale: float) -> None:
-    # Forces stay, so torques and energies grow with size, rates fall with its root.
+def test_a_larger_machine_moves_the_same_in_time_scaled_by_the_root_of_its_size(
+    scale: float,
+) -> None:
+    # Forces stay the same, so torques and energies grow with size, and rates fall with its root.
     larger = MACHINE.replace(
         leg_length=MACHINE.leg_length * scale,
         pendulum_length=MACHINE.pendulum_length * scale,
@@ -65,7 +67,7 @@ def test_a_larger_machine_moves_alike_in_time_scaled_by_the_root_of_its_size(sca
 
 
 @pytest.mark.parametrize("scale", [0.2, 7.0])
-def test_a_heavier_machine_moves_alike_with_a_motor_as_much_stronger(scale: float) -> None:
+def test_a_heavier_machine_moves_the_same_with_a_motor_stronger_in_proportion(scale: float) -> None:
     heavier = MACHINE.replace(
         **{
             name: getattr(MACHINE, name) * scale

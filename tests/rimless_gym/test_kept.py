@@ -18,7 +18,7 @@ from rimless_gym.jit import kept
 
 PACKAGE = Path(keeping.__file__).parent
 
-#: Calls a function when it may begin, and says how often it was compiled.
+#: Waits for a signal, calls a function, and prints how often it was compiled.
 PROGRAM = """
 import pathlib, sys, time
 from rimless_gym import THESIS_PHYSICAL
@@ -44,7 +44,7 @@ def started(folder: Path, name: str, **environment: str) -> subprocess.Popen[str
     )
 
 
-def test_of_processes_that_start_at_once_one_compiles_and_says_so(tmp_path: Path) -> None:
+def test_when_processes_start_together_one_compiles_and_says_so(tmp_path: Path) -> None:
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     names = [f"process-{k}" for k in range(4)]
     processes = [started(tmp_path, name, **cache) for name in names]
@@ -63,7 +63,7 @@ def test_of_processes_that_start_at_once_one_compiles_and_says_so(tmp_path: Path
     assert (out, complaints) == ("0\n", "")
 
 
-def test_where_nothing_can_be_written_it_runs_with_one_line_about_the_remedy(
+def test_without_a_writable_folder_it_runs_and_prints_one_line_with_the_remedy(
     tmp_path: Path,
 ) -> None:
     shutil.copytree(PACKAGE, tmp_path / "rimless_gym", ignore=shutil.ignore_patterns("__pycache__"))
@@ -81,7 +81,7 @@ def test_where_nothing_can_be_written_it_runs_with_one_line_about_the_remedy(
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where machine code goes meanwhile."""
+    """The folder for machine code during a test."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     return tmp_path
 
@@ -91,7 +91,7 @@ def double(x: float) -> float:
 
 
 def compiled() -> tuple[int, list[Path]]:
-    """How often `double` was compiled to be called once, and the files that are there then."""
+    """Call `double` once: how often it was compiled, and the files afterwards."""
     function: Any = kept()(double)
     assert function(3) == 6
     return sum(function.stats.cache_misses.values()), files()
@@ -107,7 +107,7 @@ def test_a_function_is_compiled_once_and_then_loaded(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 20, 5000])
-def test_a_damaged_file_is_compiled_anew(folder: Path, size: int) -> None:
+def test_a_damaged_file_is_compiled_again(folder: Path, size: int) -> None:
     [file] = compiled()[1]
     whole = file.read_bytes()
     file.write_bytes(whole[:size] + bytes(len(whole) - size) if size == 5000 else whole[:size])
@@ -115,7 +115,7 @@ def test_a_damaged_file_is_compiled_anew(folder: Path, size: int) -> None:
     assert compiled()[0] == 0
 
 
-def test_code_of_other_sources_is_not_loaded_and_makes_way(
+def test_code_compiled_from_other_sources_is_replaced(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, [before] = compiled()
@@ -126,27 +126,25 @@ def test_code_of_other_sources_is_not_loaded_and_makes_way(
     assert after != [before]
 
 
-def test_a_full_disk_costs_a_warning_and_no_result(folder: Path) -> None:
+def test_a_file_that_cannot_be_written_costs_only_a_warning(folder: Path) -> None:
     _, [file] = compiled()
     file.unlink()
-    file.mkdir()  # in its place nothing can be written
+    file.mkdir()  # so that the file cannot be written
     with pytest.warns(RuntimeWarning, match="cannot be kept in .*NUMBA_CACHE_DIR"):
         assert compiled()[0] == 1
-    assert files() == [file]  # no unfinished one is left
+    assert files() == [file]  # no unfinished file is left
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners here")
 def test_machine_code_that_others_may_have_written_is_not_loaded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "code.nbc"
-    keeping._write(path, b"code")
-    assert keeping._read(path) == b"code"
-    path.chmod(0o666)
-    assert keeping._read(path) is None
-    path.chmod(0o644)
+    _, [file] = compiled()
+    file.chmod(0o666)
+    assert compiled()[0] == 1  # which writes the file again
+    assert compiled()[0] == 0
     if os.getuid() == 0:
-        os.chown(path, 65534, -1)
+        os.chown(file, 65534, -1)
     else:
         monkeypatch.setattr(os, "getuid", lambda: 65534)
-    assert keeping._read(path) is None
+    assert compiled()[0] == 1

@@ -1,4 +1,4 @@
-"""What a machine may be, and what it says when it may not."""
+"""Which machines are valid, and the errors for those that are not."""
 
 import contextlib
 import dataclasses
@@ -47,20 +47,20 @@ def test_a_preset_is_found_by_its_name(name):
     assert preset(name) is PRESETS[name] is getattr(parameters, name)
 
 
-def test_an_unknown_preset_names_those_there_are():
+def test_an_unknown_preset_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"'CONCRETE'.*THESIS_NOMINAL.*PROTOTYPE"):
         preset("CONCRETE")
 
 
 @pytest.mark.parametrize("name", POSITIVE)
 @pytest.mark.parametrize("value", [0, -0.5])
-def test_what_must_be_positive_says_so(name, value):
+def test_fields_that_must_be_positive_are_checked(name, value):
     with pytest.raises(ValueError, match=rf"{name} = {float(value)}: must be greater than 0"):
         THESIS_PHYSICAL.replace(**{name: value})
 
 
 @pytest.mark.parametrize("name", NOT_NEGATIVE)
-def test_what_must_not_be_negative_says_so(name):
+def test_fields_that_must_not_be_negative_are_checked(name):
     with pytest.raises(ValueError, match=rf"{name} = -0.5: must be at least 0"):
         THESIS_PHYSICAL.replace(**{name: -0.5})
 
@@ -74,7 +74,7 @@ def test_numbers_must_be_finite(name, value):
 
 @pytest.mark.parametrize("name", NUMBERS)
 @pytest.mark.parametrize("value", ["1", None, True, 1j, np.ones(2), np.complex128(1)])
-def test_other_things_than_numbers_are_refused(name, value):
+def test_values_that_are_not_numbers_are_refused(name, value):
     with pytest.raises(TypeError, match=rf"{name} = .*: must be a real number"):
         THESIS_PHYSICAL.replace(**{name: value})
 
@@ -87,7 +87,7 @@ def test_numbers_that_overflow_in_products_are_refused(name, value):
 
 
 @pytest.mark.parametrize("name", POSITIVE)
-def test_what_is_divided_by_may_not_be_next_to_nothing(name):
+def test_divisors_must_not_be_tiny(name):
     with pytest.raises(ValueError, match=rf"{name} = 1e-300: must be greater than 0, at least"):
         THESIS_PHYSICAL.replace(**{name: 1e-300})
 
@@ -96,7 +96,7 @@ SIZES = st.sampled_from([0.0, 5e-324, 1e-200, 1e-30, 1e-12, 1.0, 1e12, 1e30])
 
 
 @given(st.dictionaries(st.sampled_from([*POSITIVE, *NOT_NEGATIVE]), SIZES))
-def test_whatever_machine_there_is_all_that_derives_from_it_is_finite(fields):
+def test_everything_derived_from_a_valid_machine_is_finite(fields):
     try:
         machine = WheelParams(**fields)
     except ValueError:
@@ -109,7 +109,7 @@ def test_whatever_machine_there_is_all_that_derives_from_it_is_finite(fields):
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
-def test_machines_of_all_masses_are_admitted(scale):
+def test_machines_of_any_mass_are_accepted(scale):
     names = ("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia")
     scaled = {name: scale * getattr(THESIS_PHYSICAL, name) for name in names}
     assert THESIS_PHYSICAL.replace(**scaled).weight == pytest.approx(scale * 3.62 * 9.81)
@@ -127,7 +127,7 @@ def test_machines_of_all_masses_are_admitted(scale):
         ({"wheel_mass": 1e-99, "pendulum_mass": 0}, r"pendulum_mass = 1e-99: .* at least 1e-30"),
         (
             {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_length": 1e12, "rotor_inertia": 1},
-            r"singular",  # but for the rotor
+            r"singular",  # except for the rotor
         ),
         ({"rotor_inertia": 1e20}, r"rotor_inertia = 1e\+20: .* 2.56e\+25 kg .*lower rotor_inertia"),
         (
@@ -161,7 +161,7 @@ def test_errors_name_the_value_the_limit_and_the_remedy(change, message):
         {"friction": 0},
     ],
 )
-def test_limits_that_the_textbook_needs_are_admitted(limit):
+def test_the_limiting_cases_of_the_textbook_are_accepted(limit):
     assert THESIS_PHYSICAL.replace(**limit) != THESIS_PHYSICAL
 
 
@@ -171,7 +171,7 @@ def test_replace_leaves_the_original_alone():
     assert steep.replace(slope=0.0) == THESIS_PHYSICAL
 
 
-def test_machines_are_frozen_values_that_hash_by_what_they_are():
+def test_machines_are_immutable_and_hash_by_value():
     copy = WheelParams(**THESIS_PHYSICAL.to_dict())
     assert (copy, hash(copy)) == (THESIS_PHYSICAL, hash(THESIS_PHYSICAL))
     assert len({copy, THESIS_PHYSICAL, PROTOTYPE}) == 2

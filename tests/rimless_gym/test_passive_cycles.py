@@ -1,8 +1,8 @@
 """A wheel without motor or pendulum on a slope, against the textbook's limit cycle.
 
-Tedrake, Underactuated Robotics, chapter "Simple legs", with a wheel inertia I added: a = pi / n,
-eta = (I + m l^2 cos 2a) / (I + m l^2). A step multiplies the square of the rate by eta^2 and adds
-a constant, so the squares approach that of the cycle by a factor eta^2 each.
+From Tedrake, Underactuated Robotics, chapter "Simple legs", with an additional wheel inertia I:
+a = pi / n, eta = (I + m l^2 cos 2a) / (I + m l^2). A step multiplies the square of the rate by
+eta^2 and adds a constant, so each step reduces the distance from the cycle's square by eta^2.
 """
 
 import math
@@ -16,7 +16,7 @@ from rimless_gym import WheelParams, simulate
 @pytest.mark.parametrize(("n_legs", "slope"), [(6, 0.25), (8, 0.12), (10, 0.06)])
 @pytest.mark.parametrize("inertia", [0.0, 0.05])
 @pytest.mark.parametrize("start", [0.9, 1.15])
-def test_passive_wheel_settles_on_the_textbooks_cycle_at_its_floquet_multiplier(
+def test_a_passive_wheel_converges_to_the_textbook_cycle_at_its_floquet_multiplier(
     n_legs, slope, inertia, start
 ):
     params = WheelParams(

@@ -73,11 +73,11 @@ def test_sampled_voltages_are_held_for_ten_milliseconds() -> None:
     assert set(held.u) == set(volts)
 
 
-def test_work_that_changes_sign_is_what_its_two_parts_are() -> None:
-    """Work over a braked start, psi' changing sign, against the same cut where it does.
+def test_work_that_changes_sign_is_split_where_it_does() -> None:
+    """Work over a braked start in which psi' changes sign, against the start cut at that time.
 
-    Integrated as |T psi'|, every start was off by some 1e-13 J, some by 1e-11, and one in
-    thousands, for which the integrator's error estimate misses the kink altogether, by 1e-7.
+    If |T psi'| is integrated instead, every start is off by about 1e-13 J, some by 1e-11, and one
+    in thousands by 1e-7, because the integrator's error estimate misses the kink altogether.
     """
     rng, p, T = np.random.default_rng(0), PROTOTYPE.constants, 0.012
     for _ in range(40):
@@ -92,7 +92,7 @@ def test_work_that_changes_sign_is_what_its_two_parts_are() -> None:
         )
 
 
-def test_losing_contact_ends_the_motion_only_for_a_foot_that_cannot_be_pulled() -> None:
+def test_losing_contact_ends_the_motion_only_if_the_foot_cannot_be_pulled() -> None:
     start = [math.pi / 2, math.pi, 6.0, 0.0]  # fast enough over the top to fly
     free = simulate(THESIS_PHYSICAL, start, lambda t, x: 0.0, 0.05, pull=0.0)
     pinned = simulate(THESIS_PHYSICAL, start, lambda t, x: 0.0, 0.05)

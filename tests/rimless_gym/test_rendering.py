@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.rendering._pygame import pygame
 from rimless_gym.rendering.wheel import FACE, ROD, STANCE, TRACK, Scene, Window, draw, save_gif
@@ -21,7 +21,7 @@ STANDING = Scene(phi=math.pi / 2, theta=0.0)
 
 
 def near(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """Where the frame has about that colour, (rows, columns)."""
+    """Where the frame has approximately that colour, (rows, columns)."""
     return np.argwhere(np.abs(frame.astype(int) - colour).max(axis=2) <= 8)
 
 
@@ -34,7 +34,7 @@ def near(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     st.floats(-1.2, 1.2),
     st.sampled_from([0, 1]),
 )
-def test_any_scene_is_drawn_with_the_wheel_in_it(params, phi, theta, foot_x, slope, mode):
+def test_the_wheel_is_visible_in_any_scene(params, phi, theta, foot_x, slope, mode):
     scene = Scene(phi=phi, theta=theta, foot_x=foot_x, mode=mode, voltage=3.0, time=1.0, cot=0.1)
     frame = draw(params.replace(slope=slope), scene, size=(300, 200))
     assert (frame.shape, frame.dtype) == ((200, 300, 3), np.uint8)
@@ -42,11 +42,11 @@ def test_any_scene_is_drawn_with_the_wheel_in_it(params, phi, theta, foot_x, slo
         assert len(near(frame, colour)) > 10
 
 
-def test_the_same_scene_gives_the_same_picture_in_memory_of_its_own():
+def test_the_same_scene_gives_the_same_picture_in_a_new_array():
     first, second = draw(THESIS_PHYSICAL, STANDING), draw(THESIS_PHYSICAL, STANDING)
     assert np.array_equal(first, second)
     assert not np.shares_memory(first, second)
-    first[:] = 0  # writeable, and no picture but the caller's changes
+    first[:] = 0  # it is writeable, and changes no other picture
     assert np.array_equal(draw(THESIS_PHYSICAL, STANDING), second)
 
 
@@ -72,7 +72,7 @@ def test_a_long_pendulum_is_drawn_in_front_of_the_track():
 
 
 @pytest.mark.parametrize("params", PRESETS.values(), ids=PRESETS)
-def test_the_picture_holds_the_pendulum_however_it_turns(params):
+def test_the_pendulum_fits_into_the_picture_at_any_angle(params):
     for theta in np.linspace(-math.pi, math.pi, 9):
         for phi in (params.constants.a, math.pi / 2):
             rod = near(draw(params, Scene(phi=phi, theta=theta)), ROD)
@@ -95,7 +95,7 @@ def test_the_bar_shows_the_voltage_and_saturates():
     assert bar(20) == bar(200) == pytest.approx(2 * bar(10), rel=0.15)
 
 
-def test_the_hub_of_a_scene_continues_over_a_touchdown():
+def test_the_hub_moves_continuously_across_a_touchdown():
     p, step = PROTOTYPE.constants, PROTOTYPE.step_length
     before = Scene(phi=p.b, theta=0.0).hub(PROTOTYPE)
     after = Scene(phi=p.a, theta=0.0, foot_x=step, mode=DOUBLE).hub(PROTOTYPE)
@@ -108,7 +108,7 @@ def test_the_trail_is_drawn():
     assert not np.array_equal(plain, trailed)
 
 
-def test_what_cannot_be_drawn_is_refused():
+def test_invalid_scenes_and_sizes_are_refused():
     with pytest.raises(ValueError, match="must be finite"):
         draw(THESIS_PHYSICAL, Scene(phi=math.nan, theta=0.0))
     with pytest.raises(ValueError, match=r"size = \(0, 400\): width and height"):
@@ -164,7 +164,7 @@ def test_a_gif_keeps_the_frames_their_rate_and_stays_small(tmp_path):
     assert np.abs(back - frames[24]).mean() < 4
 
 
-def test_a_gif_of_nothing_or_too_fast_for_browsers_is_refused(tmp_path):
+def test_a_gif_without_frames_or_too_fast_for_browsers_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no frames"):
         save_gif([], tmp_path / "nothing.gif", fps=25)
     with pytest.raises(ValueError, match="fps = 100: must be above 0 and at most 50"):

@@ -63,7 +63,7 @@ def params(request):
 
 
 @pytest.mark.parametrize("mode", ["single_stance", "double_stance"])
-def test_mechanical_energy_grows_by_what_the_motor_draws_less_what_is_lost(params, mode):
+def test_mechanical_energy_changes_by_electrical_power_less_losses(params, mode):
     model = HybridModel(params)
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     grows = ca.jtimes(model.mechanical_energy(x), x, model.flow(x, u, mode))
@@ -77,7 +77,7 @@ def test_mechanical_energy_grows_by_what_the_motor_draws_less_what_is_lost(param
     assert np.max(np.abs(residual) / (1 + np.abs(power))) < 1e-10
 
 
-def test_ground_reaction_is_what_changes_the_momentum_besides_gravity_and_drag(params):
+def test_momentum_changes_by_ground_reaction_gravity_and_drag(params):
     model = HybridModel(params)
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     change = ca.jtimes(model.functions["linear_momentum"](x), x, model.flow(x, u))
@@ -97,7 +97,7 @@ def test_hub_and_clearance_follow_from_the_legs_and_the_rod(params):
     assert clearance == pytest.approx(hub[1] - 2 * params.pendulum_length * np.cos(x[1]))
 
 
-def test_mirror_image_of_a_motion_is_a_motion(params):
+def test_the_mirror_image_of_a_motion_is_a_motion(params):
     mirrored = params.replace(slope=-params.slope)
     x, u = random_states(params, 2000)
     image = np.array([[math.pi], [0], [0], [0]]) - x
@@ -136,7 +136,7 @@ def test_relabelled_touchdown_changes_the_energy_by_its_formula(params, theta, d
     assert after - before == pytest.approx(step, rel=1e-9, abs=1e-9 * (1 + before))
 
 
-def test_printed_touchdown_creates_energy_in_many_states():
+def test_thesis_touchdown_creates_energy_in_many_states():
     p = THESIS_PHYSICAL.replace(impact_law="thesis").constants
     states, _ = random_states(THESIS_PHYSICAL, 4000)
     gains = [
@@ -150,7 +150,7 @@ def test_printed_touchdown_creates_energy_in_many_states():
 
 @settings(max_examples=100)
 @given(machines, angles, rates, rates)
-def test_printed_touchdown_is_the_printed_one(params, theta, dphi, dtheta):
+def test_thesis_touchdown_solves_the_printed_equations(params, theta, dphi, dtheta):
     """Equations (3.67) to (3.70) with the shorthand written out, solved as a system."""
     m1, m2, i1, i2 = (
         *(params.wheel_mass, params.pendulum_mass),
@@ -177,7 +177,9 @@ def test_printed_touchdown_is_the_printed_one(params, theta, dphi, dtheta):
 
 @settings(max_examples=300)
 @given(machines, angles, rates, volts)
-def test_feet_press_as_the_balance_of_moments_about_the_other_foot_says(params, theta, dtheta, u):
+def test_a_foot_presses_exactly_when_the_moments_about_the_other_foot_say_so(
+    params, theta, dtheta, u
+):
     params = params.replace(rotor_inertia=0.0)
     p = params.constants
     gravity = params.gravity * cmath.exp(1j * (params.slope - math.pi / 2))
@@ -256,6 +258,6 @@ def test_every_function_takes_numbers_and_symbols(preset):
         assert isinstance(function(*(ca.SX(ca.DM(value)) for value in inputs)), ca.SX)
 
 
-def test_unknown_mode_names_the_choices():
+def test_an_unknown_mode_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"'flying'.*single_stance.*double_stance"):
         HybridModel(THESIS_PHYSICAL).flow([1.5, 0, 0, 0], 0.0, "flying")

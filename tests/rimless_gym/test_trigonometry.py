@@ -1,4 +1,4 @@
-"""The vectorising sine and cosine against the mathematical library's."""
+"""The vectorised sine and cosine against those of the mathematical library."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rimless_gym.trigonometry import MAX_TURN, cos, cos_turned, sin, sin_turned
 
 
 def compiled_for(target: str, features: str) -> list[str]:
-    """Errors of sine and cosine, up to 1e5 rad, as another process finds them."""
+    """Errors of sine and cosine up to 1e5 rad, measured in another process."""
     code = (
         "import numpy as np; from tests.rimless_gym.test_trigonometry import both\n"
         "x = np.random.default_rng(3).uniform(-1e5, 1e5, 20_000); s, c = both(x)\n"
@@ -43,14 +43,14 @@ def both(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 10.0, 1e3, 1e5])
-def test_sine_and_cosine_are_right_to_the_last_bit_of_one(size):
+def test_sine_and_cosine_are_accurate_to_the_last_bit_of_one(size):
     x = np.random.default_rng(0).uniform(-size, size, 200_000)
     s, c = both(x)
     assert np.abs(s - np.sin(x)).max() < 2.5e-16
     assert np.abs(c - np.cos(x)).max() < 2.5e-16
 
 
-def test_they_are_as_right_on_processors_that_round_every_product() -> None:
+def test_they_are_as_accurate_without_fused_multiply_add() -> None:
     assert compiled_for("x86-64", "") == ["True", "True"]
 
 
@@ -62,20 +62,20 @@ def test_sine_is_odd_and_cosine_even_and_both_exact_at_zero():
     assert both(np.zeros(1)) == (0.0, 1.0)
 
 
-def test_quadrants_are_told_apart_at_their_borders():
+def test_quadrants_are_distinguished_at_their_borders():
     x = np.arange(-40, 41) * (np.pi / 4) + np.array([[-1e-9], [0.0], [1e-9]])
     s, c = both(x.ravel())
     assert np.abs(s - np.sin(x.ravel())).max() < 2.5e-16
     assert np.abs(c - np.cos(x.ravel())).max() < 2.5e-16
 
 
-def test_what_is_not_a_number_stays_so():
+def test_nan_and_infinity_give_nan():
     s, c = both(np.array([np.nan, np.inf]))
     assert np.all(np.isnan(s))
     assert np.all(np.isnan(c))
 
 
-def test_angles_a_small_turn_away_from_known_ones_are_as_right():
+def test_angles_a_small_turn_away_from_known_ones_are_as_accurate():
     rng = np.random.default_rng(2)
     start, turn = rng.uniform(-50, 50, 20_000), rng.uniform(-MAX_TURN, MAX_TURN, 20_000)
     turn[:2] = -MAX_TURN, MAX_TURN

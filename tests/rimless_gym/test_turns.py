@@ -1,4 +1,4 @@
-"""Turns between processes, which end with the process at the latest."""
+"""Turns between processes: a turn ends with its process at the latest."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def heard(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline().strip()
 
 
-def test_one_process_at_a_time_has_the_turn_and_one_that_is_killed_loses_it(tmp_path: Path) -> None:
+def test_one_process_at_a_time_holds_the_turn_and_a_killed_one_releases_it(tmp_path: Path) -> None:
     first, second = holder(tmp_path / "turn", 60), None
     try:
         assert heard(first) == "mine"
@@ -57,7 +57,7 @@ def test_one_process_at_a_time_has_the_turn_and_one_that_is_killed_loses_it(tmp_
                 process.communicate()
 
 
-def test_a_turn_may_be_taken_again_within_and_ends_with_the_outermost(tmp_path: Path) -> None:
+def test_turns_can_be_nested_and_the_outermost_releases_the_lock(tmp_path: Path) -> None:
     turn = Turn()
     with turn:
         turn.take(tmp_path / "turn")
@@ -73,7 +73,7 @@ def test_a_turn_may_be_taken_again_within_and_ends_with_the_outermost(tmp_path: 
     other.communicate()
 
 
-def test_where_no_file_can_be_made_everyone_has_a_turn(tmp_path: Path) -> None:
+def test_without_a_lock_file_nobody_waits(tmp_path: Path) -> None:
     turn = Turn()
     with turn:
         turn.take(tmp_path / "missing" / "turn")

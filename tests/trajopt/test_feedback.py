@@ -5,7 +5,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback import LimitCycleLqr, laws

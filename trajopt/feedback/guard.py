@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rimless_gym.hybrid import SINGLE, accelerations, ground_reaction
+from rimless_gym.equations import SINGLE
+from rimless_gym.hybrid import accelerations, ground_reaction
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import real_array
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE
 
 Floats: TypeAlias = NDArray[np.float64]
 
 #: (x (N, 4), mode (N,)) -> V (N,): a voltage (V) for each state (phi, theta, phi', theta') and
-#: stance mode (`rimless_gym.hybrid.SINGLE` or `DOUBLE`).
+#: stance mode (`rimless_gym.equations.SINGLE` or `DOUBLE`).
 Controller: TypeAlias = Callable[[Floats, NDArray[np.int64]], Floats]
 
 

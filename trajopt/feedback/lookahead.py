@@ -17,7 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE
+from rimless_gym.equations import DOUBLE
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import (
     FOOT,

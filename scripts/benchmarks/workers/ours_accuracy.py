@@ -11,7 +11,8 @@ import numpy as np
 
 from rimless_gym import simulate
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import CONTROL_PERIOD, MODE_NAMES
+from rimless_gym.equations import MODE_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS, Floats, Walks, load_walks

@@ -13,7 +13,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from rimless_gym.hybrid import MODE_NAMES
+from rimless_gym.equations import MODE_NAMES
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS, load_walks
 

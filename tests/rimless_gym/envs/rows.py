@@ -1,4 +1,4 @@
-"""Environments in rows, and what to do with them, for the tests beside this file."""
+"""Vector environments and actions for the tests in this folder."""
 
 from __future__ import annotations
 

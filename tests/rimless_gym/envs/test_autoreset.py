@@ -1,4 +1,4 @@
-"""Ends of rows' episodes, and what follows in each autoreset mode."""
+"""The end of a row's episode, and what follows in each autoreset mode."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def test_without_autoreset_an_ended_row_must_be_reset_first() -> None:
     assert not envs.step(np.zeros((2, 1), np.float32))[3].any()
 
 
-def test_stepping_before_the_first_reset_says_what_to_do() -> None:
+def test_stepping_before_the_first_reset_is_refused_with_the_remedy() -> None:
     with pytest.raises(RuntimeError, match="reset them first"):
         make(2).step(np.zeros((2, 1), np.float32))
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED], ids=lambda mode: mode.value)
-def test_a_motion_out_of_the_models_range_names_its_row_and_the_rest_goes_on(
+def test_a_motion_that_leaves_the_models_range_names_its_row_and_the_others_go_on(
     mode: AutoresetMode,
 ) -> None:
     forward_only = THESIS_PHYSICAL.replace(impact_law="thesis")

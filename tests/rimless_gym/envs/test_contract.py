@@ -27,7 +27,7 @@ def test_both_checkers_are_silent() -> None:
         checked.step(np.zeros(1, np.float32))
 
 
-def test_the_environment_enforces_its_order_itself() -> None:
+def test_the_environment_itself_enforces_the_order_of_calls() -> None:
     env = gym.make("RimlessWheel-v0", render_mode="rgb_array")
     with pytest.raises(RuntimeError, match=r"no episode is running: call reset\(\) first"):
         env.step(np.zeros(1, np.float32))
@@ -50,7 +50,7 @@ def test_no_observation_element_is_constant_and_all_stay_in_bounds(env: gym.Env)
     assert len({id(observation) for observation in seen}) == len(seen)
 
 
-def test_a_lost_contact_terminates_inside_the_step_and_says_so(env: gym.Env) -> None:
+def test_losing_contact_terminates_within_the_step_and_says_so(env: gym.Env) -> None:
     env.reset(options={"state": [1.5, 1.5, 1.0, -14.0]})
     for _ in range(300):
         _, _, terminated, truncated, info = env.step(np.array([-1.0], np.float32))
@@ -96,9 +96,7 @@ def test_actions_are_clipped_but_nan_and_wrong_shapes_raise() -> None:
         (np.array([math.nan], np.float16), ValueError),
     ],
 )
-def test_actions_that_are_no_number_are_refused_in_words_and_change_nothing(
-    action: Any, error: type
-) -> None:
+def test_invalid_actions_are_refused_and_change_nothing(action: Any, error: type) -> None:
     env = RimlessWheelEnv()
     env.reset(seed=0)
     before = env.get_state()["fleet"]["memory"]
@@ -132,7 +130,7 @@ def test_absurd_voltages_end_the_episode_or_raise_but_never_give_nonsense(limit:
     for _ in range(500):
         try:
             observation, reward, ended, _, info = env.step(rng.uniform(-1, 1, 1))
-        except RuntimeError:  # says that the motion diverged
+        except RuntimeError:  # the motion diverged
             env.reset()
             continue
         assert np.all(np.isfinite(observation))
@@ -143,7 +141,7 @@ def test_absurd_voltages_end_the_episode_or_raise_but_never_give_nonsense(limit:
             env.reset()
 
 
-def test_stepping_before_reset_says_what_to_do() -> None:
+def test_stepping_before_reset_is_refused_with_the_remedy() -> None:
     with pytest.raises(RuntimeError, match="reset"):
         RimlessWheelEnv().step(np.zeros(1, np.float32))
 

@@ -1,4 +1,4 @@
-"""Pushes, sensor noise, actuator delay and drawn machines: what they do and leave alone."""
+"""Pushes, sensor noise, actuator delay and drawn machines: what they change and what not."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def swinging(steps: int, seed: int = 0) -> np.ndarray:
 
 
 def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Fleet:
-    """64 rows that started alike and were pushed, in their own random directions."""
+    """64 rows that started in the same state and were pushed, each in a random direction."""
     pushes = Pushes(rate=ALWAYS, impulse=(impulse, impulse))
     fleet = Fleet([params] * 64, Task(), Ranges({}), Disturbances(pushes=pushes))
     rows, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
@@ -60,7 +60,7 @@ def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -
 
 
 @pytest.mark.parametrize("params", MACHINES.values(), ids=MACHINES)
-def test_a_push_changes_the_rates_as_mujocos_machine_pinned_at_its_foot(params, free_wheel):
+def test_a_push_changes_the_rates_as_in_mujoco_with_the_foot_pinned(params, free_wheel):
     rng, p = np.random.default_rng(0), params.constants
     x = rng.uniform([p.a, -7, -6, -12], [p.b, 7, 6, 12], (200, 4))
     impulses = rng.uniform(-2, 2, (200, 2))
@@ -73,7 +73,7 @@ def test_a_push_changes_the_rates_as_mujocos_machine_pinned_at_its_foot(params, 
         assert number.push(*state, *j, p) == pytest.approx(state[2:] + jump, rel=1e-9, abs=1e-12)
 
 
-def test_a_push_works_by_the_mean_speed_of_the_hub():
+def test_the_work_of_a_push_is_its_impulse_times_the_mean_hub_speed():
     p, start = THESIS_PHYSICAL.constants, [1.3, 0.7, 1.1, -2.0, 0]
     fleet = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
     ways = fleet.memory[DPHI] > start[2]
@@ -100,7 +100,7 @@ def test_a_push_tips_a_wheel_at_rest_over_the_foot_it_is_pushed_towards():
     assert np.all(fleet.memory[MEMORY.push_work] > 0)
 
 
-def test_the_ledger_of_a_pushed_episode_closes_and_counts_its_steps():
+def test_the_ledger_of_a_pushed_episode_balances_and_counts_its_steps():
     env = make(disturbances=Disturbances(pushes=Pushes(rate=20.0, impulse=(0.2, 1.0))))
     for seed in range(5):
         env.reset(seed=seed, options={"mode": "double_stance"})
@@ -121,7 +121,7 @@ def test_the_ledger_of_a_pushed_episode_closes_and_counts_its_steps():
         assert work
 
 
-def test_pushes_come_as_often_and_as_hard_as_asked():
+def test_pushes_have_the_requested_rate_and_size():
     pushes = Pushes(rate=20.0, impulse=(0.3, 0.5))
     envs = gym.make_vec(
         "RimlessWheel-v0", num_envs=2000, disturbances=Disturbances(pushes=pushes)
@@ -140,7 +140,7 @@ def test_pushes_come_as_often_and_as_hard_as_asked():
     assert np.mean(sizes) == pytest.approx(0.4, abs=0.02)
 
 
-def test_sensor_noise_is_of_the_size_asked_for_and_changes_no_motion():
+def test_sensor_noise_has_the_requested_size_and_does_not_change_the_motion():
     noise = SensorNoise(leg_angle=0.01, pendulum_angle=0.05, leg_rate=0.2, pendulum_rate=0.4)
     exact, noisy = make(), make(disturbances=Disturbances(sensor_noise=noise))
     errors = []
@@ -168,7 +168,7 @@ def test_sensor_noise_is_of_the_size_asked_for_and_changes_no_motion():
     assert np.abs(np.corrcoef(np.array(errors).T) - np.eye(4)).max() < 0.1
 
 
-def test_noise_leaves_observations_within_their_bounds():
+def test_noisy_observations_stay_within_their_bounds():
     noise = SensorNoise(leg_angle=9.0, pendulum_angle=9.0, leg_rate=900.0, pendulum_rate=900.0)
     env = make(disturbances=Disturbances(sensor_noise=noise))
     seen = [env.reset(seed=0)[0]] + [env.step(action)[0] for action in 0.1 * swinging(100)]
@@ -177,7 +177,7 @@ def test_noise_leaves_observations_within_their_bounds():
 
 
 @pytest.mark.parametrize("delay", [1, 2, 7])
-def test_a_delayed_command_acts_so_many_intervals_later(delay: int):
+def test_a_delayed_action_takes_effect_that_many_intervals_later(delay: int):
     late, prompt = make(disturbances=Disturbances(actuator_delay=delay)), make()
     for seed in range(3):
         late.reset(seed=seed)
@@ -199,7 +199,7 @@ def test_delays_are_drawn_for_each_episode():
     assert {delay: delays.count(delay) > 8 for delay in set(delays)} == {1: True, 2: True, 3: True}
 
 
-def test_machines_are_drawn_anew_for_each_episode_from_the_whole_range():
+def test_each_episode_draws_a_machine_from_the_whole_range():
     ranges = {"slope": (-0.02, 0.01), "leg_length": (0.36, 0.4), "voltage_limit": (18.0, 18.0)}
     envs = gym.make_vec(
         "RimlessWheel-v0", num_envs=50, ranges=ranges, max_episode_steps=1
@@ -226,7 +226,7 @@ def ranges_of(params: WheelParams, names: Any) -> dict[str, float]:
     return {name: getattr(params, name) for name in names}
 
 
-def test_a_drawn_machine_moves_and_pays_as_the_same_machine_given():
+def test_a_drawn_machine_moves_and_pays_like_the_same_machine_given():
     ranges = {
         "slope": (-0.02, 0.02),
         "pendulum_mass": (2.0, 2.4),
@@ -255,7 +255,7 @@ def test_a_drawn_machine_moves_and_pays_as_the_same_machine_given():
                 break
 
 
-def test_ranges_and_disturbances_hold_until_given_anew():
+def test_ranges_and_disturbances_hold_until_they_are_replaced():
     env = make()
     env.reset(seed=0, options={"ranges": {"slope": (0.01, 0.02)}})
     slopes = [env.params.slope]
@@ -276,7 +276,7 @@ def test_ranges_and_disturbances_hold_until_given_anew():
         assert (env.step(np.zeros(1, np.float32))[-1]["push"] != 0.0) is push
 
 
-def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
+def test_empty_disturbances_change_nothing_and_real_ones_keep_the_start():
     plain, empty = make(), make(ranges={}, disturbances=Disturbances())
     rough = make(
         disturbances=Disturbances(actuator_delay=(0, 5), pushes=Pushes(rate=9.0, impulse=(0, 1)))
@@ -289,7 +289,7 @@ def test_none_of_them_changes_nothing_and_the_start_is_the_same_with_them():
             assert np.array_equal(plain.step(action)[0], empty.step(action)[0])
 
 
-def test_the_loudest_noise_leaves_observations_in_their_space():
+def test_the_largest_noise_keeps_observations_in_their_space():
     noise = SensorNoise(leg_angle=1e3, pendulum_angle=1e3, leg_rate=1e3, pendulum_rate=1e3)
     env = make(disturbances=Disturbances(sensor_noise=noise))
     env.reset(seed=0)
@@ -301,7 +301,7 @@ def test_the_loudest_noise_leaves_observations_in_their_space():
             env.reset()
 
 
-def test_a_delay_given_as_a_list_is_no_longer_the_callers():
+def test_a_delay_given_as_a_list_is_copied():
     delays = [1, 2]
     disturbances = Disturbances(actuator_delay=delays)
     delays[1] = 99
@@ -333,7 +333,7 @@ def test_a_delay_given_as_a_list_is_no_longer_the_callers():
         (lambda: make(disturbances=Pushes(rate=1, impulse=(0, 1))), TypeError, "Disturbances"),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(given: Any, error: type, message: str):
+def test_invalid_disturbances_and_ranges_are_refused_by_name(given: Any, error: type, message: str):
     with pytest.raises(error, match=message):
         given()
 
@@ -346,10 +346,10 @@ def test_what_makes_no_sense_is_refused_by_name(given: Any, error: type, message
     ],
     ids=["too stiff", "singular"],
 )
-def test_a_drawn_machine_that_cannot_be_stepped_is_an_error_that_names_it(ranges: dict):
+def test_a_drawn_machine_that_cannot_be_stepped_is_named_in_the_error(ranges: dict):
     fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())
     rows, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
     with pytest.raises(RuntimeError, match=rf"row 1: a machine with .*{min(ranges)}"):
         fleet.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
     assert fleet.ended.all()
-    assert np.isfinite(fleet.poles).all()  # as every number in a snapshot has to be
+    assert np.isfinite(fleet.poles).all()  # a snapshot accepts only finite numbers

@@ -1,4 +1,4 @@
-"""What info holds, and the single environment's, filled in when it is first read."""
+"""What info holds, and the single environment's info, which is filled in when it is first read."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.hybrid import DOUBLE, SINGLE, Failure
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import Failure
 from tests.rimless_gym.envs.rows import NEXT, ROUGH, SAME, make, swinging
 
 
-def test_info_is_a_dictionary_whichever_way_it_is_read_first() -> None:
+def test_info_behaves_like_a_dictionary_however_it_is_first_read() -> None:
     env, twin = RimlessWheelEnv(), RimlessWheelEnv()
     for each in (env, twin):
         each.reset(seed=0)
@@ -108,7 +109,9 @@ def test_every_reset_and_step_has_the_same_entries_each_of_one_type(settings: di
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
-def test_the_same_holds_for_rows_whose_entries_are_arrays(mode: AutoresetMode) -> None:
+def test_every_vector_reset_and_step_has_the_same_entries_each_of_one_type(
+    mode: AutoresetMode,
+) -> None:
     envs, kinds, lasts = make(3, mode), set(), 0
 
     def see(info: dict[str, Any]) -> None:
@@ -127,7 +130,7 @@ def test_the_same_holds_for_rows_whose_entries_are_arrays(mode: AutoresetMode) -
     assert (lasts > 0) == (mode is SAME)
 
 
-def test_a_reset_tells_the_mode_and_0_for_what_has_not_happened() -> None:
+def test_after_a_reset_every_entry_is_0_except_the_mode() -> None:
     env, envs = gym.make("RimlessWheel-v0"), make(2)
     for options, mode in (
         ({"mode": "double_stance"}, DOUBLE),
@@ -142,7 +145,7 @@ def test_a_reset_tells_the_mode_and_0_for_what_has_not_happened() -> None:
 
 
 @pytest.mark.parametrize("name", ["jax", "minari"])
-def test_where_trees_of_plain_dictionaries_alone_are_looked_into_info_is_one(
+def test_info_is_a_plain_dictionary_where_jax_or_minari_is_imported(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     env, twin = RimlessWheelEnv(), RimlessWheelEnv()

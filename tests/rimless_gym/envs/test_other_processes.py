@@ -1,4 +1,4 @@
-"""Seeds and actions say everything: episodes are the same again, in another process too."""
+"""Seed and actions determine an episode, in any process."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ print(hashlib.sha256(seen).hexdigest(), flush=True)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-def test_a_forked_child_steps_on_with_threads_of_its_own() -> None:
+def test_a_forked_child_keeps_stepping_with_its_own_threads() -> None:
     settings = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.Popen(
         [sys.executable, "-c", FORKS],
@@ -103,7 +103,7 @@ def printed(function: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_another_process_sees_the_same_episodes_in_rows() -> None:
+def test_another_process_sees_the_same_episodes_of_a_vector_environment() -> None:
     assert printed("digest") == digest()
 
 
@@ -140,7 +140,7 @@ def alone() -> str:
 
 
 def test_one_compiled_function_steps_one_row_and_many() -> None:
-    """Two, compiled by different processes, have differed in the last bits of what they booked."""
+    """Two functions, compiled by different processes, have differed in the last bits."""
     for envs in (make(1), make(3), make(3, **ROUGH), gym.make("RimlessWheel-v0")):
         envs.reset(seed=0)
         envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
@@ -148,6 +148,6 @@ def test_one_compiled_function_steps_one_row_and_many() -> None:
 
 
 @pytest.mark.slow
-def test_rows_are_singles_whatever_process_compiled_what(tmp_path: Path) -> None:
+def test_rows_equal_single_environments_whichever_process_compiled_them(tmp_path: Path) -> None:
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
     assert printed("alone", **cache) == printed("in_rows", **cache)

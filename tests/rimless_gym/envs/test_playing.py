@@ -1,4 +1,4 @@
-"""The wheel in a person's hands: `gymnasium.utils.play`."""
+"""Driving the wheel by hand with `gymnasium.utils.play`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _no_screen(monkeypatch: pytest.MonkeyPatch) -> Any:
     pygame.display.quit()
 
 
-def test_the_arrow_keys_set_the_voltage_and_no_key_is_none() -> None:
+def test_the_arrow_keys_set_the_voltage_and_no_key_means_zero() -> None:
     pressed = [
         (pygame.KEYDOWN, pygame.K_RIGHT, 1.0),
         (pygame.KEYDOWN, pygame.K_DOWN, 0.5),

@@ -1,4 +1,4 @@
-"""Starts of the single environment, drawn or asked for."""
+"""Starts of the single environment, drawn or given."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.hybrid import DOUBLE, MAX_RATE
+from rimless_gym.equations import DOUBLE
+from rimless_gym.hybrid import MAX_RATE
 
 
 def test_starts_are_random_and_include_rest(env: gym.Env) -> None:
@@ -58,17 +59,17 @@ def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> N
 
 
 @pytest.mark.parametrize("state", [["1.5", "0", "0", "0"], "hanging", None, [1.5, 0, 0, 1j], {}])
-def test_states_that_are_no_numbers_are_refused(state: Any) -> None:
+def test_states_that_are_not_numbers_are_refused(state: Any) -> None:
     with pytest.raises(TypeError, match=r"state = .*must be real numbers"):
         RimlessWheelEnv().reset(options={"state": state})
 
 
-def test_a_mode_is_a_name_or_one_per_row() -> None:
+def test_a_mode_must_be_a_name_or_one_per_row() -> None:
     with pytest.raises(TypeError, match="mode = 3: give a name"):
         RimlessWheelEnv().reset(options={"state": [1.5, 0, 0, 0], "mode": 3})
 
 
-def test_a_pendulum_may_have_turned_often() -> None:
+def test_a_pendulum_can_start_many_turns_away() -> None:
     env, turns = RimlessWheelEnv(), 2 * math.pi * 15_000
     seen = [env.reset(options={"state": [1.5, theta, 0, 0]})[0] for theta in (0.3, 0.3 - turns)]
     assert seen[0] == pytest.approx(seen[1], abs=1e-6)
@@ -84,7 +85,7 @@ def test_a_refused_reset_changes_nothing() -> None:
     assert np.array_equal(env.state, before)
 
 
-def test_double_stance_alone_is_a_wheel_at_rest() -> None:
+def test_double_stance_without_a_state_starts_at_rest() -> None:
     env = RimlessWheelEnv()
     observation, info = env.reset(options={"mode": "double_stance"})
     assert info["mode"] == DOUBLE
@@ -92,7 +93,7 @@ def test_double_stance_alone_is_a_wheel_at_rest() -> None:
 
 
 @pytest.mark.parametrize("seed", [np.array(7), np.uint8(7), np.array(7, np.int16)])
-def test_seeds_may_be_numpys_integers(seed: Any) -> None:
+def test_seeds_can_be_numpy_integers(seed: Any) -> None:
     env, plain = RimlessWheelEnv(), RimlessWheelEnv()
     assert np.array_equal(env.reset(seed=seed)[0], plain.reset(seed=7)[0])
     assert env.np_random_seed == 7
@@ -102,7 +103,7 @@ def test_seeds_may_be_numpys_integers(seed: Any) -> None:
     ("seed", "error"),
     [(2.0, TypeError), (True, TypeError), ("7", TypeError), (-1, ValueError), ([7], TypeError)],
 )
-def test_other_seeds_are_refused_in_words_and_change_nothing(seed: Any, error: type) -> None:
+def test_invalid_seeds_are_refused_and_change_nothing(seed: Any, error: type) -> None:
     env = RimlessWheelEnv()
     env.reset(seed=0)
     before = env.get_state()

@@ -1,4 +1,4 @@
-"""Rewards: what they sum, what they make worth while, how large they can be."""
+"""Rewards: their sum, the behaviour that they favour, and their size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.task import TERM_NAMES, TERMS
-from rimless_gym.hybrid import DOUBLE, MAX_RATE
+from rimless_gym.equations import DOUBLE
+from rimless_gym.hybrid import MAX_RATE
 
 P = THESIS_PHYSICAL.constants
 
@@ -22,7 +23,7 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
     env.reset(seed=1)
     ends = 0
     for i in range(3000):
-        if i % 25 == 0:  # held so long that the wheel falls now and then
+        if i % 25 == 0:  # held so long that the wheel sometimes falls
             action = rng.uniform(-1, 1, 1).astype(np.float32)
         _, reward, ended, truncated, info = env.step(action)
         terms = [info[name] for name in TERM_NAMES]

@@ -1,4 +1,4 @@
-"""A wheel that loses nothing in its touchdowns rocks itself to rest, and stops nobody else."""
+"""A wheel with lossless touchdowns rocks until it rests, and does not stop other rows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.hybrid import DOUBLE
+from rimless_gym.equations import DOUBLE
 from tests.rimless_gym.envs.rows import make
 
 LIGHT = THESIS_PHYSICAL.replace(
@@ -16,7 +16,7 @@ LIGHT = THESIS_PHYSICAL.replace(
 LOSSES = ("copper", "friction", "drag", "collision", "mechanical_change")
 
 
-def test_slow_rocking_ends_in_rest_alone_and_in_rows_and_every_step_balances() -> None:
+def test_slow_rocking_ends_in_rest_and_balances_alone_and_in_rows() -> None:
     start = {"state": [LIGHT.constants.a, 0.01, 5e-3, 0.05]}
     env, envs = gym.make("RimlessWheel-v0", params=LIGHT), make(3, params=[THESIS_PHYSICAL] * 3)
     env.reset(options=start)

@@ -19,7 +19,7 @@ def row_of(info: dict[str, Any], i: int) -> dict[str, Any]:
 
 
 class Singles:
-    """Single environments in a row, reset by hand as each autoreset mode asks for."""
+    """Single environments side by side, which the tests reset as each autoreset mode does."""
 
     def __init__(self, n: int, seed: int, **settings: Any) -> None:
         self.envs = [gym.make("RimlessWheel-v0", **settings) for _ in range(n)]
@@ -108,7 +108,7 @@ def test_neither_threads_nor_the_other_rows_change_a_row(settings: dict) -> None
         assert np.array_equal(one[part], other)
 
 
-def test_float64_and_lists_are_taken_as_the_single_environment_takes_them() -> None:
+def test_float64_arrays_and_lists_are_accepted_as_in_the_single_environment() -> None:
     envs, one = make(1), gym.make("RimlessWheel-v0").unwrapped
     envs.reset(seed=0)
     one.reset(seed=0)

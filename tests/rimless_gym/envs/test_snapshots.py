@@ -19,7 +19,7 @@ from tests.rimless_gym.envs.rows import NEXT, ROUGH, SAME, make, swinging
 
 
 @pytest.mark.parametrize("rough", [False, True])
-def test_a_snapshot_a_pickle_and_a_copy_go_on_alike(rough: bool) -> None:
+def test_a_snapshot_a_pickle_and_a_copy_continue_identically(rough: bool) -> None:
     def future(env: Any) -> list[tuple]:
         rng, out = np.random.default_rng(1), []
         for i in range(400):
@@ -50,7 +50,7 @@ def test_a_snapshot_a_pickle_and_a_copy_go_on_alike(rough: bool) -> None:
         assert future(twin) == expected
         assert twin.unwrapped.model.params == model.params or rough
     other = RimlessWheelEnv(PROTOTYPE)
-    for _ in range(2):  # a snapshot can be taken up any number of times
+    for _ in range(2):  # a snapshot can be restored any number of times
         other.set_state(pickle.loads(pickle.dumps(snapshot)))
         assert other.params == model.params
         assert other.model.params == model.params
@@ -76,7 +76,7 @@ def test_an_ended_episode_stays_ended_in_its_snapshot() -> None:
 
 @pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
 @pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
-def test_a_snapshot_a_pickle_and_a_copy_of_rows_go_on_alike(
+def test_a_snapshot_a_pickle_and_a_copy_of_a_vector_environment_continue_identically(
     mode: AutoresetMode, settings: dict
 ) -> None:
     def future(envs: RimlessWheelVectorEnv) -> list[bytes]:
@@ -94,15 +94,15 @@ def test_a_snapshot_a_pickle_and_a_copy_of_rows_go_on_alike(
         assert future(twin) == expected
     envs.set_state(snapshot)
     assert future(envs) == expected
-    other = make(5, mode, max_episode_steps=60)  # of other parameters, not yet reset
+    other = make(5, mode, max_episode_steps=60)  # with other parameters, not yet reset
     other.set_state(pickle.loads(pickle.dumps(snapshot)))
     assert future(other) == expected
     envs.set_state(snapshot)
-    assert future(envs) == expected  # a snapshot can be taken up any number of times
+    assert future(envs) == expected  # a snapshot can be restored any number of times
 
 
 @pytest.mark.parametrize("new", [RimlessWheelEnv, lambda: make(3)], ids=["one", "rows"])
-def test_a_snapshot_of_before_the_first_reset_leads_back_there(new: Callable[[], Any]) -> None:
+def test_a_snapshot_from_before_the_first_reset_can_be_restored(new: Callable[[], Any]) -> None:
     env, action = new(), np.zeros(new().action_space.shape, np.float32)
     blank = env.get_state()
     first = env.reset()[0]
@@ -160,7 +160,7 @@ def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
     ],
 )
 @pytest.mark.parametrize("new", [RimlessWheelEnv, lambda: make(1)], ids=["one", "row"])
-def test_what_is_no_snapshot_is_refused_in_words_and_changes_nothing(
+def test_invalid_snapshots_are_refused_and_change_nothing(
     new: Callable[[], Any], spoil: Callable[[dict], Any], error: type, message: str
 ) -> None:
     env, other = new(), new()
@@ -172,7 +172,7 @@ def test_what_is_no_snapshot_is_refused_in_words_and_changes_nothing(
     assert pickle.dumps(env.get_state()) == before
 
 
-def test_a_single_environment_and_a_row_do_not_take_each_others_snapshots() -> None:
+def test_single_and_vector_environments_refuse_each_others_snapshots() -> None:
     env, envs = RimlessWheelEnv(), make(1)
     for one, other, name in ((env, envs, "RimlessWheelVectorEnv"), (envs, env, "RimlessWheelEnv")):
         one.reset(seed=0)
@@ -182,7 +182,7 @@ def test_a_single_environment_and_a_row_do_not_take_each_others_snapshots() -> N
         assert pickle.dumps(other.get_state()) == before
 
 
-def test_generators_are_put_back_all_or_none() -> None:
+def test_generators_are_restored_all_or_none() -> None:
     envs = make(3)
     envs.reset(seed=0)
     before, spoilt = pickle.dumps(envs.get_state()), envs.get_state()
@@ -195,7 +195,7 @@ def test_generators_are_put_back_all_or_none() -> None:
     assert pickle.dumps(envs.get_state()) == now
 
 
-def test_a_snapshot_of_other_rows_is_refused() -> None:
+def test_a_snapshot_with_another_number_of_rows_or_another_task_is_refused() -> None:
     envs = make(2)
     envs.reset(seed=0)
     with pytest.raises(ValueError, match="2 rows"):
@@ -204,7 +204,7 @@ def test_a_snapshot_of_other_rows_is_refused() -> None:
         make(2, task=Task(value_of_distance=1.0)).set_state(envs.get_state())
 
 
-def test_observations_in_a_snapshot_of_rows_are_finite_too() -> None:
+def test_a_snapshot_with_a_nan_observation_is_refused() -> None:
     envs = make(2)
     envs.reset(seed=0)
     state = envs.get_state()
@@ -213,7 +213,7 @@ def test_observations_in_a_snapshot_of_rows_are_finite_too() -> None:
         envs.set_state(state)
 
 
-def test_a_snapshot_can_be_taken_up_after_refused_actions_and_lost_motions() -> None:
+def test_a_snapshot_can_be_restored_after_refused_actions_and_lost_motions() -> None:
     envs = make(3, params=[{"voltage_limit": 1e7}, "PROTOTYPE", {"impact_law": "thesis"}])
     backward = {"state": [PROTOTYPE.constants.a + 0.001, 0.0, -1.0, 0.0]}
     envs.reset(seed=0, options=backward)

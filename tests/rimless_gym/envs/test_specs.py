@@ -1,4 +1,4 @@
-"""Arguments as text: names, dictionaries, and specifications that make an environment again."""
+"""Arguments as text: names, dictionaries, and specs from which to make an environment again."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def same(parts: tuple, others: tuple) -> bool:
 
 
 @pytest.mark.parametrize("arguments", ARGUMENTS.values(), ids=ARGUMENTS)
-def test_an_environment_is_made_again_from_its_specification_as_text(arguments: dict) -> None:
+def test_an_environment_can_be_made_again_from_its_spec_as_text(arguments: dict) -> None:
     env = gym.make(ID, render_mode="rgb_array", max_episode_steps=20, **arguments)
     twin = gym.make(again(env.spec))
     assert twin.spec == again(twin.spec)
@@ -78,12 +78,12 @@ def test_an_environment_is_made_again_from_its_specification_as_text(arguments: 
 
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
 @pytest.mark.parametrize("arguments", ARGUMENTS.values(), ids=ARGUMENTS)
-def test_rows_are_made_again_from_their_specification(arguments: dict, mode: str) -> None:
+def test_a_vector_environment_can_be_made_again_from_its_spec(arguments: dict, mode: str) -> None:
     goes_on_alike(gym.make_vec(ID, num_envs=3, vectorization_mode=mode, **arguments))
 
 
 @pytest.mark.parametrize("arguments", OF_VECTORS.values(), ids=OF_VECTORS)
-def test_what_only_rows_can_be_given_is_in_their_specification_too(arguments: dict) -> None:
+def test_arguments_only_of_vector_environments_are_in_their_spec_too(arguments: dict) -> None:
     goes_on_alike(gym.make_vec(ID, num_envs=3, **arguments))
 
 
@@ -96,7 +96,7 @@ def goes_on_alike(envs: gym.vector.VectorEnv) -> None:
         assert same(envs.step(actions), twins.step(actions))
 
 
-def test_a_specification_holds_plain_values_alone() -> None:
+def test_a_spec_holds_only_plain_values() -> None:
     env = gym.make(ID, params=PROTOTYPE, disturbances=ROUGH)
     assert env.spec is not None
     assert env.spec.kwargs == json.loads(json.dumps(env.spec.kwargs))
@@ -104,7 +104,7 @@ def test_a_specification_holds_plain_values_alone() -> None:
     assert RimlessWheelEnv().spec is None
 
 
-def test_names_and_fields_choose_machines_and_tasks() -> None:
+def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
     env = RimlessWheelEnv("PROTOTYPE", {"value_of_distance": 0.8})
     assert env.params == PROTOTYPE
     assert env.task == Task(value_of_distance=0.8)
@@ -143,7 +143,7 @@ def test_names_and_fields_choose_machines_and_tasks() -> None:
         ({"disturbances": [1]}, TypeError, r"disturbances = \[1\]: give a rimless_gym.Dist"),
     ],
 )
-def test_bad_names_and_kinds_are_refused_with_the_choices(
+def test_unknown_names_and_wrong_types_are_refused_with_the_choices(
     arguments: dict, error: type, message: str
 ) -> None:
     with pytest.raises(error, match=message):

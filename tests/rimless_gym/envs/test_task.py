@@ -1,4 +1,4 @@
-"""What the task lets a policy see."""
+"""Observations, and the prices of a task."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def unbounded(x: np.ndarray) -> np.ndarray:
 
 
 @given(STATES)
-def test_every_state_is_seen_within_the_bounds_and_unchanged_if_it_is_within_them(
+def test_observations_are_clipped_to_their_bounds_and_otherwise_exact(
     state: np.ndarray,
 ) -> None:
     seen = observe(P, state)
@@ -40,11 +40,11 @@ def test_every_state_is_seen_within_the_bounds_and_unchanged_if_it_is_within_the
 
 
 @given(st.lists(STATES, min_size=1, max_size=5))
-def test_many_states_are_seen_as_each_alone(states: list[np.ndarray]) -> None:
+def test_many_states_are_observed_like_each_alone(states: list[np.ndarray]) -> None:
     assert np.array_equal(observe(P, np.array(states)), [observe(P, x) for x in states])
 
 
-def test_an_episode_that_ends_beyond_the_fastest_rate_ends_within_the_observation_space() -> None:
+def test_an_episode_that_exceeds_the_fastest_rate_ends_inside_the_observation_space() -> None:
     strong = P.replace(pendulum_length=0.0, pendulum_inertia=0.01, voltage_limit=400.0)
     env = RimlessWheelEnv(strong)
     env.reset(options={"state": [math.pi / 2, 0.0, 0.0, 0.0]})
@@ -61,20 +61,18 @@ def test_an_episode_that_ends_beyond_the_fastest_rate_ends_within_the_observatio
     ("value", "error"),
     [(1e308, ValueError), (math.nan, ValueError), (-1, ValueError), ("1", TypeError)],
 )
-def test_prices_that_make_rewards_infinite_or_mean_nothing_are_refused(
-    name: str, value: Any, error: type
-) -> None:
+def test_invalid_prices_are_refused(name: str, value: Any, error: type) -> None:
     with pytest.raises(error, match=rf"{name} = .*must be"):
         Task(**{name: value})
 
 
-def test_prices_may_be_numpys_numbers_and_become_plain_ones() -> None:
+def test_prices_can_be_numpy_numbers_and_become_floats() -> None:
     task = Task(value_of_distance=np.float64(0.5), horizon=np.int64(20))
     assert task == Task()
     assert [type(value) for value in dataclasses.astuple(task)] == [float] * 3
 
 
-def test_an_observation_is_a_copy_that_later_steps_leave_alone() -> None:
+def test_an_observation_does_not_share_memory_with_the_state() -> None:
     state = np.zeros(STATE_SIZE)
     state[0] = math.pi / 2
     seen = observe(P, state)

@@ -15,7 +15,7 @@ from rimless_gym.envs import EPISODE_STEPS
 from tests.rimless_gym.envs.rows import NEXT, SAME, make, swinging
 
 
-def test_nothing_that_is_returned_is_shared_with_anything_else() -> None:
+def test_returned_arrays_share_no_memory() -> None:
     envs = make(4, SAME, max_episode_steps=3)
     kept = [envs.reset(seed=0)[0]]
     for actions in swinging(4, 7):
@@ -38,7 +38,7 @@ def test_nothing_that_is_returned_is_shared_with_anything_else() -> None:
     assert np.array_equal(envs.step(swinging(4, 1)[0])[0], other.step(swinging(4, 1)[0])[0])
 
 
-def test_the_spaces_and_metadata_are_those_that_gymnasium_asks_for() -> None:
+def test_spaces_and_metadata_follow_gymnasiums_contract() -> None:
     envs = make(3, SAME)
     assert envs.metadata["autoreset_mode"] is SAME
     assert RimlessWheelVectorEnv.metadata["autoreset_mode"] is NEXT
@@ -56,7 +56,7 @@ def test_the_spaces_and_metadata_are_those_that_gymnasium_asks_for() -> None:
 
 @pytest.mark.parametrize("wrapper", ["RecordEpisodeStatistics", "DictInfoToList"])
 @pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
-def test_gymnasiums_wrappers_understand_it(wrapper: str, mode: AutoresetMode) -> None:
+def test_gymnasiums_vector_wrappers_work(wrapper: str, mode: AutoresetMode) -> None:
     envs = getattr(gym.wrappers.vector, wrapper)(make(3, mode, max_episode_steps=30))
     envs.reset(seed=0)
     lengths = []
@@ -69,7 +69,7 @@ def test_gymnasiums_wrappers_understand_it(wrapper: str, mode: AutoresetMode) ->
     assert wrapper == "DictInfoToList" or max(lengths) == 30
 
 
-def test_wrong_actions_are_refused_by_row_and_change_nothing() -> None:
+def test_nan_and_wrong_shapes_are_refused_by_row_and_change_nothing() -> None:
     envs = make(3)
     envs.reset(seed=0)
     states = envs.states
@@ -84,7 +84,7 @@ def test_wrong_actions_are_refused_by_row_and_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("wrong", [None, "0.5", 0.5 + 0j, {}, 10**400], ids=lambda x: str(x)[:9])
-def test_actions_that_are_no_numbers_are_refused_in_words(wrong: Any) -> None:
+def test_actions_that_are_not_numbers_are_refused(wrong: Any) -> None:
     envs = make(2)
     envs.reset(seed=0)
     before = envs.get_state()["fleet"]["memory"]
@@ -94,21 +94,21 @@ def test_actions_that_are_no_numbers_are_refused_in_words(wrong: Any) -> None:
     assert np.array_equal(envs.get_state()["fleet"]["memory"], before)
 
 
-def test_nothing_that_is_not_a_number_leaves_machines_driven_absurdly() -> None:
+def test_absurd_voltages_never_give_nan() -> None:
     machines = [THESIS_PHYSICAL.replace(voltage_limit=10.0**k) for k in range(1, 8)]
     envs = make(7, params=machines)
     envs.reset(seed=0)
     for actions in swinging(7, 200, hold=5):
         try:
             seen, rewards, _, _, info = envs.step(actions)
-        except RuntimeError:  # says which row's motion left the model's range
+        except RuntimeError:  # a row's motion left the model's range
             continue
         assert np.isfinite(seen).all()
         assert np.isfinite(rewards).all()
         assert not any(np.isnan(values).any() for values in info.values())
 
 
-def test_arguments_that_make_no_sense_are_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     for settings in (
         {"num_envs": 0},
         {"num_threads": 0},
@@ -126,14 +126,14 @@ def test_arguments_that_make_no_sense_are_refused() -> None:
 
 @pytest.mark.parametrize("name", ["num_envs", "num_threads", "max_episode_steps"])
 @pytest.mark.parametrize("value", ["a", "3", math.nan, 2.5, 2.0, True, np.bool_(True), [2]])
-def test_counts_are_integers_and_nothing_like_them(name: str, value: Any) -> None:
+def test_counts_must_be_integers(name: str, value: Any) -> None:
     with pytest.raises(TypeError, match=rf"{name} = .*: must be an integer of at least 1"):
         RimlessWheelVectorEnv(**{name: value})
     with pytest.raises(TypeError, match=rf"{name} = "):
         gym.make_vec("RimlessWheel-v0", **{name: value})
 
 
-def test_counts_may_be_numpys_integers_and_limits_as_large_as_one_likes() -> None:
+def test_counts_can_be_numpy_integers_and_limits_can_be_huge() -> None:
     envs = RimlessWheelVectorEnv(np.int64(2), num_threads=np.uint8(1), max_episode_steps=np.int8(3))
     assert [type(n) for n in (envs.num_envs, envs.max_episode_steps)] == [int, int]
     assert RimlessWheelVectorEnv(max_episode_steps=10**30).max_episode_steps == 10**30

@@ -1,4 +1,4 @@
-"""Resets of rows: seeds, masks, machines and starts of their own."""
+"""Resets of a vector environment: seeds, masks, machines and starts per row."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from tests.rimless_gym.envs.rows import DISABLED, ROUGH, make, swinging
 
 
-def test_seeds_may_be_one_per_row_and_none_goes_on_drawing() -> None:
+def test_seeds_can_be_one_per_row_and_none_keeps_drawing() -> None:
     envs, one = make(3), make(1)
     first, _ = envs.reset(seed=[7, 3, 7])
     assert np.array_equal(first[0], first[2])
@@ -27,7 +27,7 @@ def test_seeds_may_be_one_per_row_and_none_goes_on_drawing() -> None:
         envs.reset(seed=[1, 2])
 
 
-def test_resets_by_mask_leave_the_other_rows_and_the_callers_options_alone() -> None:
+def test_a_masked_reset_leaves_other_rows_and_the_callers_options_alone() -> None:
     envs = make(4, DISABLED, **ROUGH)
     envs.reset(seed=0)
     for actions in swinging(4, 5):
@@ -51,7 +51,7 @@ def test_resets_by_mask_leave_the_other_rows_and_the_callers_options_alone() -> 
         (np.array([False, False]), ValueError, "mark a row"),
     ],
 )
-def test_masks_that_mean_nothing_are_refused(mask: Any, error: type, message: str) -> None:
+def test_invalid_masks_are_refused(mask: Any, error: type, message: str) -> None:
     envs = make(2)
     envs.reset(seed=0)
     with pytest.raises(error, match=message):
@@ -85,7 +85,7 @@ def test_rows_may_differ_in_machine_and_start() -> None:
     assert np.array_equal(only[1:], after[1:])
 
 
-def test_a_reset_of_some_rows_keeps_what_was_drawn_for_the_others() -> None:
+def test_a_masked_reset_keeps_the_machines_drawn_for_other_rows() -> None:
     envs = make(3, ranges={"slope": (-0.05, 0.05)})
     envs.reset(seed=0)
     slopes = [machine.slope for machine in envs.params]
@@ -112,7 +112,9 @@ def test_a_reset_of_some_rows_keeps_what_was_drawn_for_the_others() -> None:
         ),
     ],
 )
-def test_a_refused_reset_of_rows_changes_nothing(options: dict, message: str) -> None:
+def test_a_refused_reset_of_a_vector_environment_changes_nothing(
+    options: dict, message: str
+) -> None:
     envs, twin = make(3), make(3)
     for each in (envs, twin):
         each.reset(seed=0)
@@ -124,7 +126,7 @@ def test_a_refused_reset_of_rows_changes_nothing(options: dict, message: str) ->
 
 
 @pytest.mark.parametrize("kind", [np.int64, np.uint8, int])
-def test_seeds_may_be_arrays_of_integers(kind: type) -> None:
+def test_seeds_can_be_arrays_of_integers(kind: type) -> None:
     envs, plain = make(3), make(3)
     for seed, same in ((np.array(4, kind), 4), (np.array([5, 0, 7], kind), [5, 0, 7])):
         assert np.array_equal(envs.reset(seed=seed)[0], plain.reset(seed=same)[0])
@@ -150,7 +152,7 @@ def test_seeds_may_be_arrays_of_integers(kind: type) -> None:
         (np.array([[1], [2], [3]]), TypeError, r"seed = array\(\[1\]\)"),
     ],
 )
-def test_seeds_are_taken_all_or_none(seed: Any, error: type, message: str) -> None:
+def test_invalid_seeds_are_refused_and_change_nothing(seed: Any, error: type, message: str) -> None:
     envs = gym.make_vec("RimlessWheel-v0", num_envs=3)
     with pytest.raises(error, match=message):
         envs.reset(seed=seed)

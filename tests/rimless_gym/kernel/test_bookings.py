@@ -27,7 +27,7 @@ MACHINES = {
     "relabel law": THESIS_PHYSICAL.replace(impact_law="relabel"),
     "slope 0.1, 7 legs": THESIS_PHYSICAL.replace(slope=0.1, n_legs=7, drag=0.3),
 }
-SMOOTH = [name for name in MACHINES if name != "PROTOTYPE"]  # stiff is slow in the reference
+SMOOTH = [name for name in MACHINES if name != "PROTOTYPE"]  # it is slow in the reference
 
 
 def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -45,7 +45,7 @@ def clearances(states: np.ndarray, params: WheelParams) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-def test_impulses_demand_as_much_friction_in_the_kernel_as_in_the_reference(name: str) -> None:
+def test_impulses_demand_the_same_friction_in_kernel_and_reference(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(8)
     demands = []
     for start in random_states(params, rng, 8):
@@ -55,7 +55,7 @@ def test_impulses_demand_as_much_friction_in_the_kernel_as_in_the_reference(name
         demand = max(out[ROW.impulse_friction_demand] for out in rows)
         assert demand == pytest.approx(reference.impulse_friction_demand, rel=1e-6)
         demands.append(demand)
-    if params.impact_law == "plastic":  # the other law's impulse is upright
+    if params.impact_law == "plastic":  # under the other law the impulse is vertical
         assert np.count_nonzero(demands) > 2
 
 
@@ -79,13 +79,13 @@ def test_the_booked_clearance_is_that_of_the_reference(name: str) -> None:
         rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
         booked = min(out[ROW.clearance] for out in rows)
         lowest = clearances(reference.state(np.linspace(0, 0.2, 801)), params).min()
-        assert booked >= min(lowest, reference.clearance) - 1e-4  # the motion's, but for sampling
+        assert booked >= min(lowest, reference.clearance) - 1e-4  # up to sampling
         assert booked == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
 
 
 @pytest.mark.parametrize("pull", [0.0, math.inf])
-@pytest.mark.parametrize("n_legs", [3, 4, 5])  # with few, touchdowns end on two feet
-def test_two_feet_of_which_one_lets_go_at_once_leave_no_trace_in_the_extremes(
+@pytest.mark.parametrize("n_legs", [3, 4, 5])  # with few legs, touchdowns end on two feet
+def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
     n_legs: int, pull: float
 ) -> None:
     params, rng = THESIS_PHYSICAL.replace(n_legs=n_legs), np.random.default_rng(14)
@@ -93,14 +93,14 @@ def test_two_feet_of_which_one_lets_go_at_once_leave_no_trace_in_the_extremes(
     for mode, start in enumerate(random_states(params, rng, 200)):
         mode %= 2
         start[3], start[4] = rng.uniform(-3, 3), mode
-        if mode == hybrid.DOUBLE:
+        if mode == equations.DOUBLE:
             start[[0, 2]] = params.constants.a, 0.0
         volts, state = rng.uniform(-20, 20, 1), start[None].copy()
         reference = simulate(
-            params, start[:4], volts, 0.01, mode=hybrid.MODE_NAMES[mode], pull=pull
+            params, start[:4], volts, 0.01, mode=equations.MODE_NAMES[mode], pull=pull
         )
         out = advance(params, state, volts, pull=pull)[0]
-        # Between the ends of steps, which are not the same, forces hardly change.
+        # The two take different steps, but within a step forces hardly change.
         least = pytest.approx(reference.min_normal_force, abs=0.02 * params.weight)
         assert out[ROW.min_normal_force] == least
         if reference.min_normal_force > 0.1 * params.weight:
@@ -115,7 +115,7 @@ def test_two_feet_of_which_one_lets_go_at_once_leave_no_trace_in_the_extremes(
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
 @pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
 @pytest.mark.parametrize("motor_constant", [0.0, 0.0048])
-def test_the_motor_pole_bounds_how_fast_motor_and_hub_brake_tightly(
+def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
     mount: str, damping: float, motor_constant: float
 ) -> None:
     params = THESIS_PHYSICAL.replace(
@@ -134,7 +134,7 @@ def test_the_motor_pole_bounds_how_fast_motor_and_hub_brake_tightly(
     assert max(rates) == pytest.approx(params.motor_pole, rel=5e-3)
 
 
-def test_energy_balances_however_stiff_the_friction_of_the_hub() -> None:
+def test_energy_balances_with_stiff_hub_friction() -> None:
     rng = np.random.default_rng(11)
     for damping in (1.0, 30.0, 300.0):
         params = THESIS_PHYSICAL.replace(hub_damping=damping)
@@ -143,14 +143,14 @@ def test_energy_balances_however_stiff_the_friction_of_the_hub() -> None:
         assert np.abs(terms.sum(axis=0)).max() < 1e-8 * max(1.0, np.abs(terms).max())
 
 
-def test_a_step_slips_exactly_when_the_reference_needs_more_friction_than_there_is() -> None:
+def test_a_step_slips_exactly_when_the_reference_slips() -> None:
     params = THESIS_PHYSICAL.replace(friction=0.3)
     env, rng = RimlessWheelEnv(params), np.random.default_rng(12)
     env.reset(seed=5)
     verdicts = []
     for _ in range(150):
         start, action = env.state, rng.uniform(-1, 1, 1).astype(np.float32)
-        mode, volts = hybrid.MODE_NAMES[int(start[4])], 20.0 * float(action[0])
+        mode, volts = equations.MODE_NAMES[int(start[4])], 20.0 * float(action[0])
         _, _, ended, _, info = env.step(action)
         assert info["slips"] is (
             max(info["friction_demand"], info["impulse_friction_demand"]) > params.friction
@@ -160,13 +160,13 @@ def test_a_step_slips_exactly_when_the_reference_needs_more_friction_than_there_
             continue
         reference = simulate(params, start[:4], [volts], 0.01, mode=mode, pull=0.0)
         demand = max(reference.friction_demand, reference.impulse_friction_demand)
-        if abs(demand - params.friction) > 0.02:  # stance's is sampled elsewhere by the reference
+        if abs(demand - params.friction) > 0.02:  # the reference samples stance at other times
             assert info["slips"] is reference.slips
             verdicts.append(info["slips"])
     assert 10 < verdicts.count(True) < len(verdicts) - 10
 
 
-def test_a_step_slips_from_an_impulse_as_from_a_force_and_from_neither_on_rougher_ground() -> None:
+def test_impulses_and_forces_make_a_step_slip_but_not_on_rougher_ground() -> None:
     params, rng, seen = THESIS_PHYSICAL, np.random.default_rng(13), set()
     env = RimlessWheelEnv()
     for start in random_states(params, rng, 600):
@@ -187,7 +187,7 @@ def test_a_step_slips_from_an_impulse_as_from_a_force_and_from_neither_on_roughe
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_model_is_that_of_the_machine_after_every_reset(seed: int) -> None:
+def test_after_every_reset_the_model_is_that_of_the_current_machine(seed: int) -> None:
     env, rng = RimlessWheelEnv(), np.random.default_rng(seed)
     machines = list(MACHINES.values())
     for params in [machines[i] for i in rng.permutation(len(machines))]:
@@ -212,7 +212,7 @@ def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> flo
 
 
 @pytest.mark.parametrize("wheel_inertia", [1.0, 0.1, 0.01])
-def test_energy_balances_however_light_the_wheel_that_carries_a_heavy_pendulum(
+def test_energy_balances_for_a_light_wheel_with_a_heavy_pendulum(
     wheel_inertia: float,
 ) -> None:
     params = WheelParams(
@@ -226,12 +226,14 @@ def test_energy_balances_however_light_the_wheel_that_carries_a_heavy_pendulum(
     )
     rng = np.random.default_rng(15)
     states = random_states(params, rng, 300)
-    states[:150, 1] = math.pi / 2 - states[:150, 0] + rng.uniform(-0.05, 0.05, 150)  # in line
+    states[:150, 1] = (
+        math.pi / 2 - states[:150, 0] + rng.uniform(-0.05, 0.05, 150)
+    )  # in line with the leg
     assert imbalance(params, states, np.zeros(300)) < 1e-11
 
 
 @pytest.mark.parametrize("drag", [1.0, 3.0, 8.0])
-def test_energy_balances_where_the_air_brakes_a_wheel_that_its_motor_throws(drag: float) -> None:
+def test_energy_balances_under_strong_air_drag_and_a_strong_motor(drag: float) -> None:
     params = WheelParams(
         wheel_mass=0.0,
         wheel_inertia=9e-5,
@@ -251,7 +253,7 @@ def test_energy_balances_where_the_air_brakes_a_wheel_that_its_motor_throws(drag
     assert imbalance(params, states, rng.uniform(-180, 180, 300)) < 1e-9
 
 
-def test_contact_is_lost_at_the_lift_off_of_one_foot_that_leaves_the_other_pulled() -> None:
+def test_contact_is_lost_if_a_lift_off_leaves_the_other_foot_pulled() -> None:
     params = WheelParams(
         wheel_mass=0.6751762560394261,
         wheel_inertia=0.08645820603033495,

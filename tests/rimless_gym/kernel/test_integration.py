@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 
 import numpy as np
 from numba import njit
 
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.kernel import integration
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_step
 from rimless_gym.kernel.booking import open_interval
@@ -48,13 +46,7 @@ def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
     assert errors[-1] < 1e-10
 
 
-def test_the_stages_go_by_names_of_their_own_in_machine_code() -> None:
-    """Else what different processes compiled and cached might call each other's."""
-    stages = [f for name, f in vars(integration).items() if re.fullmatch(r"_s\d+|_end", name)]
-    assert len({f.__qualname__ for f in stages}) == of.STAGES
-
-
-def test_the_quintic_through_a_steps_ends_is_exact_for_quintics_and_of_sixth_order() -> None:
+def test_the_interpolating_quintic_is_exact_for_quintics_and_of_sixth_order() -> None:
     polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -0.7, 0.1])
     rate, acceleration = polynomial.deriv(), polynomial.deriv(2)
     h = 0.8
@@ -69,21 +61,21 @@ def test_the_quintic_through_a_steps_ends_is_exact_for_quintics_and_of_sixth_ord
     assert math.log2(error(0.4) / error(0.2)) > 5.8
 
 
-def test_the_root_at_the_start_is_that_of_leaving_not_of_coming_back() -> None:
+def test_a_root_at_the_start_is_skipped_if_the_polynomial_falls_there() -> None:
     assert upward_root((0.0, 1.0, 0.0, 0.0, 0.0, 0.0), 1.0) == 0.0
     assert upward_root((0.0, -0.5, 1.0, 0.0, 0.0, 0.0), 1.0) == 0.5
     assert abs(upward_root((0.0, 0.0, -0.25, 1.0, 0.0, 0.0), 1.0) - 0.25) < 1e-15
     assert abs(upward_root((-0.125, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0) - 0.5) < 1e-15
 
 
-def test_an_attempt_in_which_an_angle_turns_too_far_for_its_sines_is_halved() -> None:
+def test_an_attempt_in_which_an_angle_turns_too_far_is_halved() -> None:
     work, p = scratch(), THESIS_PHYSICAL
     tile = work[: of.TILE_SIZE]
     lane = tile.reshape(-1, of.LANES)[:, 0]
     state, attempt, left = (q // of.LANES for q in (of.STATE, of.ATTEMPT, of.LEFT))
     lane[state : state + 4] = start = (1.5, 0.0, 0.3, 8.0)
     opened(work, p.constants_array[:, None].copy(), np.array([p.motor_pole]), 0.1)
-    lane[attempt] = 0.1  # far more than is planned
+    lane[attempt] = 0.1  # far longer than a planned step
     tried = []
     while lane[left] == 0.1:
         tried.append(lane[attempt])

@@ -1,4 +1,4 @@
-"""Wheels side by side in tiles: what one does is its own affair."""
+"""Wheels side by side in tiles: none affects another."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, OK, TOO_MANY_EVENTS
+from rimless_gym.equations import DOUBLE
+from rimless_gym.hybrid import CONTACT_LOST, OK, TOO_MANY_EVENTS
 from rimless_gym.kernel.stepping import (
     MODE,
     STATE_SIZE,
@@ -27,7 +28,7 @@ MACHINES = (
 
 
 def restless_states(count: int, seed: int) -> np.ndarray:
-    """Columns: everything from resting wheels to such as touch down, lose contact or race."""
+    """States in columns, from wheels at rest to ones that touch down, lose contact or race."""
     rng = np.random.default_rng(seed)
     states = np.zeros((STATE_SIZE, count))
     p = THESIS_PHYSICAL.constants
@@ -42,7 +43,7 @@ def restless_states(count: int, seed: int) -> np.ndarray:
 def run(
     machines: list[WheelParams], states: np.ndarray, volts: np.ndarray, intervals: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States after some intervals, and the rows of the last."""
+    """States after some intervals, and what was booked in the last one."""
     states, out, work = states.copy(), np.empty((len(ROW), states.shape[1])), scratch()
     arrays = machine_arrays(machines)
     for k in range(intervals):
@@ -67,7 +68,7 @@ def test_a_wheel_moves_the_same_to_the_last_bit_whatever_moves_beside_it(machine
         assert np.array_equal(rows[:, i : i + 1], alone_rows)
 
 
-def test_machines_side_by_side_move_as_each_does_among_its_like():
+def test_different_machines_in_a_tile_move_as_each_does_among_equal_ones():
     which = np.arange(90) % len(MACHINES)
     states = restless_states(90, seed=4)
     volts = np.random.default_rng(5).uniform(-20, 20, (8, 90))
@@ -79,7 +80,7 @@ def test_machines_side_by_side_move_as_each_does_among_its_like():
         assert np.array_equal(rows[:, here], own_rows)
 
 
-def test_a_call_for_some_columns_leaves_the_others_alone_and_gives_the_same():
+def test_advancing_some_columns_gives_the_same_and_leaves_the_others_alone():
     states = restless_states(60, seed=6)
     volts = np.random.default_rng(7).uniform(-20, 20, (1, 60))
     whole, rows = run([THESIS_PHYSICAL], states, volts, intervals=1)
@@ -93,7 +94,7 @@ def test_a_call_for_some_columns_leaves_the_others_alone_and_gives_the_same():
     assert np.all(out[:, 42:] == 7.0)
 
 
-def test_work_space_remembers_no_machine_that_was_used_before():
+def test_no_machine_of_an_earlier_call_is_left_in_the_work_space():
     states = restless_states(3, seed=8)
     volts = np.zeros(3)
     fresh, used = scratch(), scratch()

@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, hybrid, simulate
 from rimless_gym.energy import ROW, Ledger, Row, balance
-from rimless_gym.hybrid import CONTACT_LOST, DOUBLE, MODE_NAMES, OK, RATE_EXCEEDED, SINGLE
+from rimless_gym.equations import DOUBLE, MODE_NAMES, SINGLE
+from rimless_gym.hybrid import CONTACT_LOST, OK, RATE_EXCEEDED
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, machine_arrays
 
 EVERYTHING = THESIS_PHYSICAL.replace(
@@ -65,7 +66,7 @@ def test_kernel_and_reference_agree_on_states_events_and_energies(name: str) -> 
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_the_ledger_balances_and_no_leg_sinks_from_random_states(name: str) -> None:
+def test_from_random_states_the_ledger_balances_and_no_leg_sinks(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(1)
     states, p = random_states(params, rng, 300), params.constants
     for _ in range(20):
@@ -110,7 +111,7 @@ def test_a_million_intervals_balance_and_neither_chatter_nor_tunnel() -> None:
 
 
 def dropped(rate: float) -> np.ndarray:
-    """A wheel that comes down on its leading foot with a small rate, its pendulum hanging."""
+    """A wheel that comes down on its leading foot at a small rate, with the pendulum hanging."""
     return np.array([THESIS_PHYSICAL.constants.b - 1e-3, 0.05, rate, 0.1, SINGLE, 0.0])
 
 
@@ -133,7 +134,7 @@ LIGHT = THESIS_PHYSICAL.replace(
 
 @pytest.mark.parametrize("rate", [2e-3, 5e-3])
 @pytest.mark.parametrize("slope", [0.0, 0.05])
-def test_a_wheel_that_loses_nothing_in_touchdowns_rocks_itself_to_rest(rate, slope) -> None:
+def test_a_wheel_with_lossless_touchdowns_rocks_until_it_rests(rate, slope) -> None:
     params = LIGHT.replace(slope=slope)
     state = np.array([params.constants.a, slope + 0.01, rate, 0.05, SINGLE, 0])
     reference = simulate(params, state[:4], np.zeros(20), 0.2, pull=0.0)
@@ -147,7 +148,7 @@ def test_a_wheel_that_loses_nothing_in_touchdowns_rocks_itself_to_rest(rate, slo
     assert abs(reference.ledger.residual) < 1e-12
 
 
-def test_rocking_that_is_slow_enough_goes_on_under_the_law_that_takes_nothing() -> None:
+def test_slow_rocking_continues_under_the_lossless_impact_law() -> None:
     params = THESIS_PHYSICAL.replace(impact_law="relabel")
     state = np.array([params.constants.a + 1e-3, 0.0, 0.0, 0.0, SINGLE, 0])
     walk(params, state, np.zeros(100), pull=0.0)
@@ -155,7 +156,7 @@ def test_rocking_that_is_slow_enough_goes_on_under_the_law_that_takes_nothing() 
 
 
 @pytest.mark.parametrize("excess", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])
-def test_grazing_touchdowns_are_met_or_missed_as_the_reference_says(excess: float) -> None:
+def test_grazing_touchdowns_are_hit_or_missed_as_in_the_reference(excess: float) -> None:
     params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
     pushing = np.full(30, -12.0)  # turns the wheel back on its way forward
 
@@ -175,7 +176,7 @@ def test_grazing_touchdowns_are_met_or_missed_as_the_reference_says(excess: floa
     assert np.abs(state[:4] - reference.x[-1]).max() < 1e-7
 
 
-def test_two_half_intervals_make_a_whole_one() -> None:
+def test_two_half_intervals_equal_a_whole_one() -> None:
     rng = np.random.default_rng(3)
     whole = random_states(THESIS_PHYSICAL, rng, 200)
     halves, volts = whole.copy(), rng.uniform(-20, 20, 200)
@@ -187,7 +188,7 @@ def test_two_half_intervals_make_a_whole_one() -> None:
     assert np.abs(rows[:, : ROW.steps] - parts[:, : ROW.steps]).max() < 1e-6
 
 
-def test_left_alone_the_wheel_comes_to_rest_on_two_feet() -> None:
+def test_without_voltage_the_wheel_comes_to_rest_on_two_feet() -> None:
     states = random_states(THESIS_PHYSICAL, np.random.default_rng(2), 40)
     for _ in range(1500):
         advance(THESIS_PHYSICAL, states, np.zeros(len(states)), pull=math.inf)
@@ -210,7 +211,7 @@ def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
     assert located > 20
 
 
-def test_a_motion_too_fast_for_the_model_ends_with_the_step_that_made_it_so() -> None:
+def test_a_motion_ends_with_the_step_that_exceeds_the_fastest_rate() -> None:
     strong = THESIS_PHYSICAL.replace(pendulum_length=0.0, pendulum_inertia=0.3)
     states = random_states(strong, np.random.default_rng(5), 2000)
     states[:, 3] = 59.0
@@ -243,7 +244,7 @@ def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
     for _ in range(2000):
         theta, dtheta = rng.uniform(-1.2, 1.2), rng.uniform(-3, 3)
         guards = np.array([hybrid.lift_off_guards(theta, dtheta, v, p) for v in (0.0, 1.0)])
-        side = int(rng.integers(2))  # the voltage at which this foot is pulled by next to nothing
+        side = int(rng.integers(2))  # the voltage is such that this foot is hardly pulled
         volts = -guards[0, side] / (guards[1, side] - guards[0, side])
         volts += rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -1)
         state = np.array([[p.a, theta, 0.0, dtheta, DOUBLE, 0.0]])
@@ -254,7 +255,7 @@ def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
 
 
 @pytest.mark.parametrize("name", ["THESIS_NOMINAL", "THESIS_PHYSICAL", "PROTOTYPE"])
-def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
+def test_no_brief_touchdown_within_a_step_is_missed(name: str) -> None:
     params, rng, count = MACHINES[name], np.random.default_rng(12), 30_000
     p = params.constants
     whole = random_states(params, rng, count)
@@ -272,7 +273,7 @@ def test_no_dip_of_a_leg_near_its_guard_is_passed_over(name: str) -> None:
     assert np.array_equal(whole[:, [MODE, FOOT]], parts[:, [MODE, FOOT]])
 
 
-def test_air_drag_that_would_take_forever_is_refused() -> None:
+def test_air_drag_that_would_need_too_many_steps_is_refused() -> None:
     params = THESIS_PHYSICAL.replace(drag=1e20, pendulum_inertia=1e20)
     with pytest.raises(ValueError, match=r"drag = 1e\+20 damps phi'"):
         machine_arrays([params])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rimless_gym.checks import positive
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE
 from trajopt.feedback.guard import Guarded
 from trajopt.feedback.law import Controller, Floats, states_and_modes
 from trajopt.feedback.lookahead import Follower, Lookahead, Plan
