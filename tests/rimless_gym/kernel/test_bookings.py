@@ -12,6 +12,7 @@ from rimless_gym import (
     THESIS_NOMINAL,
     THESIS_PHYSICAL,
     WheelParams,
+    equations,
     hybrid,
     simulate,
 )
