@@ -123,16 +123,30 @@ def _reason(error: Exception) -> str:
 
 
 def whole(least: int) -> Callable[[str], int]:
-    """The type of an argument that is an integer of at least `least`."""
+    """The type of an argument that is an integer of at least `least`, such as 20 or 2e7."""
 
     def parsed(text: str) -> int:
         try:
-            return integer("it", int(text), least)
+            return integer("it", _integer_in(text), least)
         except ValueError:
             message = f"{text!r}: must be an integer of at least {least}"
             raise argparse.ArgumentTypeError(message) from None
 
     return parsed
+
+
+def _integer_in(text: str) -> int:
+    """The integer that a text is.
+
+    Raises:
+        ValueError: it is not an integer.
+    """
+    if "e" not in text:
+        return int(text)
+    number = float(text)
+    if not number.is_integer():
+        raise ValueError(f"{text}: not an integer")
+    return int(number)
 
 
 def more_than_zero(text: str) -> float:

@@ -14,9 +14,9 @@ import pytest
 
 from rimless_gym.params import PRESETS
 from scripts.documents import accuracy, errata, integrator, machines
+from scripts.documents.contents import DOCUMENTS
 from scripts.documents.motions import CASES
 from scripts.documents.tables import filled, tables
-from scripts.figures import DOCUMENTS
 
 ROOT = Path(__file__).parents[2]
 FIGURES = ROOT / "docs" / "figures"
