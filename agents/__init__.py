@@ -4,16 +4,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agents.checkpoint import PRETRAINED, load_policy, save_policy
-    from agents.sb3_vec_env import Sb3VecEnv
+    from agents.policy_files import PRETRAINED, load_policy
+    from agents.sb3.vec_env import Sb3VecEnv
 
-__all__ = ["PRETRAINED", "Sb3VecEnv", "load_policy", "save_policy"]
+__all__ = ["PRETRAINED", "Sb3VecEnv", "load_policy"]
 
 _HOMES = {
-    "PRETRAINED": "agents.checkpoint",
-    "Sb3VecEnv": "agents.sb3_vec_env",
-    "load_policy": "agents.checkpoint",
-    "save_policy": "agents.checkpoint",
+    "PRETRAINED": "agents.policy_files",
+    "Sb3VecEnv": "agents.sb3.vec_env",
+    "load_policy": "agents.policy_files",
 }
 
 

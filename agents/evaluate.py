@@ -9,73 +9,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from agents.conditions import Conditions
 from agents.periods import TouchdownLog, steps_per_period
-from agents.policies import Floats, Policy
-from agents.rollout import draw_starts, rollout
-from rimless_gym import energy as row
-from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
+from agents.policies import Policy
+from agents.protocol import PROTOCOL, Protocol
+from agents.rollout import Rollout, draw_starts
+from agents.window import Window
+from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
+from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD, OK
-from rimless_gym.kernel.stepping import STATE_SIZE
+from rimless_gym.hybrid import CONTROL_PERIOD, DOUBLE, OK, SINGLE
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
 
-_LARGEST = [row.FRICTION_DEMAND, row.IMPULSE_FRICTION_DEMAND]
-_LEAST = [row.MIN_NORMAL_FORCE, row.CLEARANCE]
-_SUMMED = row.TOUCHDOWNS + 1  # the rows before this one are sums
-
-
-@dataclasses.dataclass(frozen=True)
-class Protocol:
-    """From where, for how long, and over which part a policy is judged.
-
-    Attributes:
-        starts: number of starts.
-        seed: of the starts; never that of a training.
-        duration: of a walk (s).
-        window: at its end, over which everything is measured (s).
-        alive: at its end, in which a walk must still take net forward steps (s).
-
-    Raises:
-        TypeError: a number is of the wrong kind.
-        ValueError: not 0 < alive <= window <= duration, each a period of control at least, starts
-            < 1, or seed < 0.
-    """
-
-    starts: int = 128
-    seed: int = 20150501
-    duration: float = 50.0
-    window: float = 30.0
-    alive: float = 10.0
-
-    def __post_init__(self) -> None:
-        integer("starts", self.starts, 1)
-        integer("seed", self.seed, 0)
-        for name in ("duration", "window", "alive"):
-            seconds = real(name, getattr(self, name))
-            if 0.0 < seconds < CONTROL_PERIOD:
-                raise ValueError(
-                    f"{name} = {seconds} s: must be at least {CONTROL_PERIOD} s, a control period"
-                )
-        if not 0 < self.alive <= self.window <= self.duration:
-            raise ValueError(
-                f"alive = {self.alive} s, window = {self.window} s, duration = {self.duration} s: "
-                "must be positive and grow in this order"
-            )
-
-
-#: The protocol of every published figure.
-PROTOCOL = Protocol()
-
-#: A shorter one, for keeping the best of many checkpoints during training.
-SHORT_PROTOCOL = Protocol(starts=48, seed=20150502, duration=20.0, window=10.0, alive=5.0)
+#: Speed and cost of transport of a start that does not walk.
+_NO_WALK = math.nan, math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +50,7 @@ class Evaluation:
         impulse_friction_demand: the same of the touchdowns' impulses.
         min_normal_force: least Fy (N).
         min_clearance: least height of the pendulum's end over the ground (m).
-        steps_per_period: the commonest period among the walks, 0 if they repeat within none.
+        steps_per_period: the most common period among the walks; 0 stands for none.
         objective: mean reward per second over all starts (m/s); a start that fell counts as
             having paid the task's fall cost within the window.
         ledger: sums over the windows of those that walk.
@@ -135,61 +93,62 @@ def evaluate(
     protocol: Protocol = PROTOCOL,
     *,
     task: Task | None = None,
+    ranges: Ranges | Mapping[str, Any] | None = None,
+    disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
     progress: bool = False,
 ) -> Evaluation:
-    """Let a policy walk and measure it.
+    """Let a policy walk in the vector environment, and measure it.
 
     Args:
         policy: see `agents.policies`.
         params: the machine.
         protocol: starts and times.
         task: whose reward `objective` is.
-        starts: (protocol.starts, STATE_SIZE) instead of the protocol's own.
+        ranges: of parameters, as the environment takes them. Each walk draws its own machine.
+        disturbances: as the environment takes them.
+        starts: (N, STATE_SIZE) instead of the protocol's own.
         progress: whether to show a progress bar.
 
     Raises:
         TypeError: an argument is of the wrong kind.
-        ValueError: the policy gives NaN or the wrong shape, or `starts` are of another shape or not
-            finite.
+        ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
+            finite or not states to start from, or ranges or disturbances are not valid.
+        RuntimeError: a motion leaves the range of the model, or a machine that was drawn cannot
+            stand at its start.
     """
     require_callable("policy", policy)
-    require_kind("params", params, WheelParams)
     require_kind("protocol", protocol, Protocol)
     if task is not None:
         require_kind("task", task, Task)
     progress = flag("progress", progress)
+    conditions = Conditions.of(params, ranges, disturbances)
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
-    n = len(starts)
     n_intervals = round(protocol.duration / CONTROL_PERIOD)
     first = n_intervals - round(protocol.window / CONTROL_PERIOD)
     first_alive = n_intervals - round(protocol.alive / CONTROL_PERIOD)
-    totals = np.zeros((n, row.N_ROWS))
-    totals[:, _LEAST] = np.inf
-    late_steps = np.zeros(n)
-    fallen = np.zeros(n, dtype=bool)
-    log = TouchdownLog(params, n)
-    intervals = rollout(params, policy, starts, n_intervals)
-    bar = tqdm(intervals, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task)
+    window = Window(walks.machines)
+    log = TouchdownLog(params, len(starts))
+    late_steps = np.zeros(len(starts))
+    fallen, charges = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
+    bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
     for index, interval in enumerate(bar):
-        i, rows = interval.running, interval.rows
-        fallen[i] = rows[:, row.FAILURE] != OK
+        fallen[interval.running] = interval.info["failure"] != OK
+        charges[interval.running] = interval.info["reward_end"]
         if index < first:
             continue
-        totals[i, :_SUMMED] += rows[:, :_SUMMED]
-        for column in _LARGEST:
-            totals[i, column] = np.maximum(totals[i, column], rows[:, column])
-        for column in _LEAST:
-            totals[i, column] = np.minimum(totals[i, column], rows[:, column])
+        window.add(interval)
         log.note(interval)
         if index >= first_alive:
-            late_steps[i] += rows[:, row.STEPS]
+            late_steps[interval.running] += interval.info["steps"]
     walking = (late_steps > 0) & ~fallen
     periods = np.array([steps_per_period(points) for points in log.points()])
     periods[~walking] = 0
-    return _summary(params, protocol, task or Task(), totals, walking, fallen, periods)
+    objective = float(window.rewards(charges).mean()) / protocol.window
+    return _summary(params, protocol, window, objective, walking, fallen, periods)
 
 
 def _checked_starts(starts: Any) -> Floats:
@@ -199,53 +158,45 @@ def _checked_starts(starts: Any) -> Floats:
         raise ValueError(f"starts: of shape {states.shape}, not (1 or more, {STATE_SIZE})")
     if not np.isfinite(states).all():
         raise ValueError("starts: must all be finite")
+    if not np.isin(states[:, MODE], (SINGLE, DOUBLE)).all():
+        raise ValueError(
+            f"starts: modes are {np.unique(states[:, MODE])}, must be {SINGLE} (single stance) or "
+            f"{DOUBLE} (double stance)"
+        )
     return states.astype(np.float64, copy=False)
 
 
 def _summary(
     params: WheelParams,
     protocol: Protocol,
-    task: Task,
-    totals: Floats,
+    window: Window,
+    objective: float,
     walking: NDArray[np.bool_],
     fallen: NDArray[np.bool_],
     periods: NDArray[np.int64],
 ) -> Evaluation:
-    energy = totals[:, row.ELECTRICAL_POSITIVE] + params.idle_power * totals[:, row.TIME]
-    terms = task.reward_terms(params, totals[:, row.DISTANCE], energy, fallen)
-    ledger = Ledger.from_rows(totals[walking].sum(axis=0), params)
-    own = [Ledger.from_rows(rows, params) for rows in totals]
     some = bool(walking.any())
-
-    def extreme(column: int) -> float:
-        values = totals[walking, column]
-        if not some:
-            return math.nan
-        return float(values.max() if column in _LARGEST else values.min())
-
+    ledger, weighted = window.total(walking, params)
+    own = [
+        (each.distance / each.time, each.cost_of_transport(machine)) if walks else _NO_WALK
+        for each, machine, walks in zip(window.ledgers(), window.machines, walking, strict=True)
+    ]
     return Evaluation(
         protocol=protocol,
         walking_share=float(walking.mean()),
         speed=ledger.distance / ledger.time if some else math.nan,
-        cot=ledger.cost_of_transport(params),
-        cot_with_regeneration=ledger.cost_of_transport(params, regeneration=True),
-        friction_demand=extreme(row.FRICTION_DEMAND),
-        impulse_friction_demand=extreme(row.IMPULSE_FRICTION_DEMAND),
-        min_normal_force=extreme(row.MIN_NORMAL_FORCE),
-        min_clearance=extreme(row.CLEARANCE),
+        cot=weighted.cost_of_transport(params),
+        cot_with_regeneration=weighted.cost_of_transport(params, regeneration=True),
+        friction_demand=window.extreme("friction_demand", walking),
+        impulse_friction_demand=window.extreme("impulse_friction_demand", walking),
+        min_normal_force=window.extreme("min_normal_force", walking),
+        min_clearance=window.extreme("clearance", walking),
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
-        objective=float(sum(terms).mean()) / protocol.window,
+        objective=objective,
         ledger=ledger,
         walking=walking,
         fallen=fallen,
-        speeds=np.array(
-            [x.distance / x.time if w else np.nan for x, w in zip(own, walking, strict=True)]
-        ),
-        cots=np.array(
-            [
-                x.cost_of_transport(params) if w else np.nan
-                for x, w in zip(own, walking, strict=True)
-            ]
-        ),
+        speeds=np.array([speed for speed, _ in own]),
+        cots=np.array([cot for _, cot in own]),
         periods=periods,
     )

@@ -39,7 +39,7 @@ def sole_user(out: Path) -> Iterator[None]:
             yield
     except Timeout:
         raise ValueError(
-            f"another process works in {out}: wait for its end, or choose another --out"
+            f"another process is working in {out}: wait until it ends, or choose another --out"
         ) from None
 
 

@@ -5,24 +5,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies import Floats
 from agents.rollout import Interval
-from rimless_gym import energy as row
-from rimless_gym.envs.task import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.hybrid import SINGLE, accelerations
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
 
 #: Longest period looked for (steps).
 MAX_PERIOD = 6
 
-#: Post-touchdown states (scaled as observations are) this close to each other are the same. The
-#: hold of 10 ms falls differently on every step, so that even a perfect gait scatters.
+#: Post-touchdown states (scaled as observations are) this close to each other count as the same.
+#: Touchdowns fall anywhere within a hold of 10 ms, so even a perfect gait scatters.
 TOLERANCE = 0.03
 
 
 class TouchdownLog:
-    """States just after each touchdown on a new foot, of N walks side by side."""
+    """States just after each touchdown on a new foot, of N walks side by side.
+
+    Args:
+        params: the machine. Where walks have machines of their own or their commands are delayed,
+            the states are as good as if they had this one and were not.
+        n: number of walks.
+    """
 
     def __init__(self, params: WheelParams, n: int) -> None:
         self._params = params
@@ -32,7 +37,7 @@ class TouchdownLog:
     def note(self, interval: Interval) -> None:
         """Add the touchdowns of a control interval."""
         foot = interval.after[:, FOOT]
-        stepped = (foot > self._furthest[interval.running]) & (interval.rows[:, row.STEPS] > 0)
+        stepped = (foot > self._furthest[interval.running]) & (interval.info["steps"] > 0)
         for k in np.flatnonzero(stepped):
             i = interval.running[k]
             volts = interval.actions[k] * self._params.voltage_limit
@@ -47,7 +52,7 @@ class TouchdownLog:
 def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> Floats:
     """(sin theta, cos theta, phi', theta'), scaled, at the touchdown up to 10 ms before `state`.
 
-    Followed back at constant acceleration, which is right to the third order in those 10 ms.
+    It follows the motion back at constant acceleration, which is accurate to third order.
     """
     p = params.constants
     phi, theta, dphi, dtheta = (float(state[k]) for k in (PHI, THETA, DPHI, DTHETA))

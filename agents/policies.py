@@ -1,32 +1,30 @@
-"""What a policy is here, and how learned models and model-based controllers become one."""
+"""What a policy is here, and how learned policies and feedback laws become one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Controller, Floats
 
-Floats: TypeAlias = NDArray[np.float64]
-
-#: (states (N, 6), observations (N, 6)) -> voltage in units of the limit, (N,). Observations are
-#: what a learner may use; states are there for model-based controllers.
+#: (states (N, 6), observations (N, 6)) -> actions (N,): voltages in units of the limit, in [-1, 1].
+#: Observations are what a learner may use. States are for feedback laws.
 Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 
-#: (x (N, 4), mode (N,)) -> V (N,): a feedback law on phi, theta, phi', theta' and stance mode.
-Controller: TypeAlias = Callable[[Floats, NDArray[np.int64]], Floats]
+#: observations (N, 6) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.
+Act: TypeAlias = Callable[[NDArray[np.float32]], Floats]
 
 
-def model_policy(model: Any) -> Policy:
-    """The deterministic policy of a stable-baselines3 `model`."""
+def learned_policy(act: Act) -> Policy:
+    """A learner's policy, which sees the observations only."""
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
-        actions, _ = model.predict(observations, deterministic=True)
-        return actions[:, 0].astype(np.float64)
+        return act(observations)
 
     return policy
 

@@ -1,31 +1,35 @@
-"""Rolling out a policy from many starts side by side."""
+"""Walks of a policy from many starts side by side, in the vector environment."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.policies import Floats, Policy
-from rimless_gym import energy as row
+from agents.conditions import Conditions
+from agents.policies import Policy
 from rimless_gym.checks import real_array
-from rimless_gym.envs.task import draw_start, observe
-from rimless_gym.hybrid import OK
-from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.starts import draw_start
+from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import MODE_NAMES
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
 
 
 class Interval(NamedTuple):
-    """One control interval of N roll-outs; rows of those that have ended are left out.
+    """One control interval of the M walks that had not ended before it.
 
     Attributes:
-        running: indices (M,) of the roll-outs that had not ended before this interval.
+        running: which of the walks these are, (M,).
         states: before the interval, (M, STATE_SIZE).
         observations: of these states, (M, 6).
-        actions: voltage held, in units of the limit, (M,).
-        rows: what the stepping kernel booked, (M, N_ROWS) of `rimless_gym.energy`.
+        actions: voltages commanded, in units of the limit, (M,).
+        info: the environment's `info` of the interval, arrays (M,).
         after: states after the interval, (M, STATE_SIZE).
     """
 
@@ -33,7 +37,7 @@ class Interval(NamedTuple):
     states: Floats
     observations: NDArray[np.float32]
     actions: Floats
-    rows: Floats
+    info: Mapping[str, NDArray[Any]]
     after: Floats
 
 
@@ -49,31 +53,95 @@ def draw_starts(params: WheelParams, n: int, seed: int | tuple[int, ...]) -> Flo
     return np.stack([draw_start(params, rng) for _ in range(n)])
 
 
-def rollout(
-    params: WheelParams, policy: Policy, starts: Floats, n_intervals: int
-) -> Iterator[Interval]:
-    """Control intervals of a policy from `starts` (N, STATE_SIZE), each ending where it falls.
+class Rollout:
+    """Walks of a policy, each until it falls or its time is up.
+
+    Iterate over it, once, for the control intervals. A policy is given the state and the
+    observation. Where sensors are noisy, the state that it is given is the measured one: the
+    angles and rates in the noisy observation.
+
+    Args:
+        conditions: machine, ranges and disturbances.
+        policy: see `agents.policies`.
+        starts: (N, STATE_SIZE); every walk counts its legs from the foot it begins on.
+        n_intervals: length of the walks in control intervals.
+        seed: walk i draws its machine and its disturbances from `seed + i`.
+        task: whose rewards are in `info`, default `Task()`.
+
+    Attributes:
+        machines: of each walk, as drawn, N of them.
 
     Raises:
         TypeError: the policy gives no real numbers.
-        ValueError: the policy gives NaN or the wrong shape.
+        ValueError: the policy gives NaN or the wrong shape, or a start is not a state in which the
+            foot can press on the ground.
+        RuntimeError: a motion leaves the range of the model.
     """
-    state = np.array(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
-    running = np.arange(len(state))
-    for _ in range(n_intervals):
-        if len(running) == 0:
-            return
-        observations = observe(params, state)
-        # Copies: a policy may well scale its inputs in place.
-        actions = real_array("the policy's actions", policy(state.copy(), observations.copy()))
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        starts: Floats,
+        n_intervals: int,
+        seed: int = 0,
+        task: Task | None = None,
+    ) -> None:
+        starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
+        modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]
+        # A walk that has ended is reset and goes on unseen: it must not stop the others.
+        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
+        self._seen, _ = self._envs.reset(
+            seed=seed, options={"state": starts[:, :4].copy(), "mode": modes}
+        )
+        self._policy, self._n_intervals = policy, n_intervals
+        self._noisy = conditions.disturbances.sensor_noise is not None
+        self.machines: tuple[WheelParams, ...] = self._envs.params
+
+    def __iter__(self) -> Iterator[Interval]:
+        envs, observations = self._envs, self._seen
+        states, running = envs.states, np.arange(envs.num_envs)
+        for _ in range(self._n_intervals):
+            if len(running) == 0:
+                return
+            now, seen = states[running], observations[running]
+            actions = self._actions(now, seen)
+            commands = np.zeros((envs.num_envs, 1))
+            commands[running, 0] = actions
+            observations, _, fell, _, info = envs.step(commands)
+            states = envs.states
+            own = {name: values[running] for name, values in info.items()}
+            yield Interval(running, now, seen, actions, own, states[running])
+            running = running[~fell[running]]
+
+    def _actions(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        given = states.copy()  # a policy may write into what it is given
+        if self._noisy:
+            given[:, :4] = measured(observations, self.machines[0].leg_angle)
+        actions = real_array("the policy's actions", self._policy(given, observations.copy()))
         actions = np.clip(actions, -1.0, 1.0)
-        if actions.shape != (len(running),) or np.isnan(actions).any():
+        if actions.shape != (len(states),) or np.isnan(actions).any():
             raise ValueError(
                 f"the policy gave shape {actions.shape} with {np.isnan(actions).sum()} NaN for "
-                f"{len(running)} states: it must give one number in [-1, 1] for each"
+                f"{len(states)} states: it must give one number in [-1, 1] for each"
             )
-        after = state.copy()
-        rows = advance(params, after, actions * params.voltage_limit)
-        yield Interval(running, state, observations, actions, rows, after)
-        going = rows[:, row.FAILURE] == OK
-        running, state = running[going], after[going]
+        return actions
+
+
+def measured(observations: NDArray[np.float32], leg_angle: float) -> Floats:
+    """phi, theta, phi', theta' (N, 4) from observations (N, 6); theta lies within a turn of 0.
+
+    Args:
+        observations: of the environment.
+        leg_angle: between neighbouring legs (rad).
+    """
+    seen = observations.astype(np.float64)
+    return np.stack(
+        [
+            math.pi / 2 + seen[:, 0] * leg_angle / 2,
+            np.arctan2(seen[:, 1], seen[:, 2]),
+            seen[:, 3] * LEG_RATE_SCALE,
+            seen[:, 4] * PENDULUM_RATE_SCALE,
+        ],
+        axis=1,
+    )

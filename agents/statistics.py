@@ -19,7 +19,7 @@ def _scores(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _trimmed_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of the middle half along the last axis; the values at its ends count by their part."""
+    """Mean of the middle half along the last axis; values at its ends count in part."""
     n = scores.shape[-1]
     weights = np.clip(np.minimum(np.arange(1, n + 1) - n / 4, 3 * n / 4 - np.arange(n)), 0, 1)
     return np.sort(scores, axis=-1) @ weights / weights.sum()

@@ -1,4 +1,4 @@
-"""Checks of what callers pass in; each error names the argument, its value and what it must be."""
+"""Checks of arguments; each error names the argument, its value and what it must be."""
 
 from __future__ import annotations
 

@@ -27,12 +27,9 @@ NOTHING = 1e-12
 def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
     """`times`, with the times between them at which a component of a function changes sign.
 
-    An adaptive integrator judges its error from a few points and sometimes misses a kink between
-    them; whether it does depends on rounding.
-
     Args:
-        function: time (s) -> values, shape (m,). Between three neighbouring times a parabola must
-            approximate it roughly.
+        function: time (s) -> values, shape (m,). A parabola should describe it roughly over any
+            three neighbouring times.
         times: ascending, shape (N,).
 
     Returns:

@@ -97,6 +97,7 @@ class Ledger:
         shaft: integral of |T psi'|, the thesis's measure.
         mechanical_change: change of kinetic and potential energy, foot descent included.
         idle: idle power times duration.
+        push: work of pushes on the hub.
     """
 
     time: float
@@ -108,22 +109,20 @@ class Ledger:
     shaft: float
     mechanical_change: float
     idle: float
+    push: float = 0.0
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64], params: WheelParams) -> Ledger:
         """From the rows (len(ROW),) that the kernel booked, summed over intervals or not."""
         booked = Row(*rows.tolist())
-        return cls(
-            time=booked.elapsed,
-            distance=booked.distance,
-            electrical=booked.electrical,
-            electrical_positive=booked.electrical_positive,
-            losses=Losses(*(getattr(booked, name) for name in LOSSES)),
-            collision=booked.collision,
-            shaft=booked.shaft,
-            mechanical_change=booked.mechanical_change,
-            idle=params.idle_power * booked.elapsed,
-        )
+        return cls.of(booked._asdict() | {"idle": params.idle_power * booked.elapsed, "push": 0.0})
+
+    @classmethod
+    def of(cls, energies: Mapping[str, float]) -> Ledger:
+        """From the channels by name, with `elapsed` and `distance`: entries of `info`, or sums."""
+        own = {c.name: energies[c.name] for c in CHANNELS if c.name not in LOSSES}
+        losses = Losses(*(energies[name] for name in LOSSES))
+        return cls(time=energies["elapsed"], distance=energies["distance"], losses=losses, **own)
 
     @property
     def residual(self) -> float:

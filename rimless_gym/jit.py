@@ -51,7 +51,8 @@ def written(source: str, **names: Any) -> Callable[..., Any]:
     return function
 
 
-#: What is announced, once, by the function that takes longest or is compiled first.
+#: What is announced when a part of the package is compiled, once: the function of that part that
+#: takes longest, or is compiled first, names it.
 ENVIRONMENT = "the simulator for environments (about 15 s)"
 ROLLOUTS = "the simulator for roll-outs of policies (about 10 s)"
 REFERENCE = "the reference simulator (about 1 s)"

@@ -13,6 +13,7 @@ A mistake ends the script with exit status 2.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import signal
@@ -21,12 +22,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn, TypeVar
 
 from rimless_gym.checks import integer, positive
 
+T = TypeVar("T")
+
 #: The exit status that shells give a command ended by Ctrl-C.
 INTERRUPTED = 130
+
+#: Help for options that the environment takes too.
+RANGES = """JSON: parameters to draw for every episode, '{"pendulum_mass": [2.0, 2.4]}'"""
+DISTURBANCES = (
+    """JSON: '{"pushes": {"rate": 0.5, "impulse": [0.1, 0.5]}, "actuator_delay": 1, """
+    """"sensor_noise": {"leg_rate": 0.1}}'"""
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -155,6 +165,24 @@ def more_than_zero(text: str) -> float:
         return positive("it", float(text))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a number greater than 0") from None
+
+
+def json_object(parsed: Callable[[dict[str, Any]], T]) -> Callable[[str], T]:
+    """The type of an argument that is a JSON object, which `parsed` turns into a value."""
+
+    def read(text: str) -> T:
+        try:
+            values = json.loads(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"{text!r}: not JSON ({error})") from None
+        if not isinstance(values, dict):
+            raise argparse.ArgumentTypeError(f"{text!r}: must be a JSON object, {{...}}")
+        try:
+            return parsed(values)
+        except (TypeError, ValueError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
 
 
 @contextmanager

@@ -15,9 +15,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from agents.compare import Comparison
-from agents.report import format_table
-from agents.study import Study
+from agents.comparison.compare import Comparison
+from agents.comparison.report import format_table
+from agents.comparison.study import Study
 from rimless_gym.params import PRESETS
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
 

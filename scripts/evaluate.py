@@ -18,12 +18,14 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from agents.checkpoint import PRETRAINED, load_policy
-from agents.evaluate import PROTOCOL, Evaluation, evaluate
-from agents.policies import model_policy
+from agents.conditions import Conditions
+from agents.evaluate import Evaluation, evaluate
+from agents.policies import learned_policy
+from agents.policy_files import PRETRAINED, load_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
+from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.params import PRESETS, preset
-from scripts.commandline import Parser
+from scripts.commandline import DISTURBANCES, RANGES, Parser, json_object
 from trajopt.provenance import provenance
 
 COLUMNS = (
@@ -61,6 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         choices=sorted(PRESETS),
         help="machine that the policies must be for; None: the one each was trained on",
     )
+    parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
+    parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     params = preset(options.preset) if options.preset else None
@@ -69,14 +73,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             load_policy(path, params, trust_pickle=options.trust_pickle)
             for path in options.policies
         ]
+        conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
+        for p in policies:
+            Conditions.of(p.params, **conditions)
     evaluations = [
-        evaluate(model_policy(p.model), p.params, PROTOCOL, task=p.task, progress=True)
+        evaluate(learned_policy(p.act), p.params, task=p.task, progress=True, **conditions)
         for p in policies
     ]
     summary = over_seeds(evaluations) if options.seeds else {}
     if options.json:
         results = dict(zip(options.policies, (e.to_dict() for e in evaluations), strict=True))
-        print(json.dumps({"policies": results, "over_seeds": summary, **provenance()}, indent=1))
+        of = Conditions.of(policies[0].params, **conditions).to_dict()
+        del of["params"]  # each policy has its own machine
+        report = {"policies": results, "over_seeds": summary, **of, **provenance()}
+        print(json.dumps(report, indent=1))
     else:
         print_table(options.policies, evaluations, summary)
     return 0

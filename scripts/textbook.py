@@ -11,8 +11,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
+from trajopt.gaits.passive import PASSIVE_WHEEL
 from trajopt.ocp.textbook import EXAMPLES, Example
 from trajopt.ocp.transcribe.mesh import SCHEMES
+
+PROBLEMS = (*EXAMPLES, PASSIVE_WHEEL)
 
 HEADER = """\
 | problem | known | found | error | mesh | runs | states' error | Hamiltonian |
@@ -40,7 +43,7 @@ def row(example: Example, found: Extremal) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if all converged, 1 if not."""
     parser = Parser(__doc__)
-    names = [example.problem.__name__ for example in EXAMPLES]
+    names = [example.problem.__name__ for example in PROBLEMS]
     parser.add_argument("problems", nargs="*", help=f"of {', '.join(names)}; all by default")
     parser.add_argument("--scheme", choices=SCHEMES, default="radau", help="transcription")
     parser.add_argument("--elements", type=whole(1), default=10, help="per phase, to begin with")
@@ -54,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Mesh.uniform(1, options.elements, options.degree, options.scheme)
     print(HEADER)
     converged = True
-    for example in EXAMPLES:
+    for example in PROBLEMS:
         if options.problems and example.problem.__name__ not in options.problems:
             continue
         problem = example.problem()

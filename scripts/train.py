@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Train a walking policy with PPO or SAC, from scratch or from a clone of the optimal gait.
+"""Train a walking policy from scratch, from a clone of the optimal gait's law, or from a policy.
 
 Writes best.zip (best in the periodic evaluations), last.zip, clone.zip (with --init imitation),
 train.json, state.npz (all that is needed to go on) and TensorBoard events into a folder. However it
@@ -14,27 +14,41 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from agents.begin import INITS
+from agents import learners
 from agents.train import train
+from agents.training import INITS
+from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.params import PRESETS, preset
-from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
+from scripts.commandline import (
+    DISTURBANCES,
+    INTERRUPTED,
+    RANGES,
+    Parser,
+    json_object,
+    terminated_like_ctrl_c,
+    whole,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser = Parser(__doc__)
-    parser.add_argument("--algo", choices=("ppo", "sac"), default="ppo", help="algorithm")
+    parser.add_argument("--algo", choices=learners.names(), default="ppo", help="learner")
     parser.add_argument(
         "--init", default="scratch", help=f"{' or '.join(INITS)}, or a policy's file to start from"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of everything random")
     parser.add_argument("--out", type=Path, default=Path("runs/train"), help="results' folder")
     parser.add_argument(
-        "--timesteps", type=whole(0), help="control intervals in all; None: agents/hyperparams"
+        "--timesteps",
+        type=whole(0),
+        help="control intervals in all; None: as the learner says",
     )
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default="THESIS_PHYSICAL", help="machine"
     )
+    parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
+    parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     options = parser.parse_args(arguments)
     parser.require_folder(options.out)
     try:
@@ -46,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 options.out,
                 timesteps=options.timesteps,
                 params=preset(options.preset),
+                ranges=options.ranges,
+                disturbances=options.disturbances,
             )
     except KeyboardInterrupt:
         print(

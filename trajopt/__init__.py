@@ -15,13 +15,18 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from trajopt.gaits.periodic import NoGaitError, periodic_gait
     from trajopt.gaits.solution import Solution
     from trajopt.gaits.verify import Verification
-    from trajopt.ocp.judge.extremal import Extremal
-    from trajopt.ocp.judge.saved import ExtremalFileError, load_phases
+    from trajopt.ocp.interrupted import Interrupted
     from trajopt.ocp.pose.bounds import InfeasibleBoundsError
-    from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem, equal, nonnegative
-    from trajopt.ocp.search.continuation import Curve, continued
-    from trajopt.ocp.search.multi_start import Search, best_of, multi_start
-    from trajopt.ocp.solving.interrupted import Interrupted
+    from trajopt.ocp.pose.constraint import Constraint, equal, nonnegative
+    from trajopt.ocp.pose.linkage import Linkage
+    from trajopt.ocp.pose.phase import Phase
+    from trajopt.ocp.pose.problem import Problem
+    from trajopt.ocp.results.extremal import Extremal
+    from trajopt.ocp.results.saved import ExtremalFileError, load_phases
+    from trajopt.ocp.search.continuation import continued
+    from trajopt.ocp.search.curve import Curve
+    from trajopt.ocp.search.multi_start import best_of, multi_start
+    from trajopt.ocp.search.search import Search
     from trajopt.ocp.solving.solve import solve
     from trajopt.ocp.transcribe.mesh import Mesh
     from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
@@ -59,13 +64,18 @@ _MODULES = {
     "gaits.periodic": ("NoGaitError", "periodic_gait"),
     "gaits.solution": ("Solution",),
     "gaits.verify": ("Verification",),
-    "ocp.judge.extremal": ("Extremal",),
-    "ocp.judge.saved": ("ExtremalFileError", "load_phases"),
+    "ocp.interrupted": ("Interrupted",),
     "ocp.pose.bounds": ("InfeasibleBoundsError",),
-    "ocp.pose.problem": ("Constraint", "Linkage", "Phase", "Problem", "equal", "nonnegative"),
-    "ocp.search.continuation": ("Curve", "continued"),
-    "ocp.search.multi_start": ("Search", "best_of", "multi_start"),
-    "ocp.solving.interrupted": ("Interrupted",),
+    "ocp.pose.constraint": ("Constraint", "equal", "nonnegative"),
+    "ocp.pose.linkage": ("Linkage",),
+    "ocp.pose.phase": ("Phase",),
+    "ocp.pose.problem": ("Problem",),
+    "ocp.results.extremal": ("Extremal",),
+    "ocp.results.saved": ("ExtremalFileError", "load_phases"),
+    "ocp.search.continuation": ("continued",),
+    "ocp.search.curve": ("Curve",),
+    "ocp.search.multi_start": ("best_of", "multi_start"),
+    "ocp.search.search": ("Search",),
     "ocp.solving.solve": ("solve",),
     "ocp.transcribe.mesh": ("Mesh",),
     "ocp.transcribe.trajectory": ("PhaseTrajectory",),

@@ -6,7 +6,6 @@ not show who wrote it.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -19,18 +18,14 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
-
 #: Entries of a file besides its arrays.
 HEADER, DIGEST = "header", "digest"
-
-_FIELDS = tuple(field.name for field in dataclasses.fields(PhaseTrajectory))
 
 
 def write_arrays(
     path: str | Path, form: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write arrays and a header of JSON values; a file that was there is replaced as a whole.
+    """Write arrays and a header of JSON values; an existing file is replaced as a whole.
 
     Args:
         path: of the file, .npz.
@@ -39,7 +34,7 @@ def write_arrays(
         arrays: by name, neither `HEADER` nor `DIGEST`.
 
     Raises:
-        OSError: the disk is full, or the folder cannot be written; a file that was there is kept.
+        OSError: the disk is full, or the folder cannot be written; an existing file is kept.
     """
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
@@ -49,7 +44,11 @@ def write_arrays(
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text; a file that was there is replaced as a whole."""
+    """Write a text; an existing file is replaced as a whole.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written; an existing file is kept.
+    """
     with _replacing(path) as file:
         file.write(text.encode())
 
@@ -62,9 +61,9 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
         with unfinished.open("wb") as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())  # else a power cut could leave an empty file of that name
+            os.fsync(file.fileno())  # or a power cut could leave an empty file
         os.replace(unfinished, path)
-    except OSError as error:  # such as a full disk, on which the part must not stay
+    except OSError as error:  # a full disk, perhaps: the part must not stay
         unfinished.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
 
@@ -76,12 +75,13 @@ def read_arrays(
 
     Args:
         path: of the file.
-        form: what it has to be.
-        error: raised if it is something else, or was edited or damaged.
+        form: the format that it must have.
+        error: the exception to raise if it has another, or was edited or damaged.
         remedy: what to do then, for the message.
 
     Raises:
         FileNotFoundError: there is no such file.
+        Exception: `error`, see above.
     """
     path = Path(path)
     if path.is_dir():
@@ -92,7 +92,7 @@ def read_arrays(
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
         foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
-        if foreign:  # numpy hands over as bytes whatever in the archive is not called .npy
+        if foreign:  # numpy returns entries whose name does not end with .npy as bytes
             raise ValueError(f"{foreign} are no arrays")
         header = json.loads(str(arrays[HEADER]))
         found = header.pop("format")
@@ -101,11 +101,11 @@ def read_arrays(
             f"{path}: damaged, or not a file of format {form!r} ({cause!r}); {remedy}"
         ) from cause
     if found != form:
-        raise error(f"{path}: format {found!r}, but {form!r} is wanted here; {remedy}")
+        raise error(f"{path}: format {found!r}, but {form!r} is needed here; {remedy}")
     if str(arrays.pop(DIGEST, None)) != digest(arrays):
         raise error(
-            f"{path}: edited or damaged since it was saved (its digest does not fit), so that its "
-            f"figures say nothing; {remedy}"
+            f"{path}: edited or damaged since it was saved: its digest does not match, and its "
+            f"figures cannot be trusted; {remedy}"
         )
     del arrays[HEADER]
     return header, arrays
@@ -121,48 +121,10 @@ def digest(arrays: Mapping[str, NDArray[Any]]) -> str:
     return total.hexdigest()
 
 
-def phases_to_arrays(
-    phases: Sequence[PhaseTrajectory], prefix: str = ""
-) -> dict[str, NDArray[Any]]:
-    """The arrays of a trajectory by name, "phase0_edges" and so on."""
-    return {
-        f"{prefix}phase{i}_{name}": getattr(phase, name)
-        for i, phase in enumerate(phases)
-        for name in _FIELDS
-    }
-
-
-def phases_from_arrays(
-    arrays: Mapping[str, NDArray[Any]], prefix: str = ""
-) -> tuple[PhaseTrajectory, ...]:
-    """The trajectory in arrays that `phases_to_arrays` named.
-
-    Raises:
-        ValueError: there is none, or one of its arrays is missing, does not fit the others, is not
-            of finite floating-point numbers, or is not in order.
-    """
-    count = 0
-    while f"{prefix}phase{count}_edges" in arrays:
-        count += 1
-    if not count:
-        raise ValueError("it has no phases")
-    return tuple(_phase_from_arrays(arrays, f"{prefix}phase{i}_") for i in range(count))
-
-
-def _phase_from_arrays(arrays: Mapping[str, NDArray[Any]], prefix: str) -> PhaseTrajectory:
-    own = [array_of(arrays, prefix + name) for name in _FIELDS]
-    try:
-        trajectory = PhaseTrajectory(*own)
-    except ValueError as error:
-        raise ValueError(f"{prefix}{error}") from None
-    trajectory.require_sound(prefix.removesuffix("_"))
-    return trajectory
-
-
 def array_of(
     arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...] | None = None
 ) -> NDArray[np.float64]:
-    """A file's array by name, which must be float64 and of the given shape, if any.
+    """A file's array by name, which must be float64 and, where one is given, of this shape.
 
     Raises:
         ValueError: it is missing, or of another type or shape.
@@ -178,7 +140,7 @@ def array_of(
 
 
 def require_names(arrays: Mapping[str, NDArray[Any]], expected: Iterable[str]) -> None:
-    """Refuse arrays that do not belong in a file of this kind.
+    """Refuse arrays that are not `expected` in a file of this kind.
 
     Raises:
         ValueError: there is an array of another name.

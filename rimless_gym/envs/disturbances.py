@@ -87,8 +87,9 @@ class Disturbances:
     Args:
         pushes: a `Pushes` or a dictionary of its fields; None for none.
         sensor_noise: a `SensorNoise` or a dictionary of its fields; None for none.
-        actuator_delay: whole control intervals (10 ms) from an action to its voltage, or the least
-            and greatest, drawn anew for each episode; before the first action it is 0 V.
+        actuator_delay: control intervals (10 ms) from an action to its voltage: a whole number, or
+            the least and greatest, drawn anew for each episode. Until the first action takes
+            effect, the voltage is 0.
 
     Raises:
         TypeError: a value is of another type.

@@ -90,19 +90,19 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `state`: phi, theta (within 1e5 rad), phi', theta', and with it `mode`: "single_stance" (the
       default) or "double_stance", in which phi = a. `mode` "double_stance" alone is a wheel at
       rest, its pendulum hanging.
-    - `params`, `ranges` and `disturbances`, as below. They hold from then on, until given anew;
-      `{}` and None end the last two.
+    - `params`, `ranges` and `disturbances`, as below. They hold until new ones are given; `{}` or
+      None switches ranges or disturbances off.
 
-    A state is taken if some voltage within the limit keeps the feet pressed on the ground. At the
-    others contact is lost at once.
+    A state is accepted if some voltage within the limit presses the feet on the ground. In any
+    other state, contact would be lost at once.
 
     ## Episode End
-    Terminates where the model ends: when the ground would have to pull a foot (contact lost;
-    located as an event, the step ends there) or a rate has exceeded 60 rad/s (looked at a few
-    times within a step and at its end); `info["failure"]` says which. Where the new voltage or a
-    push ends the episode at once, `info["elapsed"]` is 0. Resting and whole turns of the pendulum
-    are legal. Truncates after 2000 steps (20 s). Any other end of the motion (parameters that make
-    it diverge) is a `RuntimeError`, after which the environment wants a `reset`.
+    Terminates where the model stops being valid: when the ground would have to pull a foot down
+    (contact lost; the step ends at that moment), or when a rate exceeds 60 rad/s (checked a few
+    times within a step and at its end). `info["failure"]` says which. If the new voltage or a push
+    ends the episode at once, `info["elapsed"]` is 0. Resting and whole turns of the pendulum are
+    legal. Truncates after 2000 steps (20 s). Any other end of the motion, such as parameters that
+    make it diverge, raises a `RuntimeError`; call `reset` before going on.
 
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
@@ -142,8 +142,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Each entry has the same type in every step. `reset` gives the same entries, all 0 except the
     mode. `step` returns a dictionary that makes its entries when they are first read.
 
-    `get_state` and `set_state` save and restore everything, the generator included, so that a
-    planner can branch; pickles and deep copies go on likewise.
+    `get_state` and `set_state` save and restore everything, including the random generator, so that
+    a planner can branch. Pickled and deep-copied environments continue in the same way.
 
     ## Vectorized environment
     `gym.make_vec("RimlessWheel-v0", num_envs=N)` is `rimless_gym.RimlessWheelVectorEnv`: rows that
@@ -252,7 +252,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation.copy(), self._values[_REWARD], self._ended, False, info
 
     def _show(self, info: LazyInfo) -> Any:
-        """Draw the step if there is a window; its info in a form that all its readers accept."""
+        """Draw the step if there is a window; return info in a form that every reader accepts."""
         if self.render_mode == "human":
             self.render()
         return info if serves_all() else info.copy()

@@ -79,7 +79,7 @@ class Fleet:
 
     @property
     def begun(self) -> bool:
-        """Whether an episode has, of any row."""
+        """Whether any row has begun an episode."""
         return bool(self.memory[MEMORY.phi].any())  # which is never 0 on the ground
 
     @property
@@ -90,7 +90,10 @@ class Fleet:
     def set_machines(
         self, params: Sequence[WheelParams], ranges: Ranges, rows: NDArray[np.int64]
     ) -> None:
-        """Give each row its machine; `rows` begin a new episode with it, the others keep theirs."""
+        """Give each row its machine.
+
+        `rows` are about to begin an episode; the others keep what they drew.
+        """
         kept = np.setdiff1d(np.arange(len(self)), rows)
         before = [a + np.zeros(len(self)) for a in (self.numbers, self.constants, self.poles)]
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
@@ -110,7 +113,7 @@ class Fleet:
         self._orders = None
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
-        """Disturb all episodes from now on; they should begin anew."""
+        """Set the disturbances of all rows, whose episodes must then begin anew."""
         self.disturbances = disturbances
         self._settings = disturbances.settings(CONTROL_PERIOD)
         self._rough = disturbances != Disturbances()
@@ -166,8 +169,8 @@ class Fleet:
     ) -> Callable[[], int]:
         """What holds the actions in `memory` for one interval, and returns what `step_rows` does.
 
-        It overwrites `block` (len(BLOCK), columns) and `observations` (flat). What sets something
-        of the fleet puts it out of date.
+        It overwrites `block` (len(BLOCK), columns) and `observations` (flat). Get a new one after
+        any change of the fleet.
         """
         if self._orders is None:
             self._orders = self._divided()
@@ -224,7 +227,7 @@ class Fleet:
         )
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on but the generators, in copies."""
+        """Copies of everything that the future depends on, except the generators."""
         return {name: getattr(self, name).copy() for name in ARRAYS} | {
             "params": self.params.copy(),
             "ranges": self.ranges,
@@ -235,7 +238,7 @@ class Fleet:
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to what `get_state` returned, here or in another fleet of as many rows.
 
-        `rimless_gym.envs.snapshots` says whether it can; nothing is looked at here.
+        `rimless_gym.envs.snapshots` checks the state; nothing is checked here.
         """
         if (state["params"], state["ranges"]) != (self.params, self.ranges):
             self.set_machines(state["params"], state["ranges"], np.arange(len(self)))
@@ -244,7 +247,7 @@ class Fleet:
         for name in ARRAYS:
             mine, theirs = getattr(self, name), state[name]
             if mine.shape == theirs.shape:
-                mine[...] = theirs  # in its place, of which the orders know
+                mine[...] = theirs  # in place: the orders hold the array's address
             else:
                 setattr(self, name, theirs.copy())
                 self._orders = None

@@ -21,7 +21,7 @@ NAMES = frozenset({*INFO_NAMES, "slips", "mode", "failure"})
 
 
 def serves_all() -> bool:
-    """Whether everything imported here that may read `info` treats a `LazyInfo` as a dictionary."""
+    """Whether every imported package that may read `info` treats a `LazyInfo` as a dictionary."""
     return "jax" not in sys.modules and "minari" not in sys.modules
 
 

@@ -66,8 +66,8 @@ def draw_state(slope, weight, p, streams, i):
 def draw_start(params: WheelParams, rng: np.random.Generator) -> NDArray[np.float64]:
     """A random hybrid state (STATE_SIZE,) in which, without voltage, the feet press.
 
-    It takes one 64-bit number from `rng`, and is the start of the environment whose generator
-    that is.
+    It takes one 64-bit number from `rng`. An environment with this generator starts in the same
+    state.
 
     Raises:
         RuntimeError: 1000 draws found none (the parameters hardly hold the wheel down).

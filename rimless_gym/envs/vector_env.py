@@ -74,16 +74,16 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     Terminates as the single environment; truncates after `max_episode_steps`. Then, by
     `autoreset_mode`:
 
-    - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0;
-      its `info` is zero there (`info["elapsed"]` is 0 in no other case but one: the new voltage or
-      a push ends the episode at once, and the row is `terminated`).
+    - `NEXT_STEP` (default): the next `step` ignores the row's action and resets it, with reward 0
+      and an `info` of zeros. (`info["elapsed"]` is also 0 where the new voltage or a push ends an
+      episode at once; the row is then `terminated`.)
     - `SAME_STEP`: the row is reset at once; `info["final_obs"]` and `info["final_info"]` hold what
       the episode ended with, for the rows marked in `info["_final_obs"]` and
       `info["_final_info"]`.
     - `DISABLED`: the caller resets with `reset_mask`; stepping an ended row raises.
 
-    A motion that leaves the model's range raises `RuntimeError` naming the row; all rows have then
-    been stepped, and that one has ended.
+    A motion that leaves the model's range raises a `RuntimeError` that names the row. By then all
+    rows have been stepped, and that row has ended.
 
     ## Arguments
     - `num_envs`: N.
@@ -99,8 +99,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
-    `info` holds the single environment's entries as arrays (num_envs,), new ones every step, those
-    of rows that end in it too (`mode` alone is that of the state observed, after a reset).
+    `info` holds the single environment's entries as arrays (num_envs,), new ones in every step. For
+    a row whose episode ends in this step they describe that last step, except `mode`, which belongs
+    to the state observed.
 
     ## Version History
     - v0: first version, unreleased.
@@ -181,8 +182,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """Start episodes, see "Starting State".
 
         Returns:
-            Observations and info of all rows, those not reset as they are; in it, all is 0 but
-            the modes.
+            Observations and info of all rows; rows that are not reset keep their observations.
+            Every entry of info is 0, except the modes.
 
         Raises:
             TypeError: a seed or option is of another type; nothing has changed then.

@@ -40,7 +40,7 @@ GRAZE = 1e-6  # rad: a leg that turns so near to its guard ends a step there
 FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
 
 _AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
-_HERE = 1e-6  # fraction of a step within which what should cut it is where it starts, being cut
+_HERE = 1e-6  # fraction of a step: a cut so near its start has been made already
 
 
 @inner

@@ -72,10 +72,10 @@ FORCE_X, FORCE_Y, DEMAND, CLEARANCE = _rows(1), _rows(1), _rows(1), _rows(1)
 NEXT_ENERGY, NEXT_HUB = _rows(1), _rows(1)
 WORK_ELECTRICAL, WORK_POSITIVE, WORK_SHAFT = _rows(1), _rows(1), _rows(1)
 EVENT = _rows(1)  # on which an accepted step ended
-FLAG = _rows(1)  # one of
+FLAG = _rows(1)  # what is still to be done about the attempt, one of
 PLAIN, CURRENT, SPLIT, FLAGGED, IDLE = 0.0, 1.0, 2.0, 3.0, 4.0
-# nothing is to be done about the lane's attempt; its work is split where the current changes sign;
-# where the current or psi' does; it is judged; the lane was done before and stays as it was.
+# nothing; split its work where the current changes sign; or where the current or psi' does; judge
+# it. An idle lane was done before and stays as it was.
 
 TILE_SIZE = next(_count) * LANES
 

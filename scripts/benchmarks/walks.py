@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams
-from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observe
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
@@ -119,26 +118,28 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     Raises:
         RuntimeError: a walk fell.
     """
-    from agents.evaluate import PROTOCOL
-    from agents.expert import gait_expert
+    from agents.conditions import Conditions
     from agents.policies import controller_policy
-    from agents.rollout import draw_starts, rollout
+    from agents.protocol import PROTOCOL
+    from agents.rollout import Rollout, draw_starts
+    from trajopt.feedback import law
     from trajopt.gaits.shipped import nearest
 
     gait = nearest(PARAMS, SPEED, STEPS)[0]
-    law = controller_policy(PARAMS, gait_expert(gait))
+    expert = controller_policy(PARAMS, law("lqr")(gait))
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
-        return law(states, observations).astype(np.float32).astype(np.float64)
+        return expert(states, observations).astype(np.float32).astype(np.float64)
 
     starts = draw_starts(PARAMS, walks, PROTOCOL.seed)
     states, actions, touchdowns = [], [], []
-    for i, interval in enumerate(rollout(PARAMS, policy, starts, settling + recorded)):
+    rollout = Rollout(Conditions(PARAMS), policy, starts, settling + recorded)
+    for i, interval in enumerate(rollout):
         if i < settling:
             continue
         states.append(interval.states)
         actions.append(interval.actions.astype(np.float32))
-        touchdowns.append(interval.rows[:, ROW.touchdowns] > 0)
+        touchdowns.append(interval.info["touchdowns"] > 0)
         last = interval.after
     if len(last) < walks:
         raise RuntimeError(f"only {len(last)} of {walks} walks lasted")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rimless_gym import Disturbances, Pushes, SensorNoise, WheelParams
 from rimless_gym.envs.starts import draw_start, normal_force
 from rimless_gym.hybrid import DOUBLE, MAX_RATE, MODE_NAMES, SINGLE
-from rimless_gym.kernel.stepping import HybridState, require_steppable
+from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import IMPACT_LAWS, MOTOR_MOUNTS, PRESETS
 
 Floats = NDArray[np.float64]
@@ -129,7 +129,7 @@ def start(rng: Generator, params: WheelParams) -> dict[str, Any] | None:
     if mode == DOUBLE:
         phi, dphi = np.full(n, p.a), np.zeros(n)
     for candidate in np.stack([phi, theta, dphi, dtheta], axis=1):
-        state = np.array(HybridState(*candidate, mode, 0.0))
+        state = np.array([*candidate, mode, 0.0])  # on the first foot
         if normal_force(params, state) > 1e-6 * params.weight:
             return {"state": candidate.tolist(), "mode": MODE_NAMES[mode]}
     return None

@@ -16,9 +16,10 @@ from pathlib import Path
 from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
 from scripts.multi_start.named import problem_named
 from scripts.multi_start.results import REPORT, SEARCH, write
-from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, Search, best_of, multi_start
+from trajopt.ocp.interrupted import Interrupted
+from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, best_of, multi_start
+from trajopt.ocp.search.search import Search
 from trajopt.ocp.solving.guesses import Family, Waves, Waypoints
-from trajopt.ocp.solving.interrupted import Interrupted
 from trajopt.ocp.transcribe.mesh import Mesh
 
 FAMILIES: dict[str, type[Family]] = {"waves": Waves, "waypoints": Waypoints}

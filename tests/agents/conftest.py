@@ -1,12 +1,17 @@
-"""A simple controller, small settings and one thread for the tests of learning."""
+"""A simple controller, short trainings and one thread for the tests of learning."""
+
+import dataclasses
+import shutil
 
 import numpy as np
 import pytest
 import torch
 
-from agents.hyperparameters import hyperparameters
-from agents.training_env import training_env
+from agents import learners
+from agents.conditions import Conditions
+from agents.training import Training
 from rimless_gym import THESIS_PHYSICAL, Task
+from tests.agents.runs import run
 
 
 @pytest.fixture(autouse=True)
@@ -25,15 +30,30 @@ def swing():
 
 
 @pytest.fixture
-def new_model():
-    def make(algo="ppo", seed=0, **changes):
-        from agents.checkpoint import ALGORITHMS
+def new_learner():
+    """Makes a learner with the networks of the published hyperparameters in two environments."""
 
-        settings = hyperparameters(algo, imitation=True)
-        env = training_env(2, THESIS_PHYSICAL, Task(), seed)
+    def make(algo="ppo", seed=0, task=None, **changes):
+        kind = learners.learner(algo)
+        settings = kind.settings("imitation")
         if algo == "ppo":
             changes = {"batch_size": 64} | changes
-        arguments = settings.algorithm | changes
-        return ALGORITHMS[algo](env=env, seed=seed, device="cpu", **arguments)
+        settings = dataclasses.replace(settings, n_envs=2, algorithm=settings.algorithm | changes)
+        conditions = Conditions(THESIS_PHYSICAL)
+        return kind(Training(algo, "scratch", seed, conditions, task or Task(), settings))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory):
+    """A short PPO training that is over; copy it before changing it."""
+    out = tmp_path_factory.mktemp("finished")
+    run(out, timesteps=128)
+    return out
+
+
+@pytest.fixture
+def folder(finished, tmp_path):
+    """A copy of it."""
+    return shutil.copytree(finished, tmp_path / "training")

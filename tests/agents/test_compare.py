@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from agents.compare import Comparison
-from agents.report import format_table, gap_to_front
-from agents.stages import read_stage, write_stage
-from agents.study import Study
+from agents.comparison.arena import Arena
+from agents.comparison.compare import Comparison
+from agents.comparison.entrants import entrants
+from agents.comparison.report import format_table, gap_to_front
+from agents.comparison.stages import read_stage, write_stage
+from agents.comparison.study import Study
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 
@@ -94,6 +97,22 @@ def test_a_folder_with_another_study_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="unknown preset 'THESIS'"):
         Comparison(Study(preset="THESIS"), tmp_path, progress=False)
+
+
+def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "at_rest.py").write_text(
+        "def design(solution):\n    return lambda x, mode: 0 * x[:, 0]\n"
+    )
+    before = [entrant.name for entrant in entrants()]
+    laws = import_module("trajopt.feedback.laws")
+    monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
+    now = {entrant.name: entrant for entrant in entrants()}
+    assert set(now) - set(before) == {"at_rest"}
+    arena = Arena(Study(), tmp_path, progress=False)
+    arena.best_gait, arena.front = shipped()[0], CotFront(tuple(shipped()[:2]))
+    result = now["at_rest"].compete(arena)
+    [row] = now["at_rest"].rows(arena, result | {"wall_time_s": 1.0})
+    assert (row["policy"], row["walking_share"]) == ("at rest about the optimum", 0.0)
 
 
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:

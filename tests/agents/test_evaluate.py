@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from agents.evaluate import PROTOCOL, Evaluation, Protocol, evaluate
+from agents.conditions import Conditions
+from agents.evaluate import Evaluation, evaluate
 from agents.periods import steps_per_period
 from agents.policies import controller_policy
-from agents.rollout import draw_starts, rollout
+from agents.protocol import PROTOCOL, Protocol
+from agents.rollout import Rollout, draw_starts
 from rimless_gym import THESIS_PHYSICAL, Task
-from rimless_gym import energy as row
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
@@ -64,15 +65,16 @@ def test_figures_are_ratios_of_sums_over_the_walks_window():
     energy = distance = time = regenerated = 0.0
     least = np.inf
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
-    for index, interval in enumerate(rollout(THESIS_PHYSICAL, push, starts, 150)):
+    for index, interval in enumerate(Rollout(Conditions(), push, starts, 150)):
         if index < 30:
             continue
-        rows = interval.rows[np.isin(interval.running, walking)]
-        energy += rows[:, row.ELECTRICAL_POSITIVE].sum()
-        regenerated += rows[:, row.ELECTRICAL].sum()
-        distance += rows[:, row.DISTANCE].sum()
-        time += rows[:, row.TIME].sum()
-        least = min(least, rows[:, row.MIN_NORMAL_FORCE].min())
+        some = np.isin(interval.running, walking)
+        rows = {name: values[some] for name, values in interval.info.items()}
+        energy += rows["electrical_positive"].sum()
+        regenerated += rows["electrical"].sum()
+        distance += rows["distance"].sum()
+        time += rows["elapsed"].sum()
+        least = min(least, rows["min_normal_force"].min())
     weight = THESIS_PHYSICAL.weight
     assert result.cot == pytest.approx(energy / (weight * distance), rel=1e-12)
     assert result.cot_with_regeneration == pytest.approx(regenerated / (weight * distance))
@@ -94,26 +96,21 @@ def test_a_fallen_start_does_not_count_as_walking():
     assert not (result.fallen & result.walking).any()
 
 
-class Priced(Task):
-    """Metres less joules, and 7 for a fall."""
-
-    def reward_terms(self, params, distance, energy, failed):
-        return distance, -energy, -7.0 * failed
-
-
 def topple(states, observations):
     return np.ones(len(states))
 
 
 def test_the_objective_is_the_reward_per_second_falls_included():
-    result = evaluate(topple, protocol=SMALL, task=Priced())
+    task = Task(value_of_distance=3.5, fall_distance=2.0)
+    result = evaluate(topple, protocol=SMALL, task=task)
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     reward, fallen = 0.0, np.zeros(SMALL.starts, dtype=bool)
-    for index, interval in enumerate(rollout(THESIS_PHYSICAL, topple, starts, 150)):
-        fallen[interval.running] = interval.rows[:, row.FAILURE] != 0
+    for index, interval in enumerate(Rollout(Conditions(), topple, starts, 150)):
+        fallen[interval.running] = interval.info["failure"] != 0
         if index >= 30:
-            rows = interval.rows
-            reward += rows[:, row.DISTANCE].sum() - rows[:, row.ELECTRICAL_POSITIVE].sum()
+            rows = interval.info
+            reward += 3.5 * rows["distance"].sum()
+            reward -= rows["electrical_positive"].sum() / THESIS_PHYSICAL.weight
     assert 0 < fallen.sum() < SMALL.starts
     np.testing.assert_array_equal(result.fallen, fallen)
     mean = (reward - 7.0 * fallen.sum()) / SMALL.starts
@@ -132,8 +129,8 @@ def test_net_backward_steps_do_not_count_as_walking():
     starts = rolling(3.0, -3.0)
     protocol = Protocol(starts=2, seed=0, duration=0.6, window=0.6, alive=0.6)
     steps = np.zeros(2)
-    for interval in rollout(THESIS_PHYSICAL, rest, starts, 60):
-        steps[interval.running] += interval.rows[:, row.STEPS]
+    for interval in Rollout(Conditions(), rest, starts, 60):
+        steps[interval.running] += interval.info["steps"]
     assert steps[0] > 0 > steps[1]
     result = evaluate(rest, protocol=protocol, starts=starts)
     assert not result.fallen.any()
@@ -157,10 +154,12 @@ def test_a_policy_that_writes_into_its_inputs_changes_nothing_but_its_action():
 
     starts = draw_starts(THESIS_PHYSICAL, 6, 1)
     kept = starts.copy()
-    walks = (rollout(THESIS_PHYSICAL, policy, starts, 40) for policy in (push, vandal))
+    walks = (Rollout(Conditions(), policy, starts, 40) for policy in (push, vandal))
     for mine, theirs in zip(*walks, strict=True):
-        for name in mine._fields:
+        for name in ("running", "states", "observations", "actions", "after"):
             np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name), name)
+        for name, values in mine.info.items():
+            np.testing.assert_array_equal(values, theirs.info[name], name)
     np.testing.assert_array_equal(starts, kept)
 
 
@@ -229,6 +228,11 @@ def test_protocols_of_other_numbers_are_refused(settings, error, message):
         ({"progress": "yes"}, TypeError, "progress = 'yes'"),
         ({"starts": np.zeros(4)}, ValueError, "starts: of shape"),
         ({"starts": np.full((2, 6), math.nan)}, ValueError, "starts: must all be finite"),
+        ({"starts": np.full((2, 6), 3.0)}, ValueError, "starts: modes are"),
+        ({"ranges": {"n_legs": (4, 5)}}, ValueError, "'n_legs' cannot be drawn"),
+        ({"ranges": [1]}, TypeError, r"ranges = \[1\]: give a mapping"),
+        ({"disturbances": {"wind": 1}}, ValueError, "'wind' is not a field of Disturbances"),
+        ({"disturbances": 3}, TypeError, "disturbances = 3"),
     ],
 )
 def test_evaluations_of_other_things_are_refused(arguments, error, message):

@@ -4,20 +4,20 @@ import pytest
 import yaml
 from torch import nn
 
-from agents.hyperparameters import FOLDER, hyperparameters
+from agents.sb3.hyperparameters import FOLDER, hyperparameters
 
 ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
 
 
 def read(folder, **changes):
     (folder / "ppo.yml").write_text(yaml.safe_dump({"RimlessWheel-v0": ENTRY | changes}))
-    return hyperparameters("ppo", False, folder)
+    return hyperparameters("ppo.yml", False, folder)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.parametrize("imitation", [False, True])
 def test_policy_kwargs_are_what_rl_zoo3_makes_of_them(algo, imitation):
-    settings = hyperparameters(algo, imitation)
+    settings = hyperparameters(f"{algo}.yml", imitation)
     text = settings.written["policy_kwargs"]
     assert isinstance(text, str)  # rl-zoo3 evaluates text only, and so knows activations
     assert settings.algorithm["policy_kwargs"] == eval(text, {"nn": nn})

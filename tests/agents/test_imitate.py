@@ -5,10 +5,15 @@ import numpy as np
 import pytest
 import torch
 
-from agents.imitate import Cloning, CloningError, actor_of, clone, set_exploration, walk
-from agents.policies import controller_policy, model_policy
+from agents.conditions import Conditions
+from agents.evaluate import evaluate
+from agents.imitation import Cloning, Teaching, walk
+from agents.policies import controller_policy, learned_policy
 from agents.rollout import draw_starts
+from agents.sb3.cloning import CloningError, clone
 from rimless_gym import THESIS_PHYSICAL
+from trajopt import periodic_gait
+from trajopt.feedback import law
 
 QUICK = Cloning(
     rounds=2,
@@ -23,61 +28,85 @@ QUICK = Cloning(
 )
 
 
-def weights(model):
-    return torch.cat([p.detach().ravel() for p in model.policy.parameters()]).numpy()
+@pytest.fixture
+def new_actor(new_learner):
+    """Makes the actor of a new model."""
+
+    def make(algo="ppo", seed=0):
+        learner = new_learner(algo, seed)
+        return learner.actor(learner.model)
+
+    return make
 
 
-def error(model, controller):
+def teach(actor, controller, config=QUICK, seed=0, **arguments):
+    return clone(actor, Teaching(controller, Conditions(), config, seed), **arguments)
+
+
+def weights(actor):
+    return torch.cat([p.detach().ravel() for p in actor.model.policy.parameters()]).numpy()
+
+
+def error(actor, controller):
     """Root-mean-square, on walks of the controller that nobody learned from."""
     label = controller_policy(THESIS_PHYSICAL, controller)
-    seen = walk(THESIS_PHYSICAL, label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
-    return np.sqrt(
-        np.mean((model_policy(model)(seen.states, seen.observations) - seen.actions) ** 2)
-    )
+    seen = walk(Conditions(), label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
+    return np.sqrt(np.mean((actor.act(seen.observations) - seen.actions) ** 2))
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_model, swing, algo):
-    model = new_model(algo)
-    before = error(model, swing)
-    report = clone(model, swing, THESIS_PHYSICAL, QUICK, seed=1)
-    assert error(model, swing) < 0.5 * before
+def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_actor, swing, algo):
+    actor = new_actor(algo)
+    before = error(actor, swing)
+    report = teach(actor, swing, seed=1)
+    assert error(actor, swing) < 0.5 * before
     assert len(report.errors) == 2
     assert 0 < report.samples <= 10 * 150 + 800
 
 
-def test_cloning_with_one_seed_gives_one_policy_and_with_another_another(new_model, swing):
-    models = [new_model(seed=seed) for seed in (0, 0, 0)]
-    for model, seed in zip(models, (5, 5, 6), strict=True):
-        clone(model, swing, THESIS_PHYSICAL, QUICK, seed=seed)
-    same, again, other = (weights(model) for model in models)
+def test_cloning_with_one_seed_gives_one_policy_and_with_another_another(new_actor, swing):
+    actors = [new_actor() for _ in range(3)]
+    for actor, seed in zip(actors, (5, 5, 6), strict=True):
+        teach(actor, swing, seed=seed)
+    same, again, other = (weights(actor) for actor in actors)
     np.testing.assert_array_equal(same, again)
     assert not np.array_equal(same, other)
 
 
-def test_cloning_leaves_the_critic_alone(new_model, swing):
-    model = new_model()
-    before = torch.cat([p.detach().ravel() for p in model.policy.value_net.parameters()])
-    clone(model, swing, THESIS_PHYSICAL, dataclasses.replace(QUICK, rounds=1), seed=0)
-    after = torch.cat([p.detach().ravel() for p in model.policy.value_net.parameters()])
+def test_cloning_leaves_the_critic_alone(new_actor, swing):
+    actor = new_actor()
+    critic = actor.model.policy.value_net
+    before = torch.cat([p.detach().ravel() for p in critic.parameters()])
+    teach(actor, swing, dataclasses.replace(QUICK, rounds=1))
+    after = torch.cat([p.detach().ravel() for p in critic.parameters()])
     assert torch.equal(before, after)
 
 
+def test_the_expert_teaches_under_the_conditions_of_the_training(new_actor, swing):
+    calm, rough = new_actor(), new_actor()
+    conditions = Conditions.of(
+        THESIS_PHYSICAL, {"pendulum_mass": (2.0, 2.4)}, {"sensor_noise": {"leg_rate": 0.2}}
+    )
+    teach(calm, swing)
+    clone(rough, Teaching(swing, conditions, QUICK, 0))
+    assert not np.array_equal(weights(calm), weights(rough))
+
+
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_the_differentiable_action_is_the_one_that_the_model_takes(new_model, algo):
-    model = new_model(algo)
+def test_the_differentiable_action_is_the_one_that_the_model_takes(new_actor, algo):
+    actor = new_actor(algo)
     x = np.random.default_rng(0).uniform(-1, 1, (40, 6)).astype(np.float32)
     with torch.no_grad():
-        mean = actor_of(model)[0](torch.from_numpy(x)).numpy()
-    np.testing.assert_allclose(np.clip(mean, -1, 1), model_policy(model)(x, x), atol=1e-6)
+        mean = actor.mean_action(torch.from_numpy(x)).numpy()
+    np.testing.assert_allclose(np.clip(mean, -1, 1), actor.act(x), atol=1e-6)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_exploration_noise_is_set_in_all_states(new_model, algo):
-    model = new_model(algo)
-    set_exploration(model, -5.0)
+def test_exploration_noise_is_set_in_all_states(new_actor, algo):
+    actor = new_actor(algo)
+    actor.set_noise(-5.0)
     x = np.zeros((4000, 6), dtype=np.float32)
-    noisy, _ = model.predict(x, deterministic=False)
+    noisy, _ = actor.model.predict(x, deterministic=False)
     assert np.std(noisy) == pytest.approx(np.exp(-5.0), rel=0.1)
 
 
@@ -89,23 +118,19 @@ def test_settings_out_of_range_are_refused():
 
 
 @pytest.mark.slow
-def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_model):
-    from agents.evaluate import evaluate
-    from agents.expert import gait_expert
-    from trajopt import periodic_gait
-
+def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_actor):
     gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
-    model = new_model()
-    clone(model, gait_expert(gait), THESIS_PHYSICAL, seed=0)
-    result = evaluate(model_policy(model))
+    actor = new_actor()
+    teach(actor, law("lqr")(gait), Cloning())
+    result = evaluate(learned_policy(actor.act))
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
     assert result.speed == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_model, swing, tmp_path):
-    whole, broken, resumed = (new_model(seed=0) for _ in range(3))
-    report = clone(whole, swing, THESIS_PHYSICAL, QUICK, seed=5)
+def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_actor, swing, tmp_path):
+    whole, broken, resumed = (new_actor() for _ in range(3))
+    report = teach(whole, swing, seed=5)
     kept = tmp_path / "cloning.npz"
     calls = []
 
@@ -116,20 +141,20 @@ def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_model, swing, 
         return swing(x, mode)
 
     with pytest.raises(SystemExit):
-        clone(broken, killed, THESIS_PHYSICAL, QUICK, seed=5, kept=kept)
-    assert clone(resumed, swing, THESIS_PHYSICAL, QUICK, seed=5, kept=kept) == report
+        teach(broken, killed, seed=5, kept=kept)
+    assert teach(resumed, swing, seed=5, kept=kept) == report
     np.testing.assert_array_equal(weights(resumed), weights(whole))
 
 
-def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_model, swing, tmp_path):
+def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_actor, swing, tmp_path):
     kept = tmp_path / "cloning.npz"
     kept.write_bytes(b"garbage")
     with pytest.raises(CloningError, match=r"cloning\.npz: damaged.*delete it"):
-        clone(new_model(), swing, THESIS_PHYSICAL, QUICK, kept=kept)
+        teach(new_actor(), swing, kept=kept)
     kept.unlink()
-    clone(new_model(), swing, THESIS_PHYSICAL, dataclasses.replace(QUICK, rounds=1), kept=kept)
+    teach(new_actor(), swing, dataclasses.replace(QUICK, rounds=1), kept=kept)
     with pytest.raises(CloningError, match=r"another cloning.*delete it"):
-        clone(new_model(), swing, THESIS_PHYSICAL, QUICK, kept=kept)
+        teach(new_actor(), swing, kept=kept)
 
 
 @pytest.mark.parametrize(

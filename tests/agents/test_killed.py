@@ -8,15 +8,16 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from agents import begin, callbacks, compare
-from agents import train as training
-from agents.checkpoint import load_policy
-from agents.compare import Comparison
-from agents.evaluate import Protocol, evaluate
-from agents.hyperparameters import hyperparameters
-from agents.imitate import Cloning, clone
-from agents.study import Study
+from agents import session
+from agents.comparison import arena, compare, entrants
+from agents.comparison.compare import Comparison
+from agents.comparison.study import Study
+from agents.evaluate import evaluate
+from agents.imitation import Cloning
+from agents.policy_files import load_policy
+from agents.protocol import Protocol
 from agents.train import train
+from tests.agents.runs import small
 
 KILLS = 20
 BRIEF = Protocol(starts=8, seed=1, duration=2.0, window=1.0, alive=1.0)
@@ -24,20 +25,9 @@ QUICK = Cloning(rounds=2, expert_starts=10, seconds=0.5, gradient_steps=50, gait
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch):
-    """Short roll-outs, and a state after each: kills often meet one being written."""
-
-    def smaller(algo, imitation):
-        settings = hyperparameters(algo, imitation)
-        changes = {"n_steps": 64, "batch_size": 64, "n_epochs": 2}
-        if algo == "sac":
-            changes = {"learning_starts": 50, "buffer_size": 2000}
-        return type(settings)(
-            2, 512, settings.reward_scale, settings.algorithm | changes, settings.written
-        )
-
-    monkeypatch.setattr(training, "hyperparameters", smaller)
-    monkeypatch.setattr(callbacks, "SAVE_INTERVAL", 0.0)
+def often(monkeypatch):
+    """A state after each roll-out: kills often meet one being written."""
+    monkeypatch.setattr(session, "SAVE_INTERVAL", 0.0)
 
 
 def duration(work):
@@ -73,7 +63,7 @@ def test_a_training_killed_at_random_moments_ends_with_the_same_policies(tmp_pat
     steps = {"ppo": 1280, "sac": 320}[algo]
 
     def work(out):
-        train(algo, out=out, timesteps=steps, protocol=BRIEF, progress=False)
+        train(algo, out=out, timesteps=steps, settings=small(algo), protocol=BRIEF, progress=False)
 
     longest = 0.6 * duration(lambda: work(tmp_path / "whole"))
     rng, kills = np.random.default_rng(0), 0
@@ -86,9 +76,12 @@ def test_a_training_killed_at_random_moments_ends_with_the_same_policies(tmp_pat
 
 @pytest.mark.slow
 def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path, monkeypatch):
-    monkeypatch.setattr(compare, "evaluate", functools.partial(evaluate, protocol=BRIEF))
-    monkeypatch.setattr(begin, "clone", lambda *args, **kw: clone(*args[:3], QUICK, **kw))
-    monkeypatch.setattr(compare, "FRONT_STEPS", (1,))
+    def brief(algo, init, *arguments, **settings):
+        return train(algo, init, *arguments, settings=small(algo, init), cloning=QUICK, **settings)
+
+    monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
+    monkeypatch.setattr(entrants, "train", brief)
+    monkeypatch.setattr(entrants, "FRONT_STEPS", (1,))
     monkeypatch.setattr(compare, "animate", lambda *args, **kw: None)
     study = Study(steps=1, timesteps=512, starts=0, front=(0.5, 0.55))
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from agents.study import Study
+from agents.comparison.study import Study
 
 
 @pytest.mark.parametrize(

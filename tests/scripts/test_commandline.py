@@ -25,7 +25,7 @@ WORK = {
     "publish": ("scripts.publish", "shutil.copyfile"),
     "solve_gait": ("scripts.solve_gait", "periodic_gait"),
     "textbook": ("scripts.textbook", "solve"),
-    "thesis": ("scripts.thesis.command", "run"),
+    "thesis": ("scripts.thesis.command", "experiments.campaign"),
     "train": ("scripts.train", "train"),
 }
 
@@ -142,6 +142,14 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("fuzz", ["--seed", "-1"], "must be an integer of at least 0"),
         ("fuzz", ["--steps", "5", "--seeds", "5"], "not allowed with"),
         ("processors", ["Z80"], "unknown processor Z80: choose from ['Haswell',"),
+        ("train", ["--ranges", "{"], "--ranges: '{': not JSON"),
+        ("train", ["--ranges", "[1]"], "'[1]': must be a JSON object"),
+        ("train", ["--ranges", '{"n_legs": [4, 5]}'], "'n_legs' cannot be drawn: choose from"),
+        ("train", ["--disturbances", '{"wind": 1}'], "'wind' is not a field of Disturbances"),
+        ("train", ["--disturbances", '{"pushes": 3}'], "pushes = 3: give a rimless_gym.Pushes"),
+        ("evaluate", ["--disturbances", "3", "x.zip"], "'3': must be a JSON object"),
+        ("evaluate", ["--ranges", '{"gravity": [3, 2]}', "imitation"], "the least first"),
+        ("evaluate", ["--ranges", '{"gravity": [-1, 2]}', "imitation"], "gravity"),
         ("publish", ["--study", "nowhere"], "run make compare"),
     ],
 )

@@ -14,10 +14,14 @@ from scripts.thesis.experiments.cases import (
     experiment_2,
     experiment_6,
 )
-from scripts.thesis.experiments.run import Starts, run, solved
+from scripts.thesis.experiments.power import powers
+from scripts.thesis.experiments.run import run
+from scripts.thesis.experiments.solve import solved
+from scripts.thesis.experiments.starts import WaypointStarts
 from scripts.thesis.experiments.steps import steps
 from scripts.thesis.experiments.tables import COST_4_5, TABLE_4_4
 from trajopt import Mesh, solve
+from trajopt.gaits.playback import played
 from trajopt.ocp.search.multi_start import multi_start
 
 KEYS = {
@@ -164,7 +168,7 @@ def test_the_printed_bound_admits_no_collisionless_step(everything):
     slowest = everything[2, "least |theta'| at the end"].extremal
     assert math.sqrt(slowest.cost) > 4 * math.pi
     problem = steps(experiment_2()[0].params, TABLE_4_4, COST_4_5)
-    starts = Starts(problem, durations=(0.15, 1.5))
+    starts = WaypointStarts(problem, durations=(0.15, 1.5))
     assert not multi_start(problem, starts, 10, mesh=Mesh.uniform(problem, 10)).optima
 
 
@@ -180,7 +184,7 @@ def test_a_coarse_mesh_gives_what_experiment_2_printed(everything):
 
 def test_guesses_last_as_long_as_they_are_asked_to():
     problem = experiment_1()[1].problem(None)
-    family = Starts(problem, durations=(0.3, 0.5))
+    family = WaypointStarts(problem, durations=(0.3, 0.5))
     for index in range(5):
         (guess,) = family(np.random.default_rng(index), index)
         assert 0.3 <= guess.duration <= 0.5
@@ -190,3 +194,12 @@ def test_a_case_that_does_not_converge_says_so(elastic_chain):
     solution = elastic_chain[0]
     off = dataclasses.replace(solution.simulated, state_error=1e-5)
     assert not dataclasses.replace(solution, simulated=off).converged
+
+
+def test_the_energy_is_the_shafts_of_the_reference_simulation(elastic_chain):
+    solution = elastic_chain[1]
+    duration = sum(phase.duration for phase in solution.motion)
+    shaft = played(solution.machine, solution.motion, duration).ledger.shaft
+    assert solution.energy == pytest.approx(shaft, rel=1e-6)
+    drawn = [powers(solution.machine, phase) for phase in solution.motion]
+    assert sum(np.trapezoid(d.total, d.times) for d in drawn) == pytest.approx(shaft, rel=1e-2)

@@ -13,7 +13,8 @@ import pytest
 from scripts.multi_start import command
 
 TROLLEY = """
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 
 def trolley(far=1.0):
     return Problem((Phase(

@@ -8,15 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, simulate
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from scripts.thesis.prototype import page
-from scripts.thesis.prototype.gait import MOST_TURNS, Starts, binding, cheapest, followed, whirling
-from scripts.thesis.prototype.study import Point, shared, store, study
+from scripts.thesis.prototype.gait import cheapest, followed
+from scripts.thesis.prototype.limits import binding
+from scripts.thesis.prototype.points import Point, store
+from scripts.thesis.prototype.starts import MOST_TURNS, StartsAtScale, whirling
+from scripts.thesis.prototype.study import shared, study
 from scripts.thesis.prototype.variant import SCALES, VARIANTS
+from trajopt.gaits.playback import played
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import MIN_NORMAL_FORCE
-from trajopt.gaits.verify import playback, verify
+from trajopt.gaits.verify import verify
 
 DOCS = Path(__file__).parents[2] / "docs"
 STOCK, STRONG, GEARED = VARIANTS
@@ -55,7 +59,7 @@ def test_random_starts_turn_as_often_as_they_say() -> None:
 
 def test_known_gaits_are_the_first_starts_with_their_own_turns_and_gear() -> None:
     gait = slow_whirl()
-    start = Starts(GEARED, 3.5, (gait,))(np.random.default_rng(0), 0)
+    start = StartsAtScale(GEARED, 3.5, (gait,))(np.random.default_rng(0), 0)
     assert start.kind == str(gait.theta_turns)
     assert np.array_equal(start.parameters, [3.5, 1.0])
 
@@ -137,9 +141,7 @@ def test_the_machine_as_built_walks_with_another_gear(published: dict) -> None:
     expected = GEARED.machine(1.0, gait.params.gear_ratio / PROTOTYPE.gear_ratio)
     assert gait.params == expected
     assert verify(gait.params, gait.phases, gait.theta_turns).passed
-    breakpoints, control = playback(gait.phases)
-    duration = gait.duration + 1e-6
-    run = simulate(gait.params, gait.phases[0].start, control, duration, breakpoints=breakpoints)
+    run = played(gait.params, gait.phases, gait.duration + 1e-6)
     assert run.steps == 1
     assert run.min_normal_force > 0.0
     assert run.friction_demand <= 1.001

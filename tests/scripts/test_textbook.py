@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from scripts import textbook
-from trajopt.ocp.textbook import EXAMPLES
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "optimal-control.md"
 
@@ -46,5 +45,5 @@ def test_unknown_problems_are_refused_by_name(
 
 def test_the_document_quotes_all_problems_with_their_answers() -> None:
     quoted = dict(re.findall(r"^\| ([\w ]+) \| (-?[\d.]+) \|", DOCUMENT.read_text(), re.MULTILINE))
-    for example in EXAMPLES:
+    for example in textbook.PROBLEMS:
         assert float(quoted[example.name]) == pytest.approx(example.known(), rel=1e-8)

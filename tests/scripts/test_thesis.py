@@ -6,16 +6,19 @@ import dataclasses
 import json
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from scripts.thesis import command as thesis
-from scripts.thesis.experiments import kept, run
+from scripts.thesis.experiments import case_files, run
 from scripts.thesis.experiments.case import Case, Effort
-from scripts.thesis.experiments.cases import every_case, experiment_1
-from scripts.thesis.experiments.run import Solved, needed
+from scripts.thesis.experiments.cases import every_case, experiment_1, needed
+from scripts.thesis.experiments.solve import solved
+from scripts.thesis.experiments.solved import Solved
+from scripts.thesis.prototype import campaign
 
 QUICK = Effort(2, elements=10)
 
@@ -27,13 +30,13 @@ def press(number: signal.Signals) -> None:
 @pytest.fixture(scope="module")
 def one() -> Solved:
     """A case, solved."""
-    return run.solved(experiment_1()[1])
+    return solved(experiment_1()[1])
 
 
 @pytest.fixture
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The variants that were begun, each with two starts alone."""
-    solved, variants = run.solved, list[str]()
+    variants = list[str]()
 
     def noted(case: Case, before: Solved | None = None) -> Solved:
         variants.append(case.variant)
@@ -52,18 +55,18 @@ def test_an_interrupted_experiment_goes_on_with_what_is_missing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     command = ["--experiment", "1", "--workers", "1", "--out", str(tmp_path)]
-    store = kept.store
+    store = case_files.store
 
     def interrupted(folder: Path, solution: Solved) -> None:
         store(folder, solution)
         press(by)
 
-    monkeypatch.setattr(kept, "store", interrupted)
+    monkeypatch.setattr(case_files, "store", interrupted)
     assert thesis.main(command) == 130
     assert "the same command goes on" in capsys.readouterr().out
     assert begun == ["cost 4.3"]
     assert not (tmp_path / "results.json").exists()
-    monkeypatch.setattr(kept, "store", store)
+    monkeypatch.setattr(case_files, "store", store)
     assert thesis.main(command) == 0
     assert begun == ["cost 4.3", "cost 4.4"]
     rows = json.loads((tmp_path / "results.json").read_text())
@@ -72,30 +75,30 @@ def test_an_interrupted_experiment_goes_on_with_what_is_missing(
 
 
 def test_a_case_in_a_file_is_the_case_that_was_solved(one: Solved, tmp_path: Path) -> None:
-    kept.store(tmp_path, one)
-    again = kept.recalled(tmp_path, needed([1]))
+    case_files.store(tmp_path, one)
+    again = case_files.recalled(tmp_path, needed([1]))
     assert list(again) == [one.key]
     assert again[one.key].rows() == one.rows()
-    kept.forget(tmp_path, needed([1]))
+    case_files.forget(tmp_path, needed([1]))
     assert not tmp_path.exists()
 
 
 def test_a_file_that_is_damaged_or_of_another_version_is_not_used(
     one: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept.store(tmp_path, one)
-    path = kept.place(tmp_path, one.key)
+    case_files.store(tmp_path, one)
+    path = case_files.place(tmp_path, one.key)
     content = path.read_bytes()
     path.write_bytes(content[:100])
-    assert not kept.recalled(tmp_path, needed([1]))
+    assert not case_files.recalled(tmp_path, needed([1]))
     path.write_bytes(content)
     other: dict[str, Any] = {"versions": {}, "git_revision": "another"}
-    monkeypatch.setattr(kept, "provenance", lambda: other)
-    assert not kept.recalled(tmp_path, needed([1]))
+    monkeypatch.setattr(case_files, "provenance", lambda: other)
+    assert not case_files.recalled(tmp_path, needed([1]))
 
 
 def test_every_case_has_a_file_of_its_own(tmp_path: Path) -> None:
-    places = {kept.place(tmp_path, case.key) for case in every_case()}
+    places = {case_files.place(tmp_path, case.key) for case in every_case()}
     assert len(places) == len(every_case())
 
 
@@ -109,6 +112,9 @@ def test_cases_that_others_continue_are_needed_too() -> None:
 def test_an_interrupted_prototype_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(thesis, "_points", lambda folder, workers: press(signal.SIGTERM))
+    def interrupted(folder: Path, workers: int) -> Iterator[Any]:
+        yield press(signal.SIGTERM)
+
+    monkeypatch.setattr(campaign, "study", interrupted)
     assert thesis.main(["--prototype", "--out", str(tmp_path)]) == 130
     assert "goes on" in capsys.readouterr().out

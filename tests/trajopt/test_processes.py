@@ -26,7 +26,7 @@ def busy(solving):
     if solving:
         from trajopt import Mesh, solve
         from trajopt.ocp import textbook
-        problem = textbook.passive_wheel()
+        problem = textbook.cart_pole()
         while True:  # IPOPT, most of the time
             solve(problem, mesh=Mesh.uniform(problem, 200, 8), verify=False)
     time.sleep(600)
@@ -77,7 +77,7 @@ def test_workers_are_gone_a_second_after_their_parent(by: signal.Signals, tmp_pa
     assert gone
 
 
-def test_what_workers_do_is_given_up_at_an_exception() -> None:
+def test_an_exception_abandons_the_work_of_the_workers() -> None:
     begin = time.monotonic()
 
     def interrupted() -> None:

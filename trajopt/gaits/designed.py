@@ -1,4 +1,4 @@
-"""Gaits of least cost of transport whose machine is chosen along with them."""
+"""Gaits of least cost of transport, with parameters of the machine chosen too."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def designed_gait(
     duration: float | tuple[float, float],
     theta_turns: int = 0,
 ) -> Problem:
-    """`steps` single-stance phases in a ring, of least E+ per weight and distance.
+    """The problem of a periodic gait of least E+ per weight and distance, and of its machine.
 
     Args:
-        params: the machine, but for what is chosen.
-        design: what is chosen of it: the static parameters.
-        bounds: on them, by name.
+        params: the machine, apart from what is to be chosen.
+        design: what is to be chosen: the problem's static parameters.
+        bounds: on the static parameters, by name.
         steps: touchdowns per stride.
         duration: of a stride (s), or bounds on it.
         theta_turns: whole turns that theta gains in a stride.

@@ -1,4 +1,4 @@
-"""Gaits of a front in files, one by one: what was found, or why nothing was."""
+"""Gaits of a front in files of their own: each holds the gait, or why there is none."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from rimless_gym.params import WheelParams
 from trajopt.files import read_arrays, write_arrays
-from trajopt.gaits.solution import GaitFileError, Solution
+from trajopt.gaits.gait_file import GaitFileError
+from trajopt.gaits.solution import Solution
 
 MISSING = "rimless-gym missing gait 1"
 
@@ -34,7 +35,7 @@ def front_file(steps: int, speed: float) -> str:
 
 
 def keep(folder: Path, wanted: Wanted, found: Solution | str) -> None:
-    """Write a gait, or why there is none."""
+    """Write the gait that was found, or the reason why none was."""
     path = folder / front_file(wanted.steps, wanted.speed)
     if isinstance(found, str):
         write_arrays(path, MISSING, _described(wanted) | {"why": found}, {})
@@ -43,7 +44,10 @@ def keep(folder: Path, wanted: Wanted, found: Solution | str) -> None:
 
 
 def kept(folder: Path, wanted: Wanted) -> Solution | str | None:
-    """The very gait, or why there is none; None if that is not known or the file is damaged."""
+    """The gait in a file, or the reason why there is none; None if the file is missing or damaged.
+
+    A file of another machine or speed counts as missing.
+    """
     path = folder / front_file(wanted.steps, wanted.speed)
     if not path.exists():
         return None

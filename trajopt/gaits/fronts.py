@@ -18,7 +18,7 @@ from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.solving.ties import clearly_less
 
 
@@ -36,7 +36,7 @@ class CotFront:
 
     @cached_property
     def envelope(self) -> tuple[Solution, ...]:
-        """The best gait at each speed, in order of speed; where two are as good, the first's."""
+        """The best gait at each speed, in order of speed; of gaits that tie, the first."""
         best: dict[float, Solution] = {}
         for solution in self.solutions:
             speed = round(solution.speed, 9)
@@ -75,15 +75,15 @@ def cot_front(
     Args:
         params: the machine.
         speeds: m/s.
-        steps: strides to consider.
+        steps: numbers of steps per stride to consider.
         regeneration: whether the battery takes energy back.
-        folder: where each gait is kept as soon as it is solved, and taken from if it was before.
+        folder: where each gait is saved when it has been solved, and read from if it is there.
         progress: whether to show a progress bar.
 
     Raises:
         NoGaitError: no gait was found at any speed.
-        TypeError: an argument is of the wrong kind.
-        ValueError: no speed or no number of steps is given, or one is out of its range.
+        TypeError: an argument is of the wrong type.
+        ValueError: no speed or number of steps is given, or one is out of its range.
     """
     require_kind("params", params, WheelParams)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
@@ -119,15 +119,18 @@ def cot_front(
 
 
 def _row(name: str, values: Any) -> list[Any]:
-    """One or more numbers."""
+    """The numbers of a sequence with at least one."""
     array = real_array(name, values)
     if array.ndim != 1 or not len(array):
-        raise ValueError(f"{name} = {values!r}: give one or more, in a row")
+        raise ValueError(f"{name} = {values!r}: must be a sequence of one or more numbers")
     return list(array.tolist())
 
 
 def _best_of(wanted: Wanted, own: Sequence[Solution]) -> Solution | str:
-    """From the most promising of the shipped gaits and those already on this front; or why not."""
+    """A gait led from the most promising known one; or why there is none.
+
+    Known are the shipped gaits and those already on this front.
+    """
     params, speed, steps, regeneration = wanted
     known = [s for s in [*leads_for(params, speed, steps), *own] if s.params == params]
     guess = next(iter(by_promise(known, params, speed)), None)
@@ -140,5 +143,5 @@ def _best_of(wanted: Wanted, own: Sequence[Solution]) -> Solution | str:
 def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: int) -> list[float]:
     known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps)]
     centre = known[0] if known else float(np.mean(speeds))
-    # Speeds to either side of the centre are as far from it but for rounding: the slower first.
+    # Rounded, so that of two speeds equally far from the centre the slower comes first.
     return sorted(map(float, speeds), key=lambda speed: (round(abs(speed - centre), 6), speed))

@@ -1,4 +1,4 @@
-"""Random starts for gaits: families of motions, by what the leg and the pendulum do."""
+"""Random starts for gaits: motions of several kinds of the leg and the pendulum."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ import math
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.stance import CONTROL_DEGREE, gait_problem, posed
+from trajopt.gaits.gait_problem import gait_problem, posed
+from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import Search, multi_start
+from trajopt.ocp.search.multi_start import multi_start
 from trajopt.ocp.search.optima import Outcome, Start
+from trajopt.ocp.search.search import Search
 from trajopt.ocp.solving.guesses import Guess, polyline
 from trajopt.ocp.transcribe.mesh import Mesh
 
-#: Enough to tell good optima from bad ones; winners are refined.
+#: A mesh fine enough to tell good optima from bad ones; the best are refined.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
 
 
 @dataclasses.dataclass(frozen=True)
 class GaitFamily:
-    """Starts of gaits, each solved with regeneration first, whose landscape is smoother.
+    """Starts of gaits. Each is solved with regeneration first, where the landscape is smoother.
 
     Attributes:
         params: the machine.
         speed: m/s.
         steps: per stride.
-        regeneration: whether that is the objective in the end.
-        problem: that the starts' problems share their functions with, in other processes too.
+        regeneration: whether the final objective is E, not E+.
+        problem: one problem of the family; those of all starts share its functions, in other
+            processes too.
     """
 
     params: WheelParams
@@ -63,10 +66,10 @@ def search_gaits(
     workers: int = 1,
     progress: bool = False,
 ) -> Search:
-    """Local optima from random starts; their `kind` is the turns of theta per stride.
+    """Local optima from random starts; their `kind` is the number of turns of theta per stride.
 
     Raises:
-        Interrupted: see `trajopt.ocp.search.multi_start.multi_start`.
+        Interrupted: Ctrl-C was pressed; see `trajopt.ocp.search.multi_start.multi_start`.
     """
     problem = family.problem
     mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
@@ -81,7 +84,7 @@ def search_gaits(
 
 
 def same_gait(one: Outcome, other: Outcome) -> bool:
-    """Whether two are one gait, up to a shift by whole steps and to the mesh's accuracy."""
+    """Whether two outcomes are one gait, to the mesh's accuracy, whichever step comes first."""
     mine, theirs = (sorted(p.duration for p in o.phases) for o in (one, other))
     return (
         one.kind == other.kind
@@ -93,10 +96,10 @@ def same_gait(one: Outcome, other: Outcome) -> bool:
 def random_guess(
     params: WheelParams, steps: int, duration: float, rng: np.random.Generator
 ) -> tuple[Guess, int]:
-    """A motion from one of several families, and its turns of theta per stride.
+    """A random motion, and its number of turns of theta per stride.
 
-    The leg rocks back inside a step, or not; the pendulum hangs or stands, swings with the
-    stride's harmonics, or turns over and over.
+    The leg may rock back inside a step; the pendulum hangs or stands, swings with the stride's
+    harmonics, or turns over and over.
     """
     c = params.constants
     turns = int(rng.integers(0, 2) * rng.integers(-2 * steps, 2 * steps, endpoint=True))

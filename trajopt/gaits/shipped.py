@@ -1,4 +1,4 @@
-"""Gaits that were found once and now start every search near them."""
+"""Gaits shipped with the package, from which searches near them start."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.solving.ties import least_first
 
-#: Guesses whose distances in speed differ by less than this (m/s) are judged by their CoT.
+#: Gaits whose distances in speed differ by less than this (m/s) are ranked by their CoT.
 NEAR = 0.02
 
 FOLDER = Path(__file__).parent / "library"
@@ -22,21 +22,21 @@ FOLDER = Path(__file__).parent / "library"
 
 @lru_cache
 def shipped() -> tuple[Solution, ...]:
-    """The gaits in the package, in order of file name."""
+    """The shipped gaits, in order of file name."""
     return tuple(Solution.load(path) for path in sorted(FOLDER.glob("*.npz")))
 
 
 def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """Shipped gaits of as many steps and legs: of each family, by turns of theta, the nearest.
+    """The shipped gaits of as many steps and legs that are nearest in machine, then in speed.
 
-    Nearest in machine, then in speed.
+    One for every number of turns of theta.
     """
     fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
     families: dict[int, Solution] = {}
 
     def distance(solution: Solution) -> tuple[int, float]:
         differing, gap = _distance(solution, params, speed)
-        return differing, round(gap, 6)  # m/s: two that are as far but for rounding are
+        return differing, round(gap, 6)  # m/s; rounding must not decide between equal distances
 
     for solution in sorted(fitting, key=distance):
         families.setdefault(solution.theta_turns, solution)
@@ -44,10 +44,9 @@ def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
 
 
 def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """Shipped gaits to start from, the most promising first.
+    """Shipped gaits to start from, the most promising first; see `by_promise`.
 
-    Shorter strides that divide `steps` count as repeated. Of those about as near in speed, the
-    cheaper is the more promising.
+    A shorter stride whose number of steps divides `steps` is repeated.
     """
     leads = []
     for divisor in range(1, steps + 1):
@@ -58,15 +57,15 @@ def leads_for(params: WheelParams, speed: float, steps: int) -> list[Solution]:
 
 
 def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> list[Solution]:
-    """Guesses sorted by machine, by speed to within `NEAR`, then by their families' costs.
+    """Gaits sorted by distance in machine, by distance in speed to within `NEAR`, then by cost.
 
-    A family is what has as many turns of the pendulum. It counts by its gait nearest in speed, for
-    a slower one of the same family costs less and is no better a guess.
+    The cost that counts is a family's, all gaits of one number of turns of the pendulum: it is that
+    of its gait nearest in speed. A slower gait of the family costs less and is no better a guess.
     """
 
     def nearness(solution: Solution) -> tuple[int, int]:
         differing, gap = _distance(solution, params, speed)
-        return differing, round(gap / NEAR - 1e-3)  # round speeds are not on the brink
+        return differing, round(gap / NEAR - 1e-3)  # shifted, so that round speeds are not on edge
 
     def gap(solution: Solution) -> float:
         return round(_distance(solution, params, speed)[1], 6)
@@ -85,7 +84,7 @@ def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[in
 
 
 def repeated(solution: Solution, times: int) -> Solution:
-    """The same gait with strides `times` as long; its verification is that of one stride."""
+    """The same gait with `times` strides as one; its verification remains that of one stride."""
     turns, phases = solution.theta_turns, []
     for stride in range(times):
         turned = np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0])

@@ -1,10 +1,9 @@
-"""A solved gait: interpolation, figures of merit, report, saving and loading."""
+"""A solved gait: its states and voltage at any time, its figures of merit, a report."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,66 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import flag, integer, real_array
+from rimless_gym.checks import real_array
 from rimless_gym.params import WheelParams
-from trajopt.files import (
-    jsonable,
-    phases_from_arrays,
-    phases_to_arrays,
-    read_arrays,
-    require_names,
-    write_arrays,
-)
+from trajopt.files import jsonable
+from trajopt.gaits.gait_file import read_gait, write_gait
+from trajopt.gaits.gait_problem import gait_problem
+from trajopt.gaits.optimality import LocalOptimum, Optimality
 from trajopt.gaits.stability import floquet_multipliers
-from trajopt.gaits.stance import MOST_TURNS
 from trajopt.gaits.verify import Verification
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
 from trajopt.provenance import provenance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FORMAT = "rimless-gym gait 3"
-
-REMEDY = "copy it again, or solve it again with scripts/solve_gait.py"
-
-
-class GaitFileError(ValueError):
-    """A file is not a gait that this version saved, or was edited or damaged since."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimum:
-    """A local optimum met in a search: its CoT there, turns of theta, and how often it came up."""
-
-    cot: float
-    theta_turns: int
-    found: int
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimality:
-    """How accurately a gait was solved for, and how well it meets first-order optimality.
-
-    Attributes:
-        mesh_error: largest estimated relative error of the states within an element.
-        hamiltonian_spread: see `trajopt.ocp.judge.costates.Certificate`.
-        transversality_error: likewise.
-    """
-
-    mesh_error: float
-    hamiltonian_spread: float
-    transversality_error: float
-
-    @classmethod
-    def of(cls, found: Extremal) -> Optimality:
-        """That of a solved problem."""
-        certificate = found.certificate
-        return cls(
-            found.mesh_error, certificate.hamiltonian_spread, certificate.transversality_error
-        )
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -84,11 +37,11 @@ class Solution:
         params: the machine.
         phases: one single-stance phase per step.
         theta_turns: whole turns k that theta gains in a stride.
-        regeneration: whether the objective was E (the battery takes energy back) and not E+.
+        regeneration: whether the objective was E (the battery takes energy back), not E+.
         verification: what independent re-simulation says.
-        optimality: of the transcription that it came from.
+        optimality: of the problem's solution that it came from.
         optima: distinct local optima met in the search, best first.
-        provenance: versions, git revision and settings that made it.
+        provenance: versions, git revision and settings with which it was made.
     """
 
     params: WheelParams
@@ -97,7 +50,7 @@ class Solution:
     regeneration: bool
     verification: Verification
     optimality: Optimality
-    optima: tuple[Optimum, ...] = ()
+    optima: tuple[LocalOptimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
 
     def __repr__(self) -> str:
@@ -189,7 +142,7 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """The objective: energy of a stride (J), E with regeneration, else E+."""
+        """The objective: energy of a stride (J); E with regeneration, else E+."""
         v = self.verification
         return v.electrical if self.regeneration else v.electrical_positive
 
@@ -211,8 +164,8 @@ class Solution:
     def floquet(self) -> Array:
         """Multipliers of a stride in open loop, largest first, complex, shape (4,).
 
-        Open loop is each step's voltage played back in time, switched by the touchdowns; by the
-        variational equation with saltation (`trajopt.stability.monodromy`).
+        Open loop: each step's voltage is played back in time, switched by the touchdowns. By the
+        variational equation with saltation (`trajopt.gaits.stability.monodromy`).
         """
         return floquet_multipliers(self.params, self.phases)
 
@@ -240,7 +193,7 @@ class Solution:
         return dict(jsonable(figures))
 
     def report(self) -> str:
-        """Everything worth knowing about the gait, as text; failures in capitals."""
+        """The gait's figures as text; failures in capitals."""
         v = self.verification
         verdict = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
         hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
@@ -277,8 +230,7 @@ class Solution:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.gaits.stance import gait_problem
-        from trajopt.ocp.judge.plots import drawn  # matplotlib takes a second to import
+        from trajopt.ocp.results.plots import drawn
 
         problem = gait_problem(
             self.params,
@@ -294,16 +246,7 @@ class Solution:
 
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""
-        header = {
-            "params": self.params.to_dict(),
-            "theta_turns": self.theta_turns,
-            "regeneration": self.regeneration,
-            "verification": self.verification.to_dict(),
-            "optimality": dataclasses.asdict(self.optimality),
-            "optima": [dataclasses.asdict(o) for o in self.optima],
-            "provenance": self.provenance,
-        }
-        write_arrays(path, FORMAT, header, phases_to_arrays(self.phases))
+        write_gait(path, {f.name: getattr(self, f.name) for f in dataclasses.fields(self)})
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -311,52 +254,7 @@ class Solution:
 
         Raises:
             FileNotFoundError: there is no such file.
-            GaitFileError: it is not a gait saved by this version, or was edited or damaged.
+            trajopt.gaits.gait_file.GaitFileError: it is not a gait saved by this version, or was
+                edited or damaged.
         """
-        header, arrays = read_arrays(path, FORMAT, GaitFileError, REMEDY)
-        try:
-            return cls._from_file(header, arrays)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise GaitFileError(f"{path}: no valid gait ({error!r}); {REMEDY}") from error
-
-    @classmethod
-    def _from_file(cls, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Solution:
-        phases = phases_from_arrays(arrays)
-        require_names(arrays, phases_to_arrays(phases))
-        verification = dict(header["verification"])
-        failures = tuple(verification.pop("failures"))
-        params, checked = (
-            WheelParams(**header["params"]),
-            Verification(**verification, failures=failures),
-        )
-        _require_stride(params, phases, checked)
-        return cls(
-            params=params,
-            phases=phases,
-            theta_turns=integer("theta_turns", header["theta_turns"], -MOST_TURNS, MOST_TURNS),
-            regeneration=flag("regeneration", header["regeneration"]),
-            verification=checked,
-            optimality=Optimality(**header["optimality"]),
-            optima=tuple(Optimum(**o) for o in header["optima"]),
-            provenance=header["provenance"],
-        )
-
-
-def _require_stride(
-    params: WheelParams, phases: Sequence[PhaseTrajectory], verification: Verification
-) -> None:
-    """Refuse phases that are not a stride of the wheel, or not the stride that was verified."""
-    for i, phase in enumerate(phases):
-        sizes = phase.states.shape[-1], phase.controls.shape[-1]
-        if sizes != (4, 1):
-            raise ValueError(f"phase{i}: {sizes[0]} states and {sizes[1]} controls, not 4 and 1")
-        if not np.array_equal(phase.control_nodes, phases[0].control_nodes):
-            raise ValueError(f"phase{i}: other control_nodes than phase0")
-        if not np.allclose(phase.states[1:, 0], phase.states[:-1, -1], rtol=0.0, atol=1e-6):
-            raise ValueError(f"phase{i}: its states jump between elements")
-    for name, own, verified in (
-        ("time", sum(phase.duration for phase in phases), verification.time),
-        ("distance", len(phases) * params.step_length, verification.distance),
-    ):
-        if not math.isclose(own, verified, rel_tol=1e-9):
-            raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
+        return cls(**read_gait(path))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.schemes.polynomials import differentiation_matrix, radau_nodes
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
@@ -26,7 +26,7 @@ def jacobians(params: WheelParams) -> ca.Function:
 
 
 def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> Array:
-    """d x(end) / d x(start) over one phase at held times and control, shape (4, 4).
+    """d x(end) / d x(start) over one phase, with times and control fixed, shape (4, 4).
 
     The variational equation, collocated on the phase's own elements.
     """
@@ -46,7 +46,7 @@ def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> 
 
 
 def saltation(params: WheelParams, before: Array, u_before: float, u_after: float) -> Array:
-    """How a touchdown carries a deviation at a fixed time across, shape (4, 4).
+    """How a touchdown maps a deviation at a fixed time, shape (4, 4).
 
     A deviation moves the touchdown in time as well as the state that it maps (Leine and
     Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 7.2).
@@ -63,11 +63,11 @@ def saltation(params: WheelParams, before: Array, u_before: float, u_after: floa
 
 
 def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
-    """d x(T) / d x(0) over a stride, shape (4, 4), states after the touchdown at T.
+    """d x(T) / d x(0) over a stride, shape (4, 4), with x(T) after the touchdown.
 
-    Within a step the gait's voltage is played back in time; the touchdown itself, early or late,
-    switches to the voltage of the following step. (A voltage that jumped by the clock instead would
-    make the map one-sided at T: a different matrix for early and for late touchdowns.)
+    Within a step the gait's voltage is played back in time. The touchdown itself, early or late,
+    switches to the voltage of the following step. (If the clock switched it, early and late
+    touchdowns would have different matrices.)
     """
     total = np.eye(4)
     for i, phase in enumerate(phases):
@@ -82,8 +82,8 @@ def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
 def floquet_multipliers(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
     """Eigenvalues of `monodromy`, largest first, complex, shape (4,).
 
-    They are those of the gait in open loop, as `monodromy` defines it. All four matter, for
-    played-back time leaves no direction neutral.
+    They are those of the gait in open loop, as `monodromy` defines it. All four matter: since the
+    voltage is a function of time, no direction is neutral.
     """
     values = np.linalg.eigvals(monodromy(params, phases)).astype(complex)
     return np.asarray(values[np.argsort(-np.abs(values), kind="stable")])

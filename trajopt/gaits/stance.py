@@ -1,52 +1,49 @@
-"""The rimless wheel's modes as phases of an optimal control problem, and its resets as linkages."""
+"""The rimless wheel's modes as phases of an optimal control problem, its resets as linkages."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from rimless_gym import hybrid
-from rimless_gym.checks import flag, integer, positive, require_kind
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design, HybridModel
-from trajopt.ocp.judge.refinement import MAX_ELEMENTS
-from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
+from trajopt.ocp.pose.constraint import Constraint
+from trajopt.ocp.pose.linkage import Linkage
+from trajopt.ocp.pose.phase import Phase
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)
 
-#: Of the control polynomials, at most: arcs of coasting, V = K psi', are curved.
+#: Highest degree of the control polynomials. Where the motor coasts, V = K psi' is curved.
 CONTROL_DEGREE = 3
 
-#: Least normal force, in weights: a gait on the brink of lift-off could not be tracked.
+#: Least normal force, in weights: feedback could not hold a gait on the brink of lift-off.
 MIN_NORMAL_FORCE = 0.05
 
-#: Least phi' just before and just after a touchdown (rad/s): the guard must be crossed.
+#: Least phi' just before and just after a touchdown (rad/s), so that the guard is crossed.
 MIN_TOUCHDOWN_RATE = 0.01
 
 #: Shortest duration of a phase (s): a tenth of the quickest step of any machine that walks.
 SHORTEST_STEP = 0.02
 
-#: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
-MOST_TURNS = 600
-
-#: How far within a step phi keeps off the guards (rad): a graze of 1e-7 would be a touchdown.
+#: Distance that phi keeps from the guards within a step (rad): a graze of 1e-7 rad would be a
+#: touchdown.
 GUARD_MARGIN = 1e-6
 
 
 class WheelPhases:
-    """Phases and linkages of one machine, to put problems together from.
+    """Phases and linkages of one machine, from which problems are put together.
 
     Args:
         params: the machine.
-        design: what is to be chosen of it, if anything: the problem's static parameters.
+        design: what of it is to be chosen, if anything: the problem's static parameters.
         regeneration: whether the battery takes energy back (cost E), or not (E+).
     """
 
@@ -62,7 +59,7 @@ class WheelPhases:
         return function if self.design else lambda *inputs: function(*inputs[:-1])
 
     def single_stance(self, name: str = "single stance") -> Phase:
-        """From one forward touchdown to the next; rocking back within it is legal."""
+        """From one forward touchdown to the next; phi may go backwards in between."""
         c, V = self.params.constants, self.params.voltage_limit
         momentum, touchdown, weight = (
             self.of(n) for n in ("linear_momentum", "touchdown", "weight")
@@ -72,7 +69,7 @@ class WheelPhases:
             after = touchdown(x, p)
             px, py = ca.vertsplit(momentum(after, p) - momentum(x, p))
             mass = weight(x, p) / self.params.gravity
-            return ca.vertcat(self._inside_cone(px / mass, py / mass), after[2])
+            return ca.vertcat(self.inside_cone(px / mass, py / mass), after[2])
 
         return Phase(
             name=name,
@@ -108,7 +105,7 @@ class WheelPhases:
         return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
 
     def double_stance(self, name: str = "double stance") -> Phase:
-        """At rest on two feet, the pendulum alone moving, both feet pressing; phi is a."""
+        """At rest on two feet, both pressed down; only the pendulum moves, and phi is a."""
         c, V = self.params.constants, self.params.voltage_limit
         guards = self.of("lift_off_guards")
 
@@ -116,8 +113,9 @@ class WheelPhases:
             leading, trailing = ca.vertsplit(guards(x, u, p))
             return ca.vertcat(-leading, trailing)
 
+        # The guards are accelerations of phi (rad/s^2).
         least = MIN_NORMAL_FORCE * self.params.gravity / self.params.leg_length
-        names = ("leading foot", "trailing foot")  # both guards are accelerations of phi
+        names = ("leading foot", "trailing foot")
         return Phase(
             name=name,
             states=STATES,
@@ -131,7 +129,7 @@ class WheelPhases:
         )
 
     def touchdown(self, source: int, target: int, theta_turns: int = 0) -> Linkage:
-        """Plastic forward touchdown; theta is taken back by whole turns."""
+        """Forward touchdown, after which `theta_turns` whole turns are subtracted from theta."""
         offset = {"theta": -2 * math.pi * theta_turns} if theta_turns else {}
         return Linkage(source, target, self.of("touchdown"), offset)
 
@@ -141,8 +139,13 @@ class WheelPhases:
         return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
 
     def lift_off(self, source: int, target: int) -> Linkage:
-        """The trailing foot leaves the ground: nothing jumps."""
+        """The trailing foot leaves the ground; the state does not jump."""
         return Linkage(source, target)
+
+    def inside_cone(self, fx: Any, fy: Any) -> Any:
+        """Normal force and distances from the friction cone's two sides; none may be negative."""
+        mu = self.params.friction
+        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
 
     @property
     def _floor(self) -> float:
@@ -156,7 +159,7 @@ class WheelPhases:
 
         def cone(x: Any, u: Any, p: Any) -> Any:
             fx, fy = ca.vertsplit(force(x, u, p) / weight(x, p))
-            return self._inside_cone(fx, fy)
+            return self.inside_cone(fx, fy)
 
         return Constraint(
             cone,
@@ -164,63 +167,6 @@ class WheelPhases:
             np.full(3, np.inf),
             ("normal force", "friction cone (forward)", "friction cone (backward)"),
         )
-
-    def _inside_cone(self, fx: Any, fy: Any) -> Any:
-        mu = self.params.friction
-        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
-
-
-def gait_problem(
-    params: WheelParams,
-    *,
-    speed: float,
-    steps: int,
-    theta_turns: int = 0,
-    regeneration: bool = False,
-) -> Problem:
-    """`steps` single-stance phases in a ring, joined by touchdowns, of least electrical energy.
-
-    Problems of one machine and number of steps differ in numbers alone, and share their functions.
-
-    Args:
-        params: the machine.
-        speed: mean speed along the ground (m/s), imposed through the stride's duration.
-        steps: touchdowns per stride.
-        theta_turns: whole turns that theta gains in a stride.
-        regeneration: whether the battery takes energy back.
-
-    Raises:
-        TypeError: an argument is of the wrong kind.
-        ValueError: a number is out of its range.
-    """
-    require_kind("params", params, WheelParams)
-    positive("speed", speed)
-    integer("steps", steps, 1, MAX_ELEMENTS)
-    integer("theta_turns", theta_turns, -MOST_TURNS, MOST_TURNS)
-    flag("regeneration", regeneration)
-    return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
-
-
-def posed(
-    ring: Problem, params: WheelParams, speed: float, theta_turns: int, regeneration: bool
-) -> Problem:
-    """A `gait_problem` of the same machine and steps with other numbers, sharing its functions."""
-    turns = {"theta": -2 * math.pi * theta_turns}
-    floor = -math.inf if regeneration else params.idle_power
-    return dataclasses.replace(
-        ring,
-        phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
-        linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
-        duration=len(ring.phases) * params.step_length / speed,
-    )
-
-
-@lru_cache(maxsize=8)
-def _ring(params: WheelParams, steps: int) -> Problem:
-    wheel = WheelPhases(params)
-    step = wheel.single_stance()
-    links = [wheel.touchdown(i, (i + 1) % steps) for i in range(steps)]
-    return Problem((step,) * steps, tuple(links))
 
 
 def _rates() -> dict[str, float | tuple[float, float]]:

@@ -1,10 +1,10 @@
-"""Independent verification: a solution counts for what the reference simulator makes of it."""
+"""Independent verification: a gait is believed only as far as the reference simulator agrees."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,19 +14,14 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
-from trajopt.gaits.stability import monodromy
+from trajopt.gaits.playback import playback, played, played_to_last_touchdown
 from trajopt.gaits.stance import MIN_NORMAL_FORCE
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 LIMIT_TOLERANCE = 1e-3  # relative, of limits between the points where they are imposed
-SPARE_TIME = (
-    1e-8,
-    5e-8,
-    2e-7,
-    1e-6,
-)  # s past the stride's end, so that its last touchdown is inside
+SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last touchdown (s)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,14 +29,14 @@ class Verification:
     """What re-simulation says about a gait.
 
     Attributes:
-        state_error: largest deviation from the interpolated state over the whole stride, from
-            x(0), without feedback (rad, rad/s); infinite if touchdowns do not match.
-        phase_state_error: likewise, each phase simulated from its own start.
-        energy_audit: |E - (copper + friction + drag + idle + collisions - work of the slope)| (J).
+        state_error: largest deviation from the interpolated state when the whole stride is
+            simulated from x(0) without feedback (rad, rad/s); infinite if touchdowns do not match.
+        phase_state_error: the same with each phase simulated from its own start.
+        energy_audit: |E - (idle + losses + collisions - work of the slope)| (J).
         electrical_positive: E+ of the stride, idle included (J).
         electrical: E of the stride, idle included (J).
-        distance: of the stride (m).
-        time: of the stride (s).
+        distance: length of the stride (m).
+        time: duration of the stride (s).
         min_normal_force: smallest Fy (N).
         min_normal_force_over_weight: the same over (m1 + m2) g.
         max_friction_demand: largest |Fx|/Fy in stance.
@@ -50,8 +45,8 @@ class Verification:
         clearance: smallest height of the pendulum's end (m); negative is reported, not forbidden.
         cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
             NaN if it falls.
-        hold_failure: why, or "".
-        failures: which checks failed, in words; empty if it passed.
+        hold_failure: why it falls; empty if it does not.
+        failures: the checks that failed, in words; empty if the gait passed.
     """
 
     state_error: float
@@ -73,82 +68,24 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether every check did."""
+        """Whether every check passed."""
         return not self.failures
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values; ``Verification(**d)`` after tupling `failures` is the inverse."""
+        """Plain JSON values; `from_dict` is the inverse."""
         return dataclasses.asdict(self) | {"failures": list(self.failures)}
 
-
-def polished(
-    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
-) -> tuple[PhaseTrajectory, ...]:
-    """The gait with its initial rates and pendulum angle corrected by rounding-sized amounts.
-
-    A stride magnifies deviations by up to 1e6: what a solver leaves at 1e-12 would show. Newton's
-    method on the reference simulation, by the gait's own linearisation.
-    """
-    current = list(phases)
-    best, kept = stride_error(params, current, turns)[0], tuple(phases)
-    for _ in range(3):
-        if best < 0.1 * STATE_TOLERANCE:
-            break
-        run = resimulated(params, current)
-        target = kept[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
-        gap = run.x[-1] - target
-        if run.steps != len(phases) or np.abs(gap).max() > 1e-2:
-            break
-        sensitivity = monodromy(params, current)[:, 1:]
-        shift = -np.linalg.lstsq(sensitivity, gap, rcond=1e-8)[0]
-        states = current[0].states.copy()
-        states[0, 0, 1:] += shift
-        current[0] = dataclasses.replace(current[0], states=states)
-        error = stride_error(params, current, turns)[0]
-        if error < best:
-            best, kept = error, tuple(current)
-    return kept
-
-
-def resimulated(
-    params: WheelParams, phases: Sequence[PhaseTrajectory], spare: float = SPARE_TIME[0]
-) -> Trajectory:
-    """One stride of the reference simulator under the gait's voltage in time."""
-    breakpoints, control = playback(phases)
-    duration = sum(p.duration for p in phases) + spare
-    return simulate(params, phases[0].start, control, duration, breakpoints=breakpoints)
-
-
-def playback(
-    phases: Sequence[PhaseTrajectory],
-) -> tuple[list[float], Callable[[float, Any], float]]:
-    """The stride's voltage as a law of time, and the times at which it may jump."""
-    begins = np.cumsum([0.0, *(p.duration for p in phases)])
-    edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
-    edges = np.append(edges, begins[-1])
-    knots = phases[0].control_nodes
-    values = np.concatenate([p.controls[:, :, 0] for p in phases])
-    inverse = np.linalg.inv(np.vander(knots))
-    coefficients = values @ inverse.T
-
-    def law(t: float, x: Any) -> float:
-        i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(coefficients) - 1)
-        s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
-        for c in coefficients[i]:
-            value = value * s + c
-        return float(value)
-
-    return [float(t) for t in edges[1:]], law
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Verification:
+        """From what `to_dict` returned."""
+        return cls(**{**values, "failures": tuple(values["failures"])})
 
 
 def stride_error(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
 ) -> tuple[float, Trajectory]:
-    """Largest deviation of a re-simulated stride from the interpolated one, and the simulation."""
-    for spare in SPARE_TIME:
-        run = resimulated(params, phases, spare)
-        if run.steps >= len(phases):
-            break
+    """Largest deviation of a re-simulated stride from the interpolated states; the simulation."""
+    run = played_to_last_touchdown(params, phases, SPARE_TIMES)
     touchdowns = run.touchdowns
     if len(touchdowns) != len(phases) or any(e.direction < 0 for e in touchdowns):
         return math.inf, run
@@ -166,9 +103,8 @@ def stride_error(
 
 def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
     """Largest deviation of one phase, re-simulated from its own start."""
-    edges, control = playback([phase])
     until = phase.duration * (1 - 1e-9)
-    run = simulate(params, phase.start, control, until, breakpoints=edges)
+    run = played(params, [phase], until)
     t = np.linspace(0.0, until, 200)
     if run.events:
         return math.inf
@@ -179,24 +115,20 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     """Re-simulate a gait and measure everything that is claimed of it."""
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
-    slope_work = weight * math.sin(params.slope) * ledger.distance
-    spent = sum(ledger.losses) + ledger.collision + ledger.idle
-    spent += _in_spare_time(params, sum(p.duration for p in phases), run)
-    impulses = [e.impulse for e in run.touchdowns]
-    demands = [abs(x) / y if y > 0 else math.inf for x, y in impulses]
+    duration = sum(p.duration for p in phases)
     held, reason = held_cost(params, phases)
     figures: dict[str, Any] = {
         "state_error": error,
         "phase_state_error": max(phase_error(params, p) for p in phases),
-        "energy_audit": abs(ledger.energy_with_regeneration - (spent - slope_work)),
+        "energy_audit": abs(_surplus(params, duration, run)),
         "electrical_positive": ledger.energy,
         "electrical": ledger.energy_with_regeneration,
         "distance": len(phases) * params.step_length,
-        "time": sum(p.duration for p in phases),
+        "time": duration,
         "min_normal_force": run.min_normal_force,
         "min_normal_force_over_weight": run.min_normal_force / weight,
         "max_friction_demand": run.friction_demand,
-        "max_impulse_friction_demand": max(demands, default=math.inf),
+        "max_impulse_friction_demand": run.impulse_friction_demand if run.touchdowns else math.inf,
         "peak_voltage": peak_voltage(phases),
         "clearance": run.clearance,
         "cot_at_100hz_hold": held,
@@ -205,9 +137,21 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
     return Verification(**figures, failures=tuple(_failures(params, figures)))
 
 
-def _in_spare_time(params: WheelParams, stride: float, run: Trajectory) -> float:
-    """Mechanical energy (J) gained after a stride that ended on time: it is no loss of its."""
-    if not run.touchdowns or abs(run.touchdowns[-1].time - stride) > SPARE_TIME[-1]:
+def _surplus(params: WheelParams, duration: float, run: Trajectory) -> float:
+    """Energy (J) that went in and is in no loss: 0 for a stride that ends as it began.
+
+    Over such a stride the mechanical energy changes by the work of the slope alone, whatever the
+    losses.
+    """
+    ledger = run.ledger
+    slope_work = params.weight * math.sin(params.slope) * ledger.distance
+    unexplained = ledger.residual + ledger.mechanical_change + slope_work
+    return unexplained - _gained_after_last_touchdown(params, duration, run)
+
+
+def _gained_after_last_touchdown(params: WheelParams, duration: float, run: Trajectory) -> float:
+    """Mechanical energy (J) gained in the spare time, if the stride ended on time."""
+    if not run.touchdowns or abs(run.touchdowns[-1].time - duration) > SPARE_TIMES[-1]:
         return 0.0
     ends = run.x[-1], run.touchdowns[-1].after
     after, before = (hybrid.mechanical_energy(*map(float, x), params.constants) for x in ends)
@@ -225,7 +169,7 @@ def peak_voltage(phases: Sequence[PhaseTrajectory]) -> float:
 
 
 def held_cost(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> tuple[float, str]:
-    """CoT of one stride with the voltage held at 100 Hz, or NaN and why."""
+    """CoT of one stride with the voltage held at 100 Hz and "", or NaN and why."""
     _, law = playback(phases)
     duration = sum(p.duration for p in phases)
     ticks = CONTROL_PERIOD * np.arange(math.ceil(duration / CONTROL_PERIOD))

@@ -1,6 +1,6 @@
-"""Problems with known answers: what a solver has to find before it is believed.
+"""Problems with known answers, which a solver has to find before it is believed.
 
-Every function returns a `Problem`; `EXAMPLES` lists them with their least costs.
+`EXAMPLES` lists the problems with their least costs.
 """
 
 from __future__ import annotations
@@ -13,15 +13,17 @@ from typing import Any
 import casadi as ca
 from scipy.optimize import brentq
 
-from rimless_gym import WheelParams
-from rimless_gym.symbolic import HybridModel
-from trajopt.ocp.pose.problem import Linkage, Phase, Problem, equal
+from trajopt.ocp.pose.constraint import equal
+from trajopt.ocp.pose.linkage import Linkage
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 
+#: In m/s^2.
 GRAVITY = 9.81
 
 
 def brachistochrone(x: float = 1.0, y: float = 1.0) -> Problem:
-    """The wire along which a bead slides from rest, x (m) along and y (m) down, fastest."""
+    """The wire along which a bead slides fastest, from rest, to x (m) along and y (m) down."""
     slide = Phase(
         "slide",
         states=("x", "y", "v"),
@@ -36,13 +38,16 @@ def brachistochrone(x: float = 1.0, y: float = 1.0) -> Problem:
 
 
 def brachistochrone_time(x: float = 1.0, y: float = 1.0) -> float:
-    """The cycloid's: x = r (q - sin q), y = r (1 - cos q) at time q sqrt(r / g) (Bernoulli)."""
+    """The least time (s), on a cycloid (Bernoulli).
+
+    x = r (q - sin q), y = r (1 - cos q) at time q sqrt(r / g).
+    """
     q = _root(lambda q: (q - math.sin(q)) * y - (1 - math.cos(q)) * x, 1e-3, 2 * math.pi - 1e-9)
     return q * math.sqrt(y / (1 - math.cos(q)) / GRAVITY)
 
 
 def cart_pole() -> Problem:
-    """Swing a pole up by pushing its cart 1 m aside in 2 s (Kelly, SIAM Review 59 (2017), 6)."""
+    """Swing a pole up in 2 s while its cart moves 1 m (Kelly, SIAM Review 59 (2017), 6)."""
     m1, m2, length, g = 1.0, 0.3, 0.5, GRAVITY
 
     def flow(x: Any, u: Any, p: Any) -> Any:
@@ -67,7 +72,8 @@ def cart_pole() -> Problem:
     return Problem((swing,))
 
 
-#: By shooting from Pontryagin's conditions (as the tests do again): there is no closed form.
+#: The least cost of `cart_pole`. It has no closed form; it comes from shooting with Pontryagin's
+#: conditions, which the tests repeat.
 SWING_UP = 58.80766746
 
 
@@ -102,47 +108,51 @@ def bouncing_ball(distance: float = 3.0, restitution: float = 0.8) -> Problem:
 
 
 def bouncing_ball_energy(distance: float = 3.0, restitution: float = 0.8) -> float:
-    """Per kg. Flights last 2 vy / g each, vy falling by e: x = (2 / g) vx vy (1 + e + e^2).
+    """The least energy per kg.
 
-    Of all vx and vy with that product the equal ones cost least.
+    Flights last 2 vy / g each, and vy falls by the factor e at each bounce, so that the distance is
+    (2 / g) vx vy (1 + e + e^2). Of all vx and vy with that product, equal ones cost least.
     """
     e = restitution
     return distance * GRAVITY / (2 * (1 + e + e**2))
 
 
 def fastest_move(distance: float = 1.0, brake: float = 1.0) -> Problem:
-    """A block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
+    """Move a block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
     timed = {"cost": lambda x, u, p: 1.0, "duration": (0.1, 10.0)}
     return Problem((_block((-brake, 1.0), distance, **timed),))
 
 
 def fastest_move_time(distance: float = 1.0, brake: float = 1.0) -> float:
-    """Full force, then full brake; the switch is in the middle where they are equal."""
+    """The least time (s): full force, then full brake."""
     return math.sqrt(2 * distance * (1 + 1 / brake))
 
 
 def least_effort_move() -> Problem:
-    """A block of 1 kg 1 m from rest to rest in 1 s at least integral of force squared."""
+    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared."""
     return Problem((_block((-math.inf, math.inf), cost=lambda x, u, p: u**2),))
 
 
-#: The force is 6 - 12 t.
+#: The least cost of `least_effort_move`: the force is 6 - 12 t.
 LEAST_EFFORT = 12.0
 
 
 def least_work_move(force: float = 10.0) -> Problem:
-    """The same at least work: braking costs nothing and returns nothing."""
+    """The same move at least work: braking costs nothing and returns nothing."""
     return Problem((_block((-force, force), powers=lambda x, u, p: u * x[1]),))
 
 
 def least_work(force: float = 10.0) -> float:
-    """Push, coast at v, brake: 1 m = v 1 s - v^2 / force (Kelly, SIAM Review 59 (2017), 5)."""
+    """The least work: push, coast at v, brake (Kelly, SIAM Review 59 (2017), 5).
+
+    The block gets 1 m = v 1 s - v^2 / force far.
+    """
     v = 0.5 * force * (1 - math.sqrt(1 - 4 / force))
     return 0.5 * v**2
 
 
 def bryson_denham(limit: float = 1 / 9) -> Problem:
-    """A block turned round within `limit` (m) at least effort."""
+    """Turn a moving block round within `limit` (m) at least effort."""
     turn = Phase(
         "turn",
         states=("x", "v"),
@@ -158,14 +168,14 @@ def bryson_denham(limit: float = 1 / 9) -> Problem:
 
 
 def bryson_denham_cost(limit: float = 1 / 9) -> float:
-    """For a limit of at most 1/6 (Bryson and Ho, Applied Optimal Control, 3.11)."""
+    """The least cost, for a limit of at most 1/6 (Bryson and Ho, Applied Optimal Control, 3.11)."""
     return 4 / (9 * limit)
 
 
 def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
-    """Turn a load by 1 rad from rest to rest in 1 s through the gear that takes least torque.
+    """Turn a load by 1 rad in 1 s, from rest to rest, through the gear that takes least torque.
 
-    Inertias in kg m^2; the load is `ratio` times slower than the motor.
+    Inertias are in kg m^2. The motor turns `ratio` times as fast as the load.
     """
     turn = Phase(
         "turn",
@@ -181,17 +191,20 @@ def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
 
 
 def gear_ratio(motor: float = 0.02, load: float = 0.5) -> float:
-    """Inertias match: torque = (motor ratio + load / ratio) times the load's acceleration."""
+    """The best ratio, at which the inertias match.
+
+    The torque is (motor ratio + load / ratio) times the load's acceleration.
+    """
     return math.sqrt(load / motor)
 
 
 def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
-    """That of `LEAST_EFFORT` with matched inertias."""
+    """The least cost: `LEAST_EFFORT` with matched inertias."""
     return LEAST_EFFORT * 4 * motor * load
 
 
 def hanging_chain(length: float = 1.5) -> Problem:
-    """A chain between two nails 1 m apart, hanging lowest; "time" runs from nail to nail."""
+    """How a chain between two nails 1 m apart hangs lowest; "time" runs from nail to nail."""
     chain = Phase(
         "chain",
         states=("height",),
@@ -207,50 +220,9 @@ def hanging_chain(length: float = 1.5) -> Problem:
 
 
 def hanging_chain_energy(length: float = 1.5) -> float:
-    """Of the catenary a cosh(x / a) - a cosh(1 / 2a), 2 a sinh(1 / 2a) long."""
+    """The least energy, of the catenary a cosh(x / a) - a cosh(1 / 2a), 2 a sinh(1 / 2a) long."""
     a = _root(lambda a: 2 * a * math.sinh(0.5 / a) - length, 0.05, 50.0)
     return 0.5 * a * (1 + a * math.sinh(1 / a)) - a * math.cosh(0.5 / a) * length
-
-
-def passive_wheel(legs: int = 8, slope: float = 0.12) -> Problem:
-    """The only cycle of a bare wheel down a slope; the cost is its rate after touchdown (rad/s)."""
-    params = _bare_wheel(legs, slope)
-    model = HybridModel(params)
-
-    def full(x: Any) -> Any:
-        return ca.vertcat(x[0], 0, x[1], 0)
-
-    stance = Phase(
-        "stance",
-        states=("phi", "dphi"),
-        flow=lambda x, u, p: model.flow(full(x), 0.0)[[0, 2]],
-        start={"phi": params.constants.a, "dphi": (0.1, 10.0)},
-        end={"phi": (params.constants.a, params.constants.a + 2 * params.constants.alpha)},
-        duration=(0.05, 5.0),
-    )
-    return Problem(
-        (stance,),
-        linkages=(Linkage(0, 0, lambda x, p: model.touchdown(full(x))[[0, 2]]),),
-        endpoint_cost=lambda starts, ends, durations, p: starts[0][1],
-    )
-
-
-def passive_wheel_rate(legs: int = 8, slope: float = 0.12) -> float:
-    """Tedrake, Underactuated Robotics, chapter "Simple legs"."""
-    params, a = _bare_wheel(legs, slope), math.pi / legs
-    push = 4 * params.gravity / params.leg_length * math.sin(a) * math.sin(slope)
-    return math.sqrt(push) / math.tan(2 * a)
-
-
-def _bare_wheel(legs: int, slope: float) -> WheelParams:
-    return WheelParams(
-        n_legs=legs,
-        slope=slope,
-        wheel_inertia=0.0,
-        pendulum_length=0.0,
-        pendulum_inertia=0.1,
-        motor_constant=0.0,
-    )
 
 
 def _block(force: tuple[float, float], distance: float = 1.0, **more: Any) -> Phase:
@@ -273,14 +245,19 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """A problem and its least cost."""
+    """A problem and its least cost.
+
+    Attributes:
+        problem: makes the problem.
+        known: computes the cost.
+    """
 
     problem: Callable[[], Problem]
     known: Callable[[], float]
 
     @property
     def name(self) -> str:
-        """In words."""
+        """The problem's name in words."""
         return self.problem.__name__.replace("_", " ")
 
 
@@ -294,5 +271,4 @@ EXAMPLES = (
     Example(bryson_denham, bryson_denham_cost),
     Example(gear, gear_cost),
     Example(hanging_chain, hanging_chain_energy),
-    Example(passive_wheel, passive_wheel_rate),
 )

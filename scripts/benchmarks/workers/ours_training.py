@@ -11,7 +11,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from agents.training_env import training_env
+from agents.conditions import Conditions
+from agents.sb3.training_env import training_env
 from rimless_gym.envs.task import Task
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS
@@ -48,7 +49,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
     """A measurement is one `learn` of one rollout, however long it takes."""
     torch.set_num_threads(1)
     n, arguments = settings["n"], settings["ppo"]
-    env = Stopwatch(training_env(n, PARAMS, Task(), seed=0))
+    env = Stopwatch(training_env(n, Conditions(PARAMS), Task(), seed=0))
     model = PPO("MlpPolicy", env, seed=0, device="cpu", **arguments)
 
     def measure(seconds: float) -> dict[str, Any]:

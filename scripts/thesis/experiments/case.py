@@ -1,4 +1,4 @@
-"""One problem of the thesis: how it is posed, what was printed of it, how hard to look for it."""
+"""One problem of the thesis: how it is posed, what the thesis prints of it, how to search it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TypeAlias
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Array, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.optima import StartFamily
 
 
@@ -18,10 +19,10 @@ class Printed:
     """What the thesis prints of a case.
 
     Attributes:
-        variant: which one.
-        cost: its cost.
+        variant: name of the case.
+        cost: its cost; None if not printed, as the others below.
         energy: its energy (J).
-        late: by how much its last touchdown was off in the thesis's verification (s).
+        late: error of the last touchdown's time in the thesis's verification (s).
     """
 
     variant: str
@@ -35,11 +36,11 @@ class Effort:
     """How a case is searched.
 
     Attributes:
-        starts: how many.
-        elements: per step.
-        durations: of the steps to begin with, log-uniform between these (s).
-        tolerance: of the refined mesh's error; a hundredth of what is asked for where it can be
-            had, since wheels fall over exponentially.
+        starts: number of random starts.
+        elements: of the search's mesh, per step.
+        durations: bounds on the durations of the steps of a start (s), log-uniform.
+        tolerance: of the refined mesh's error. It is a hundredth of what is asked for, where that
+            can be reached, because errors of a falling wheel grow exponentially.
     """
 
     starts: int = 40
@@ -50,7 +51,7 @@ class Effort:
 
 USUAL = Effort()
 
-#: Experiment and variant.
+#: Number of the experiment, and name of the variant.
 Key: TypeAlias = tuple[int, str]
 
 
@@ -60,16 +61,17 @@ class Case:
 
     Attributes:
         experiment: its number.
-        printed: what the thesis prints of it; twice if it prints one problem twice.
+        printed: what the thesis prints of it; two entries if it prints one problem twice.
         params: the machine.
-        problem: of the solution that it continues, if any.
-        after: whose solution that is.
-        appended: whether it is a further step of that motion, simulated and paid with it.
+        problem: solution that this case continues, or None -> problem.
+        after: the case that this one continues, if any.
+        appended: whether the motion is a further step of that case's, simulated together with it.
         effort: of the search.
-        quickest: whether of equally good solutions the quickest is kept, not the first.
-        limit: whether it only says what is possible: grazing the guards, it is not simulated well.
+        quickest: whether the quickest of equally good solutions is kept, not the first.
+        limit: whether the case only shows what is possible. Its solution grazes the guards, where
+            a simulation cannot follow it well, so that `Solved.converged` does not ask for one.
         design: what is to be chosen of the machine, if anything.
-        family: of the starts; random waypoints by default.
+        family: problem -> family of starts; random waypoints by default.
     """
 
     experiment: int
@@ -86,14 +88,14 @@ class Case:
 
     @property
     def variant(self) -> str:
-        """What it is called."""
+        """Its name."""
         return self.printed[0].variant
 
     @property
     def key(self) -> Key:
-        """Of this case alone."""
+        """What identifies the case."""
         return self.experiment, self.variant
 
     def machine(self, parameters: Array) -> WheelParams:
-        """The machine with what was chosen of it."""
+        """The machine with these values of what is to be chosen."""
         return self.design.machine(self.params, parameters) if self.design else self.params

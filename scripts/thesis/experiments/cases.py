@@ -1,7 +1,7 @@
 """The six experiments of chapter 4, one short function each: the problems, and what was printed.
 
 Units are SI and radians; `symmetric(x)` is [-x, x]. A case may continue from another one's
-solution: such is Experiment 6, and it must come after what it continues.
+solution, as in Experiment 6; it must be listed after the one that it continues.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from rimless_gym.params import THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
 from rimless_gym.symbolic import HybridModel
-from scripts.thesis.experiments.case import USUAL, Case, Effort, Printed
-from scripts.thesis.experiments.honest import FromGait, rod_of_mass
+from scripts.thesis.experiments.case import USUAL, Case, Effort, Key, Printed
+from scripts.thesis.experiments.periodic_gaits import FromGait, rod_of_mass
 from scripts.thesis.experiments.steps import (
     PENDULUM_MASS,
     from_state,
@@ -44,16 +44,16 @@ from scripts.thesis.experiments.tables import (
     Weights,
     symmetric,
 )
-from trajopt.ocp.judge.extremal import Extremal
 from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)
 
-#: Of the honest gaits (kg).
+#: Bounds on m2 where it is chosen for a periodic gait (kg).
 WIDER_MASS = (0.5, 4.0)
 
-#: Of the pendulum where it is chosen (kg): the thesis does not print its bounds.
+#: Bounds on m2 elsewhere (kg): the thesis does not print its own.
 MASS = (0.5, 2.0)
 
 
@@ -70,7 +70,7 @@ def experiment_1() -> tuple[Case, ...]:
 
 @cache
 def experiment_2() -> tuple[Case, ...]:
-    """One step that ends without a collision, Table 4.4, and what that takes at the least.
+    """One step that ends without a collision, Table 4.4, and the least that such a step needs.
 
     The printed bound of 3 pi on the last theta' admits no such step.
     """
@@ -108,7 +108,7 @@ def experiment_3() -> tuple[Case, ...]:
     wider = [Printed("cost 4.6, m2 free from 0.1 kg")]
     posed = (NOMINAL, TABLE_4_5, COST_4_6, 2)
     cases.append(_case(3, wider, posed, Effort(10), mass=(0.1, MASS[1])))
-    return (*cases, *_honest_gaits())
+    return (*cases, *_periodic_gaits())
 
 
 @cache
@@ -132,9 +132,9 @@ def experiment_5() -> tuple[Case, ...]:
         starts = 40 if limit == 10.0 else 80  # many optima have phi'(0) at its bound
         cases.append(_case(5, printed, posed, Effort(starts, durations=short)))
         if law == "plastic":
-            honest = [Printed(f"{name}, foot not held down")]
+            unpinned = [Printed(f"{name}, foot not held down")]
             effort = Effort(30, durations=short, tolerance=1e-8)
-            cases.append(_case(5, honest, posed, effort, contact=True))
+            cases.append(_case(5, unpinned, posed, effort, contact=True))
     return tuple(cases)
 
 
@@ -181,8 +181,22 @@ EXPERIMENTS = {
 
 
 def every_case() -> list[Case]:
-    """Of all experiments, in order."""
+    """The cases of all experiments, in order."""
     return [case for experiment in EXPERIMENTS.values() for case in experiment()]
+
+
+def needed(numbers: Sequence[int]) -> list[Case]:
+    """The cases of some experiments and the cases that they continue, in order."""
+    keys = set()
+    for case in reversed(every_case()):  # what a case continues comes before it
+        if case.experiment in numbers or case.key in keys:
+            keys |= {case.key} | ({case.after.key} if case.after else set())
+    return [case for case in every_case() if case.key in keys]
+
+
+def case_of(key: Key) -> Case:
+    """The case with this key."""
+    return next(case for case in every_case() if case.key == key)
 
 
 def _case(
@@ -204,12 +218,12 @@ def _case(
     )
 
 
-#: A problem that begins or ends where a solution of another one does.
+#: Solution of another case -> problem that begins or ends where that solution does.
 Sequel: TypeAlias = Callable[[Extremal | None], Problem]
 
 
-def _honest_gaits() -> list[Case]:
-    """Periodic, plastic, E+: m2 as in Table 4.6, and chosen."""
+def _periodic_gaits() -> list[Case]:
+    """Periodic gaits with plastic touchdowns and least E+: m2 as in Table 4.6, and to be chosen."""
     cases = []
     for name, mass in (("m2 = 2.22 kg", (2.22, 2.22)), ("m2 free", WIDER_MASS)):
         family = FromGait(THESIS_PHYSICAL, mass)

@@ -1,4 +1,4 @@
-"""docs/thesis.md's table and figures, written into it."""
+"""The tables and figures of docs/thesis.md, written into it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from scripts.thesis.experiments import figures
-from scripts.thesis.experiments.run import Solved
+from scripts.thesis.experiments.solved import Solved
 
-#: Of the figures that the document shows: experiment, variant, and what is drawn.
+#: The figures that the document shows, by file name: experiment and variant.
 SHOWN = {
     "experiment_1": (1, "cost 4.4"),
     "experiment_2": (2, "|theta'| <= 8 pi at the end"),
@@ -23,7 +23,7 @@ SHOWN = {
 
 MARKS = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 
-#: One of them at least, in words.
+#: What a page must contain, at least one of the two, in words.
 WANTED = (
     "<!-- table --> and <!-- end of table -->, or <!-- at 1 kHz --> and <!-- end of at 1 kHz -->"
 )
@@ -56,7 +56,7 @@ def filled(text: str, rows: Sequence[dict[str, Any]]) -> str:
 
 
 def verification_table(rows: Sequence[dict[str, Any]]) -> str:
-    """What the thesis's verification says of its solutions, and of ours."""
+    """What a verification as in the thesis says of its solutions and of ours."""
     lines = [
         "|  | variant | off in the thesis (s) | touchdowns off (s) | states off |",
         "| --- |" + " --- |" * 4,
@@ -82,7 +82,7 @@ def _escaped(text: str) -> str:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """What is most worth knowing of every row."""
+    """The main figures of every row."""
     lines = [
         "|  | variant | cost, thesis | cost | energy, thesis (J) | energy (J) | t_f (s) "
         "| state error | touchdown error (s) | least Fy / weight | starts to the best |",

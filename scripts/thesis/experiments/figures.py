@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scripts.thesis.experiments.run import Solved
-from scripts.thesis.experiments.verification import Verification, energy, powers, sampled_times
+from scripts.thesis.experiments.power import powers
+from scripts.thesis.experiments.replay import Replay, sampled_times
+from scripts.thesis.experiments.solved import Solved
 from trajopt.gaits.stance import STATES
-from trajopt.ocp.pose.problem import Array
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Of a state in the columns of a trajectory, by panel: angles, and rates.
+#: Columns of the state by panel: angles, then rates.
 PANELS = ((0, 1), (2, 3))
 
 COLORS = ("C0", "C1", "C0", "C1")
@@ -36,9 +37,9 @@ def trajectories(solved: Solved) -> Figure:
 
 
 def verification(solved: Solved) -> Figure:
-    """The same simulated: solid under the control itself, dashed at 1 kHz as the thesis did."""
+    """The same, simulated: solid with the control itself, dashed at 1 kHz as the thesis did."""
     figure, panels = _three_panels()
-    runs: tuple[tuple[Verification, str, str], ...] = (
+    runs: tuple[tuple[Replay, str, str], ...] = (
         (solved.simulated, "-", ""),
         (solved.resampled, "--", ", 1 kHz"),
     )
@@ -60,7 +61,7 @@ def verification(solved: Solved) -> Figure:
 
 
 def power(solved: Solved) -> Figure:
-    """Powers at the motor's output, and the integral of the total one (Figures 4.3, 4.6 ...)."""
+    """Powers at the motor's output, and the integral of the total (Figures 4.3, 4.6 ...)."""
     figure = Figure(figsize=(7.0, 2.8), layout="constrained")
     panel = figure.subplots()
     for begin, phase in _in_time(solved.motion):
@@ -69,8 +70,7 @@ def power(solved: Solved) -> Figure:
         for name, style in lines:
             label = name if begin == 0.0 else None
             panel.plot(begin + drawn.times, getattr(drawn, name), style, lw=1.2, label=label)
-    joules = energy(solved.machine, solved.motion)
-    panel.set(xlabel="t / s", ylabel="power / W", title=f"Energy integral = {joules:.6f} J")
+    panel.set(xlabel="t / s", ylabel="power / W", title=f"Energy integral = {solved.energy:.6f} J")
     panel.legend(fontsize="small")
     return figure
 
@@ -103,6 +103,6 @@ def _in_time(phases: tuple[PhaseTrajectory, ...]) -> Iterator[tuple[float, Phase
 
 
 def _split_at_events(times: Array, states: Array) -> tuple[Array, Array]:
-    """With gaps where the state jumps."""
+    """Times and states with a NaN wherever the state jumps, so that no line is drawn there."""
     jumps = np.flatnonzero(np.diff(times) == 0.0) + 1
     return np.insert(times, jumps, np.nan), np.insert(states, jumps, np.nan, axis=0)

@@ -1,4 +1,4 @@
-"""`results.json`, and a page with everything in it: tables, findings and figures."""
+"""`results.json`, and a page with tables, findings and figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from scripts.thesis.experiments import figures
 from scripts.thesis.experiments.findings import FINDINGS
-from scripts.thesis.experiments.run import Solved
+from scripts.thesis.experiments.solved import Solved
 from trajopt.provenance import provenance
 
 STYLE = """
@@ -69,7 +69,7 @@ def page(solutions: Sequence[Solved]) -> str:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """All rows beside what the thesis prints."""
+    """A table of all rows, beside what the thesis prints."""
     head = "".join(f"<th>{heading}</th>" for heading, _, _ in COLUMNS) + "<th>converged</th>"
     body = "\n".join(f"<tr>{_cells(row)}</tr>" for row in rows)
     return f"<table><tr>{head}</tr>\n{body}</table>"
@@ -104,7 +104,7 @@ def _case(solution: Solved) -> str:
     titles = html.escape(" and ".join(p.variant for p in solution.case.printed))
     return (
         f"<h3>{titles}</h3><p>Local optima, with how many of {solution.case.effort.starts} starts "
-        f"came to them: {optima}; {solution.failed} led nowhere{chosen}. "
+        f"came to them: {optima}; {solution.failed} failed{chosen}. "
         f"{solution.seconds:.1f} s.</p><div class='figures'>{images}</div>"
     )
 

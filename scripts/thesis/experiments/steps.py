@@ -1,4 +1,4 @@
-"""The thesis's steps as phases, joined by its impact laws, and what a step takes at the least."""
+"""The thesis's steps as phases, joined by its impact laws, and the least that a step needs."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from scripts.thesis.experiments.tables import Table, Weights
 from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.problem import Array, Constraint, Phase, Problem
+from trajopt.ocp.pose.constraint import Constraint
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 
-#: m2 alone, the thesis's I2 being independent of it.
+#: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
 
 #: No running cost.
@@ -35,12 +38,12 @@ def steps(
 
     Args:
         params: the machine.
-        table: bounds; those at the start are the first step's, those at the end the last one's.
+        table: bounds; those at the start apply to the first step, those at the end to the last.
         weights: of the cost.
-        count: of steps.
-        mass: bounds on m2 where it is chosen too (kg), its inertia I2 left as it is.
-        contact: whether the ground can but push, and within the friction cone; the thesis's foot
-            is a pin joint.
+        count: number of steps.
+        mass: bounds on m2 (kg) if it is to be chosen; its inertia I2 stays as it is.
+        contact: whether the ground can only push, and only within the friction cone; the thesis's
+            foot is a pin joint.
     """
     wheel = WheelPhases(params, PENDULUM_MASS if mass else None)
     phases = [step(wheel, table, weights, i, count, contact=contact) for i in range(count)]
@@ -84,7 +87,7 @@ def least_final_swing(params: WheelParams, table: Table) -> Problem:
 
 
 def least_pull(params: WheelParams, table: Table) -> Problem:
-    """The step whose foot must be held down least; cost: with how many weights."""
+    """The step whose foot must be held down least; its cost is that force, in weights."""
     wheel = WheelPhases(params)
     force, weight = wheel.of("ground_reaction"), wheel.of("weight")
     held = Constraint(
@@ -102,29 +105,24 @@ def least_pull(params: WheelParams, table: Table) -> Problem:
 
 
 def _contact(wheel: WheelPhases) -> Constraint:
-    """The ground pushes, and holds by friction."""
+    """The ground can only push, and holds by friction."""
     force, weight = wheel.of("ground_reaction"), wheel.of("weight")
 
     def cone(x: Any, u: Any, p: Any) -> Any:
-        return _inside(wheel, *ca.vertsplit(force(x, u, p) / weight(x, p)))
+        return wheel.inside_cone(*ca.vertsplit(force(x, u, p) / weight(x, p)))
 
     return _nonnegative(cone, "stance")
 
 
 def _impulse(wheel: WheelPhases) -> Constraint:
-    """The same of the touchdown's impulse."""
+    """The same for the impulse of the touchdown."""
     momentum, touchdown, weight = (wheel.of(n) for n in ("linear_momentum", "touchdown", "weight"))
 
     def cone(x: Any, p: Any) -> Any:
         jump = momentum(touchdown(x, p), p) - momentum(x, p)
-        return _inside(wheel, *ca.vertsplit(wheel.params.gravity * jump / weight(x, p)))
+        return wheel.inside_cone(*ca.vertsplit(wheel.params.gravity * jump / weight(x, p)))
 
     return _nonnegative(cone, "touchdown")
-
-
-def _inside(wheel: WheelPhases, fx: Any, fy: Any) -> Any:
-    mu = wheel.params.friction
-    return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
 
 
 def _nonnegative(function: Any, where: str) -> Constraint:

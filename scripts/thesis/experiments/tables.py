@@ -6,15 +6,15 @@ import dataclasses
 from math import pi
 from typing import Any
 
-#: Least phi' with which the last step ends where the thesis asks for more than 0 (rad/s).
+#: Least phi' at the end of the last step (rad/s), where the thesis asks for more than 0.
 LEAST_TOUCHDOWN_RATE = 0.01
 
-#: Bounds at the start, all along, and at the end.
+#: Bounds at the start, throughout, and at the end.
 Rows = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 def symmetric(start: float, along: float, end: float) -> Rows:
-    """[-x, x] of every x, as the thesis's tables mostly are."""
+    """[-x, x] for each x: most bounds of the thesis are symmetric."""
     return (-start, start), (-along, along), (-end, end)
 
 
@@ -37,7 +37,7 @@ class Table:
     duration: tuple[float, float]
 
     def row(self, where: int) -> dict[str, float | tuple[float, float]]:
-        """Bounds on the rates and theta at the start (0), all along (1) or at the end (2)."""
+        """Bounds on the rates and theta at the start (0), throughout (1) or at the end (2)."""
         theta = (-self.pendulum, self.pendulum)
         return {"theta": theta, "phi'": self.rate[where], "theta'": self.swing[where]}
 

@@ -1,4 +1,4 @@
-"""The study's results as JSON, a figure that tells the story, and a table for a page."""
+"""The study's results as JSON, as a figure, and as a table for a page."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from scripts.thesis.prototype.study import End, Point
+from scripts.thesis.prototype.ends import End
+from scripts.thesis.prototype.points import Point
 from scripts.thesis.prototype.variant import SCALES
 from trajopt.provenance import provenance
 
 MARKS = re.compile(r"(<!-- prototype -->\n).*?(<!-- end of prototype -->)", re.DOTALL)
 
-#: The same in words.
+#: What a page must contain, in words.
 WANTED = "<!-- prototype --> and <!-- end of prototype -->"
 
-#: Limits that a gait reaches for less than this share of its time are not named.
+#: Limits that a gait reaches for a smaller share of its time are not named.
 LEAST_SHARE = 0.005
 
 
@@ -53,9 +54,9 @@ def write(found: dict[str, Any], folder: Path) -> None:
 
 
 def refresh(page: Path, found: dict[str, Any], points: Sequence[Point]) -> None:
-    """Put the table into a page, and all else into ``figures/prototype`` beside it.
+    """Put the table into a page, and the rest into ``figures/prototype`` beside it.
 
-    The gaits of the machine as built are there as files.
+    The rest includes files of the gaits of the machine as built.
     """
     folder = figures_of(page)
     write(found, folder)
@@ -103,7 +104,7 @@ def _names(found: dict[str, Any]) -> list[str]:
 
 
 def table(found: dict[str, Any]) -> str:
-    """A row per gait, and how each supply ends."""
+    """A row per gait, and a line on how the gaits of each supply end."""
     lines = [
         "| supply | scale | CoT | speed (m/s) | turns | gear | least Fy / weight | friction demand "
         "| peak V | clearance (m) | state error | at its limit |",

@@ -1,108 +1,21 @@
-"""The gaits of every scale, each kept in a file as soon as it is found; and how they end."""
+"""The study's sweeps over scales and supplies: from large pendulums down, then from neighbours."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
-from scripts.thesis.prototype.gait import binding, cheaper, cheapest, followed
+from scripts.thesis.prototype.gait import cheaper, cheapest
+from scripts.thesis.prototype.points import Point, store, stored
 from scripts.thesis.prototype.variant import SCALES, VARIANTS, Variant
-from trajopt.files import write_text
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.solving.ties import least_first
 from trajopt.processes import Submit, pool
-
-#: The scale to which a last gait is followed, if it does not end before.
-FARTHEST = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Point:
-    """The cheapest gait of a supply and scale.
-
-    Attributes:
-        variant: supply and gear.
-        scale: of the pendulum.
-        gait: verified; None if none was found.
-        reason: why not.
-    """
-
-    variant: Variant
-    scale: float
-    gait: Solution | None
-    reason: str = ""
-
-    def row(self) -> dict[str, Any]:
-        """Its figures, plain JSON values."""
-        row: dict[str, Any] = {"variant": self.variant.name, "scale": self.scale}
-        if self.gait is None:
-            return row | {"cot": None, "reason": self.reason}
-        v, gear = self.gait.verification, self.variant.params.gear_ratio
-        return row | {
-            "cot": self.gait.cot,
-            "reason": "",
-            "speed": self.gait.speed,
-            "theta_turns": self.gait.theta_turns,
-            "gear": self.gait.params.gear_ratio / gear,
-            "min_normal_force_over_weight": v.min_normal_force_over_weight,
-            "max_friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
-            "peak_voltage": v.peak_voltage,
-            "clearance": v.clearance,
-            "state_error": v.state_error,
-            "energy_audit": v.energy_audit,
-            "binding": binding(self.gait),
-        }
-
-
-@dataclasses.dataclass(frozen=True)
-class End:
-    """Where the last gait of a supply ends, followed to smaller pendulums.
-
-    Attributes:
-        variant: its name.
-        scales: along the curve.
-        costs: of transport, on a coarse mesh.
-        obstacle: what stops it, in words; "" if nothing did.
-    """
-
-    variant: str
-    scales: tuple[float, ...]
-    costs: tuple[float, ...]
-    obstacle: str
-
-
-def place(folder: Path, variant: Variant, scale: float, suffix: str) -> Path:
-    """Where a point's file is: .npz with its gait, or .json that says why there is none."""
-    return folder / variant.file_name / f"{scale:.3f}{suffix}"
-
-
-def stored(folder: Path, variant: Variant, scale: float) -> Point | None:
-    """A point found before, if there is one."""
-    gait, nothing = (place(folder, variant, scale, suffix) for suffix in (".npz", ".json"))
-    if gait.exists():
-        return Point(variant, scale, Solution.load(gait))
-    if nothing.exists():
-        return Point(variant, scale, None, json.loads(nothing.read_text())["reason"])
-    return None
-
-
-def store(folder: Path, point: Point) -> None:
-    """Keep a point."""
-    gait, nothing = (
-        place(folder, point.variant, point.scale, suffix) for suffix in (".npz", ".json")
-    )
-    gait.parent.mkdir(parents=True, exist_ok=True)
-    if point.gait is not None:
-        point.gait.save(gait)
-        nothing.unlink(missing_ok=True)
-    else:
-        write_text(nothing, json.dumps({"reason": point.reason}) + "\n")
 
 
 def study(
@@ -112,10 +25,10 @@ def study(
     scales: Sequence[float] = SCALES,
     workers: int = 1,
 ) -> Generator[Point, None, None]:
-    """Every point, from the largest pendulum down; those in the folder come at once.
+    """Yield every point, from the largest pendulum down; those in the folder at once.
 
-    Each scale's search starts from the gaits of the scales before it as well, the first one's from
-    the cheapest gaits that are shipped.
+    Some starts of each scale are the gaits of the scales before it. For the first scale these are
+    the cheapest shipped gaits.
 
     Args:
         folder: where points are kept.
@@ -142,33 +55,33 @@ def study(
 
 
 def _first() -> tuple[Solution, ...]:
-    """The cheapest steps that are known of the machine of the largest scale."""
+    """The cheapest shipped gaits of one step: their machine is that of the largest scale."""
     known = [gait for gait in shipped() if gait.steps == 1]
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
 @dataclasses.dataclass
 class _Chain:
-    """A supply's scales that are still to be done, and the gaits to start from."""
+    """The scales of a supply that are still to be searched, and the gaits to start from."""
 
     variant: Variant
     left: list[float]
     known: tuple[Solution, ...] = ()
 
     def recalled(self, folder: Path) -> Iterator[Point]:
-        """The next points, as far as they are in the folder."""
+        """The next points, for as long as they are in the folder."""
         while self.left and (point := stored(folder, self.variant, self.left[0])):
             self.left.pop(0)
             self.add(point)
             yield point
 
     def add(self, point: Point) -> None:
-        """Start from this point's gait from now on; the last two serve."""
+        """Start from this point's gait and the one before it from now on."""
         if point.gait is not None:
             self.known = (point.gait, *self.known)[:2]
 
     def ask(self, submit: Submit, waiting: dict[Future[Any], _Chain]) -> None:
-        """Have the next point looked for."""
+        """Submit the search for the next point."""
         if self.left:
             waiting[submit(cheapest, self.variant, self.left[0], self.known)] = self
 
@@ -176,11 +89,11 @@ class _Chain:
 def improved(
     folder: Path, points: Sequence[Point], *, workers: int = 1
 ) -> Generator[tuple[Point, bool], None, None]:
-    """Every point, and whether leading its neighbours' gaits to it made it cheaper.
+    """Yield every point, and whether a gait led to it from a neighbour made it cheaper.
 
     Neighbours are the next scales of the same supply, and the same scale of supplies whose gaits
-    this one admits; of the largest pendulum also the gaits that are shipped. What is cheaper takes
-    the old one's place in the folder.
+    this one admits; for the largest pendulum also shipped gaits. A cheaper gait replaces the old
+    one in the folder.
     """
     with pool(workers) as submit:
         futures = {submit(_improved, p, _neighbours(p, points)): p for p in points}
@@ -193,7 +106,7 @@ def improved(
 
 
 def shared(points: Sequence[Point]) -> list[Point]:
-    """The points, each with the gait of a supply that it admits where that one is cheaper."""
+    """The points, each with the cheapest gait of its own supply and those whose gaits it admits."""
     best = []
     for point in points:
         lesser = [
@@ -218,7 +131,7 @@ def _improved(point: Point, known: Sequence[Solution]) -> Solution | None:
 
 
 def _neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
-    """Gaits from which a point might gain."""
+    """Gaits that might lead to a cheaper one at a point."""
     own = sorted({p.scale for p in points if p.variant == point.variant and p.gait})
     below = [scale for scale in own if scale < point.scale][-1:]
     above = [scale for scale in own if scale > point.scale][:1]
@@ -233,27 +146,3 @@ def _neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
         )
         and point.variant.admits(p.variant)
     ]
-
-
-def ends(points: Sequence[Point]) -> list[End]:
-    """How the gaits end of every supply whose smallest pendulum has none."""
-    found = []
-    for variant in dict.fromkeys(point.variant for point in points):
-        own = [point for point in points if point.variant == variant]
-        walking = [point for point in own if point.gait is not None]
-        if walking and min(own, key=_scale).gait is None:
-            found.append(_end(min(walking, key=_scale)))
-    return found
-
-
-def _scale(point: Point) -> float:
-    return point.scale
-
-
-def _end(point: Point) -> End:
-    """Follow a gait to smaller pendulums until something stops it."""
-    gait, variant = point.gait, point.variant
-    assert gait is not None
-    curve = followed(variant, gait, FARTHEST)
-    obstacle = str(curve.obstacle) if curve.obstacle else ""
-    return End(variant.name, curve.values, curve.costs, obstacle)

@@ -1,4 +1,4 @@
-"""Machines between the one that was simulated and the one that was built, and their motors."""
+"""Machines between the one that was simulated and the one that was built, and their supplies."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from trajopt.gaits.solution import Solution
 from trajopt.ocp.pose.bounds import pair
 from trajopt.ocp.pose.problem import Problem
 
-#: Of the pendulum's mass and length, in those of the machine as built: 4 is Table 4.6's.
+#: Mass and length of the pendulum in units of those as built; 4 is the machine of Table 4.6.
 SCALES = (4.0, 3.5, 3.0, 2.5, 2.0, 1.75, 1.6, 1.5, 1.4, 1.3, 1.2, 1.15, 1.1, 1.0)
 
-#: Mean speeds that are considered (m/s); slower wheels balance for seconds in every step.
+#: Bounds on the mean speed (m/s); a slower wheel would balance for seconds in every step.
 SPEEDS = (0.1, 0.7)
 
-#: Bounds on a gear ratio to be chosen, in ratios of the gear as built.
+#: Bounds on a gear ratio that is to be chosen, in units of the ratio as built.
 GEARS = (0.02, 20.0)
 
 
@@ -44,9 +44,9 @@ class Variant:
     """A motor supply and gear.
 
     Attributes:
-        name: in tables and of its folder.
+        name: as in tables.
         voltage: largest (V).
-        gear: ratio in those of the gear as built, or bounds on it.
+        gear: ratio in units of the one as built, or bounds on it.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Variant:
 
     @property
     def file_name(self) -> str:
-        """The name as files have it."""
+        """The name as files and folders have it."""
         return self.name.replace(" ", "_").replace(",", "")
 
     def machine(self, scale: float, gear: float) -> WheelParams:
@@ -68,18 +68,18 @@ class Variant:
         return DESIGN.machine(self.params, (scale, gear))
 
     def scale_and_gear(self, gait: Solution) -> tuple[float, float]:
-        """Those of a gait's machine."""
+        """Scale and gear ratio of a gait's machine."""
         built = self.params
         scale = gait.params.pendulum_length / built.pendulum_length
         return scale, gait.params.gear_ratio / built.gear_ratio
 
     def admits(self, other: Variant) -> bool:
-        """Whether the gaits of another supply and gear can be had with these."""
+        """Whether every gait of another supply and gear is possible with this one too."""
         (low, high), (least, most) = pair(self.gear), pair(other.gear)
         return self.voltage >= other.voltage and low <= least and most <= high
 
     def problem(self, scale: float | tuple[float, float], turns: int) -> Problem:
-        """A step of least cost of transport, at a speed of its own, that repeats.
+        """The problem of a periodic step of least cost of transport at any speed.
 
         Args:
             scale: of the pendulum.

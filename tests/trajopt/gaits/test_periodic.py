@@ -114,13 +114,21 @@ def test_foreign_and_missing_files_are_refused(tmp_path):
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_speeds_are_named(speed):
-    with pytest.raises(NoGaitError, match="speed"):
+    with pytest.raises(ValueError, match=r"speed = .*: must be (finite|greater than 0)"):
         periodic_gait(THESIS_PHYSICAL, speed)
 
 
-def test_a_stride_has_at_least_one_step():
-    with pytest.raises(NoGaitError, match="at least 1"):
-        periodic_gait(THESIS_PHYSICAL, steps=0)
+def test_a_gait_is_led_to_a_far_speed_in_several_steps(one_step):
+    slower = periodic_gait(THESIS_PHYSICAL, 0.43, 1, guess=one_step)
+    assert slower.verification.passed
+    assert slower.theta_turns == one_step.theta_turns
+    assert slower.speed == pytest.approx(0.43, abs=1e-12)
+    assert slower.cot > one_step.cot
+
+
+def test_a_lead_that_ends_before_the_speed_says_how_far_it_came(one_step):
+    with pytest.raises(NoGaitError, match=r"; 0\.60\d m/s was reached"):
+        periodic_gait(THESIS_PHYSICAL, 0.63, 1, guess=one_step)
 
 
 def test_a_speed_beyond_reach_says_so_and_what_binds():

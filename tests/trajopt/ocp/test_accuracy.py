@@ -1,4 +1,4 @@
-"""Estimates of errors are honest: against known solutions and other integrators."""
+"""Estimates of errors, compared with known solutions and other integrators."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_the_reported_error_of_an_element_is_the_true_one_within_a_factor(
         assert quality.state_error[e] < 20 * within.max() + 1e-12
 
 
-def test_the_step_is_that_of_an_adaptive_integrator() -> None:
+def test_the_step_error_is_that_of_an_adaptive_integrator() -> None:
     problem = textbook.cart_pole()
     found = solve(problem, passes=0)
     quality = assess(problem.phases[0], found.phases[0], NONE)
@@ -158,7 +158,7 @@ def test_a_perturbed_solution_is_found_out() -> None:
     assert max(resimulated(problem, [wrong], NONE).phase_errors) > 1e-4
 
 
-def test_what_happens_between_the_nodes_is_seen_also_close_to_an_edge() -> None:
+def test_violations_between_the_nodes_are_seen_even_close_to_an_edge() -> None:
     """A polynomial of degree 9, within its bound but for 0.5 % of the element."""
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(10) / 9)
     bump = np.polynomial.Polynomial([0.0, 1.0, -200.0])  # t - 200 t^2: positive up to t = 0.005

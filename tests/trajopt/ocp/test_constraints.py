@@ -12,7 +12,7 @@ import pytest
 from trajopt import Constraint, Mesh, Phase, Problem, equal, nonnegative, solve
 from trajopt.ocp import textbook
 from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.solve import tightened
+from trajopt.ocp.solving.margins import tightened
 from trajopt.ocp.transcribe.nlp import Transcription
 
 FREE = math.inf
@@ -104,7 +104,7 @@ def test_backing_off_moves_path_bounds_inwards_but_never_past_each_other() -> No
     assert pinched.lower[0] == pinched.upper[0] == 0.0
 
 
-def test_maxima_of_powers_are_exact_at_the_nodes() -> None:
+def test_the_maximum_of_a_power_and_its_floor_is_exact_at_the_nodes() -> None:
     problem = textbook.least_work_move()
     result = Transcription(problem, Mesh.uniform(problem, 7, 5)).solve(straight_lines(problem))
     assert result.success

@@ -1,3 +1,5 @@
+"""Solutions are followed along a parameter, and a curve that ends early says why."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -7,11 +9,12 @@ import numpy as np
 import pytest
 
 import trajopt.ocp.search.continuation
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.interrupted import Interrupted
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.search.continuation import continued, distance, extrapolated
 from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.interrupted import Interrupted
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.nlp import Transcription
@@ -88,7 +91,7 @@ def test_a_guess_serves_as_a_start(start: Extremal) -> None:
     assert (curve.costs[0], curve.costs[-1]) == pytest.approx((12.0, 1.5))
 
 
-def test_where_nothing_leads_further_the_curve_says_why(start: Extremal) -> None:
+def test_a_curve_that_ends_early_says_why(start: Extremal) -> None:
     curve = continued(slower_than, start, (3.0, 0.5), verify=False, passes=0)
     assert not curve.reached
     assert curve.obstacle is not None
@@ -124,7 +127,7 @@ def test_a_step_that_leads_elsewhere_is_not_taken(start: Extremal) -> None:
     assert "leap" in curve.obstacle.reason
 
 
-def test_a_leap_is_measured_from_where_the_solutions_before_it_point_to(start: Extremal) -> None:
+def test_a_leap_is_measured_from_the_extrapolated_solution(start: Extremal) -> None:
     moved = [solve(lasting(T), start.phases, verify=False).phases for T in (1.0, 1.1, 1.2)]
     predicted = extrapolated(moved[0], moved[1], 1.0)
     assert predicted[0].duration == pytest.approx(1.2)
@@ -181,7 +184,7 @@ def test_ctrl_c_keeps_the_curve_so_far(start: Extremal) -> None:
 
 
 @pytest.mark.parametrize("values", [(1.0,), (1.0, 1.0), ()])
-def test_less_than_two_values_are_refused(start: Extremal, values: tuple[float, ...]) -> None:
+def test_fewer_than_two_values_are_refused(start: Extremal, values: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="a start and a goal"):
         continued(lasting, start, values)
 

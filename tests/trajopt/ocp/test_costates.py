@@ -1,4 +1,4 @@
-"""Costates against analytic ones; what the Hamiltonian says of a solution."""
+"""Costates compared with analytic ones; the Hamiltonian of a solution."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_costates_are_passed_on_through_a_linkage_by_its_transposed_jacobian() -
     assert before == pytest.approx(jacobian.T @ after, rel=1e-7)
 
 
-def test_no_constraint_no_costate_at_a_free_end() -> None:
+def test_the_costate_at_a_free_end_is_zero() -> None:
     found = on("radau", regulator())
     assert found.certificate.costates[0][-1] == pytest.approx([0.0], abs=1e-9)
 

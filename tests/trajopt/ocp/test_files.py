@@ -1,3 +1,5 @@
+"""Solutions in files: the same when loaded, refused if edited, damaged or of another problem."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -9,10 +11,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trajopt.files import HEADER, digest, read_arrays, write_arrays
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.judge.saved import ExtremalFileError, load_phases
-from trajopt.ocp.pose.problem import Constraint, Linkage, Phase, Problem
+from trajopt.files import HEADER, write_arrays
+from trajopt.ocp.pose.constraint import Constraint
+from trajopt.ocp.pose.linkage import Linkage
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.results.saved import ExtremalFileError, load_phases
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 
@@ -144,7 +149,7 @@ def test_a_flipped_byte_is_noticed_or_touches_nothing(extremal: Extremal, path: 
     assert refused > 40
 
 
-def test_a_file_cut_short_a_folder_or_none_is_refused(path: Path) -> None:
+def test_damaged_files_folders_and_missing_files_are_refused(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(ExtremalFileError, match="solve its problem again"):
         Extremal.load(path, RELAY)
@@ -166,21 +171,3 @@ def test_files_of_another_format_name_both(tmp_path: Path) -> None:
     write_arrays(path, "stamps 3", {}, {"a": np.ones(2)})
     with pytest.raises(ExtremalFileError, match="stamps 3"):
         load_phases(path)
-
-
-def test_what_is_written_is_read_and_replaces_the_file_as_a_whole(tmp_path: Path) -> None:
-    path = tmp_path / "stamps.npz"
-    for value in (1.0, 2.0):
-        write_arrays(path, "stamps 3", {"value": value}, {"a": np.full(2, value)})
-    header, arrays = read_arrays(path, "stamps 3", ValueError, "draw it again")
-    assert header == {"value": 2.0}
-    assert arrays["a"].tolist() == [2.0, 2.0]
-    assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
-
-
-def test_the_digest_sees_names_types_and_shapes() -> None:
-    a = np.arange(4.0)
-    different: list[dict[str, np.ndarray]] = [
-        *({"a": a}, {"b": a}, {"a": a.reshape(2, 2)}, {"a": a.astype(np.float32)}),
-    ]
-    assert len({digest(arrays) for arrays in different}) == len(different)

@@ -1,4 +1,4 @@
-"""What has no minimum, and what is stationary without being one, does not pass for a solution."""
+"""A cost without a minimum, and a stationary point that is none, do not pass for a solution."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 import casadi as ca
 import pytest
 
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.search.multi_start import multi_start
 from trajopt.ocp.solving.guesses import Waves
 from trajopt.ocp.solving.solve import solve
@@ -61,7 +62,7 @@ def valley(**bounds: Any) -> Problem:
     return Problem((ridge,))
 
 
-def test_a_saddle_that_the_guess_lies_on_is_left() -> None:
+def test_a_guess_on_a_saddle_leads_away_from_it() -> None:
     found = solve(valley(y=(-1.0, 1.0)))
     assert found.cost < -60.0  # the ridge itself costs 1
     assert abs(found.phases[0].state(0.5)[0, 1]) == pytest.approx(1.0, abs=1e-3)

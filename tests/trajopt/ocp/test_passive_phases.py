@@ -1,8 +1,11 @@
+"""Phases without controls."""
+
 from __future__ import annotations
 
 import pytest
 
-from trajopt.ocp.pose.problem import Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 

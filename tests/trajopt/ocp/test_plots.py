@@ -1,3 +1,5 @@
+"""Pictures of a solution show all that they should."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -8,8 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from trajopt.ocp.judge.extremal import Extremal
-from trajopt.ocp.pose.problem import Linkage, Phase, Problem
+from trajopt.ocp.pose.linkage import Linkage
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
@@ -93,7 +97,7 @@ def with_phase(extremal: Extremal, phase: PhaseTrajectory) -> Extremal:
     return dataclasses.replace(extremal, phases=(phase, *extremal.phases[1:]))
 
 
-def test_what_failed_says_so(extremal: Extremal) -> None:
+def test_the_title_says_whether_the_solution_failed(extremal: Extremal) -> None:
     coarse = dataclasses.replace(extremal, mesh_error=1.0)
     assert "FAILED" in coarse.plot().get_suptitle()
     assert "converged" in extremal.plot().get_suptitle()

@@ -1,4 +1,4 @@
-"""The program's assembled derivatives are those of the program."""
+"""The nonlinear program: its derivatives, its rows, its unknowns."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ def transcription(request: pytest.FixtureRequest) -> Transcription:
     return Transcription(everything(), MESHES[request.param])
 
 
-def test_derivatives_are_exactly_those_that_casadi_finds_for_the_whole(
+def test_derivatives_are_those_that_casadi_finds_for_the_whole_program(
     transcription: Transcription,
 ) -> None:
-    program, given = transcription._nlp, transcription._derivatives
+    program, given = transcription.program.symbols, transcription.program.derivatives
     x, f, g = program["x"], program["f"], program["g"]
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
     lagrangian = lam_f * f + ca.dot(lam_g, g)
@@ -85,8 +85,8 @@ def test_derivatives_are_exactly_those_that_casadi_finds_for_the_whole(
         np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=1e-12, atol=1e-12)
 
 
-def test_they_agree_with_finite_differences(transcription: Transcription) -> None:
-    given, size = transcription._derivatives, transcription.layout.size
+def test_derivatives_agree_with_finite_differences(transcription: Transcription) -> None:
+    given, size = transcription.program.derivatives, transcription.layout.size
     rng = np.random.default_rng(2)
     w, d = rng.uniform(0.5, 1.5, size), rng.normal(size=size)
     step = 1e-6
@@ -104,7 +104,7 @@ def test_they_agree_with_finite_differences(transcription: Transcription) -> Non
 
 
 def test_the_jacobian_stores_no_zeros_between_elements(transcription: Transcription) -> None:
-    jacobian = transcription._derivatives["jac_g"].sparsity_out(1)
+    jacobian = transcription.program.derivatives["jac_g"].sparsity_out(1)
     assert jacobian.nnz() < 0.4 * jacobian.numel()
 
 
@@ -123,14 +123,15 @@ def test_unknowns_and_trajectories_are_translated_there_and_back(
 
 
 def test_every_row_is_named(transcription: Transcription) -> None:
-    kinds = {rows.kind for rows in transcription.rows}
+    equations, count = transcription.equations, transcription.program.symbols["g"].numel()
+    kinds = {rows.kind for rows in equations.rows}
     assert kinds == {
         *("differential equation", "path constraint", "slack", "integral", "boundary"),
         *("start constraint", "end constraint", "linkage", "total duration"),
     }
-    assert sum(rows.count for rows in transcription.rows) == transcription._nlp["g"].numel()
-    lower, upper = transcription.bounds(transcription.problem)
-    assert len(lower) == len(upper) == transcription._nlp["g"].numel()
+    assert equations.count == sum(rows.count for rows in equations.rows) == count
+    lower, upper = equations.bounds(transcription.problem)
+    assert len(lower) == len(upper) == count
 
 
 def test_one_transcription_serves_problems_that_differ_in_numbers() -> None:

@@ -1,4 +1,4 @@
-"""What a newcomer and a reviewer got wrong, and what they are told."""
+"""Mistakes in problems, guesses and settings, and the errors that they cause."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_functions_of_math_in_a_flow_are_refused() -> None:
         ({"duration": math.inf}, "must be positive"),
     ],
 )
-def test_phases_that_say_nothing_are_refused(changes: dict, message: str) -> None:
+def test_phases_that_make_no_sense_are_refused(changes: dict, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         falls(**changes)
 
@@ -101,9 +101,9 @@ def test_playing_back_gives_up_on_what_an_explicit_integrator_cannot_follow(
     ("flow", "message"),
     [
         (lambda x, u, p: None, "flow gives None: end it with return"),
-        (lambda x, u, p: "v", "flow gives 'v': must be real numbers"),
-        (lambda x, u, p: (x[1], "g"), "flow gives 'g': must be real numbers"),
-        (lambda x, u, p: (x[1], 1j), "flow gives 1j: must be real numbers"),
+        (lambda x, u, p: "v", "flow gives 'v': must be a real number"),
+        (lambda x, u, p: (x[1], "g"), "flow gives 'g': must be a real number"),
+        (lambda x, u, p: (x[1], 1j), "flow gives 1j: must be a real number"),
         (lambda x, u, p: (x[1], None), "flow gives None"),
         (lambda x, u, p: x[1] * 1j, "flow cannot be traced.*complex"),
         (lambda x, u, p: (x[5], 0), r"x \(2\), u \(0\), p \(0\).*indices count from 0"),
@@ -112,7 +112,7 @@ def test_playing_back_gives_up_on_what_an_explicit_integrator_cannot_follow(
         (lambda x, u, p: (x[1], max(x[0], 0)), "casadi.if_else"),
         (lambda x, u: (x[1], 0), "it is called with these arguments"),
         (lambda x, u, p: tuple(x), "casadi.vertsplit"),
-        (lambda x, u, p: (x[1], ca.SX.sym("g")), "symbols of its own arguments alone"),
+        (lambda x, u, p: (x[1], ca.SX.sym("g")), "only symbols of its own arguments"),
         (lambda x, u, p: ca.SX.zeros(2, 2), r"matrix of shape \(2, 2\)"),
         (lambda x, u, p: (x[1], math.nan), "not finite for any"),
         (lambda x, u, p: x[1], "1 rates for the 2 states"),

@@ -1,3 +1,5 @@
+"""Searches from many starts: their optima, workers, interruptions and files."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -11,12 +13,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from trajopt.ocp.interrupted import Interrupted
 from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Phase, Problem, nonnegative
-from trajopt.ocp.search.multi_start import Search, SearchFileError, best_of, multi_start
+from trajopt.ocp.pose.constraint import nonnegative
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.search.multi_start import best_of, multi_start
 from trajopt.ocp.search.optima import Start
+from trajopt.ocp.search.search import Search, SearchFileError
 from trajopt.ocp.solving.guesses import Guess, Waves, Waypoints, straight_lines
-from trajopt.ocp.solving.interrupted import Interrupted
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 
@@ -148,7 +153,7 @@ def test_ctrl_c_stops_the_workers_and_keeps_what_they_found() -> None:
     assert not multiprocessing.active_children()
 
 
-def test_what_is_known_of_another_search_is_refused(search: Search) -> None:
+def test_another_search_cannot_be_continued(search: Search) -> None:
     with pytest.raises(ValueError, match="seed"):
         multi_start(AROUND, Waves(AROUND), 16, seed=1, known=search)
     with pytest.raises(ValueError, match="mesh"):

@@ -24,7 +24,7 @@ from trajopt import (
 )
 from trajopt.ocp import textbook
 from trajopt.ocp.solving.guesses import line, polyline, straight_lines
-from trajopt.ocp.solving.solve import LADDER
+from trajopt.ocp.solving.runs import LADDER
 from trajopt.ocp.transcribe.nlp import Transcription
 
 FREE = math.inf
@@ -146,7 +146,7 @@ def test_problems_survive_pickling() -> None:
         assert costs[0] == pytest.approx(costs[1], rel=1e-12)
 
 
-def test_so_do_solutions(swing: Extremal) -> None:
+def test_solutions_survive_pickling(swing: Extremal) -> None:
     copy = pickle.loads(pickle.dumps(swing))
     assert copy.cost == swing.cost
     assert copy.converged
@@ -193,7 +193,7 @@ def test_bounds_without_room_are_refused_before_anything_is_solved(
         phase(**wrong)
 
 
-def test_so_are_durations_parameters_and_constraints_without_room() -> None:
+def test_durations_parameters_and_constraints_without_room_are_refused() -> None:
     with pytest.raises(InfeasibleBoundsError, match="own bounds add up to 1 to 1 s"):
         Problem((phase(),), duration=3.0)
     with pytest.raises(InfeasibleBoundsError, match="bounds of mass: the lower bound"):
@@ -228,9 +228,9 @@ def test_meshes_that_do_not_fit_are_refused() -> None:
         Mesh.uniform(1, scheme="euler")
     with pytest.raises(ValueError, match="must increase from 0 to 1"):
         Mesh(((0.0, 0.5, 0.5, 1.0),), ((3, 3, 3),))
-    with pytest.raises(ValueError, match="give each of the 2 elements one"):
+    with pytest.raises(ValueError, match="give one for each of the 2 elements"):
         Mesh(((0.0, 0.5, 1.0),), ((3,),))
-    with pytest.raises(ValueError, match="give each of the 3 phases at least 1"):
+    with pytest.raises(ValueError, match="one number for all 3 phases, or one for each"):
         Mesh.uniform(problem, [1, 2])
 
 

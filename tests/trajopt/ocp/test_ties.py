@@ -1,4 +1,4 @@
-"""The least of several, where some are equal but for rounding."""
+"""The least of several costs, some of which differ only by rounding."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from trajopt.ocp.solving.guesses import line
 from trajopt.ocp.solving.ties import clearly_less, least_first, tied
 
 
-def test_what_clearly_differs_is_in_order_of_cost() -> None:
+def test_items_that_clearly_differ_are_in_order_of_cost() -> None:
     assert least_first([3.0, -1.0, 2.0], float) == [-1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize("hair", [-1e-9, 0.0, 1e-9])
-def test_of_those_that_tie_the_first_comes_first(hair: float) -> None:
+def test_of_items_that_tie_the_first_comes_first(hair: float) -> None:
     costs = {"far": 2.0, "first": 1.0, "second": 1.0 + hair, "cheap": 0.5, "third": 1.0 - hair}
     assert least_first(costs, costs.__getitem__) == ["cheap", "first", "second", "third", "far"]
     assert tied(1.0, 1.0 + hair)

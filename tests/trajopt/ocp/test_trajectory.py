@@ -21,13 +21,13 @@ def stairs(edges: np.ndarray = EDGES) -> PhaseTrajectory:
 
 
 @pytest.mark.parametrize("rounding", [-1e-16, 0.0, 1e-16])
-def test_at_an_edge_the_control_is_the_one_of_the_side_asked_for(rounding: float) -> None:
+def test_at_an_edge_the_control_is_that_of_the_side_asked_for(rounding: float) -> None:
     at = EDGES * (1 + rounding * np.array([1, 4, 4, 4]))
     assert stairs().control(at)[:, 0] == pytest.approx([0, 1, 2, 2])
     assert stairs().control(at, "left")[:, 0] == pytest.approx([0, 0, 1, 2])
 
 
-def test_between_edges_however_near_the_side_is_the_same() -> None:
+def test_close_to_an_edge_both_sides_are_the_same() -> None:
     for side in ("left", "right"):
         assert stairs().control(EDGES[1:3] - 1e-9, side)[:, 0] == pytest.approx([0, 1])
         assert stairs().control(EDGES[1:3] + 1e-9, side)[:, 0] == pytest.approx([1, 2])

@@ -1,1 +1,1 @@
-"""How good a solution is: errors between nodes, costates, playback; and what to refine."""
+"""How good a solution on a mesh is: errors between the nodes, costates, playback."""

@@ -1,4 +1,4 @@
-"""How far a solution is, between its nodes, from the differential equation and its limits."""
+"""Errors of a solution between its nodes: of the differential equation, the limits, the cost."""
 
 from __future__ import annotations
 
@@ -8,39 +8,42 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.integrate import DOP853
 
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.judge.costates import running_cost
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.nlp import Result, Transcription
 from trajopt.ocp.transcribe.packing import evaluated
 from trajopt.ocp.transcribe.rows import NOTEWORTHY, Breach
 from trajopt.ocp.transcribe.schemes.polynomials import full_differentiation_matrix, lagrange_matrix
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Per element, between the nodes. No polynomial of degree 12 is more than 1.42 times as large
-#: anywhere as at 25 Chebyshev points (Ehlich and Zeller, 1964); evenly spread ones miss what
-#: happens at the edges.
+#: Points of the dense grid on an element, less one, and the grid itself: Chebyshev points. A
+#: polynomial of degree 12 is nowhere more than 1.42 times as large as its largest value at 25 of
+#: them (Ehlich and Zeller, 1964). Evenly spread points miss what happens close to the edges.
 SAMPLES = 24
 GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(SAMPLES + 1) / SAMPLES)
 
-STEPS = 2  # of the 8th-order integrator, per element
+#: Steps of the 8th-order integrator per element.
+STEPS = 2
 
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """A phase's shortcomings, element by element, between the nodes of its mesh.
+    """The errors of a phase, element by element, between the nodes of its mesh.
 
     Errors of states are relative to 1 + the largest magnitude of that state in the phase.
 
     Attributes:
-        defect_error: integral of the residual x' - flow(x, u) from the element's left edge to
-            wherever it is largest, shape (M,).
-        step_error: the right edge against an explicit 8th-order integration from the left edge
-            under the element's own control, shape (M,).
-        limit_violation: of the bounds on states and controls, shape (M,).
-        path_violation: of each path constraint, shape (M, m).
-        cost_error: of the program's quadrature of costs and integrals, relative to 1 + the
+        defect_error: the largest magnitude of the residual x' - flow(x, u), integrated from the
+            element's left edge, shape (M,).
+        step_error: difference at the right edge to an explicit 8th-order integration from the left
+            edge under the element's own control, shape (M,).
+        limit_violation: largest violation of a bound on a state or control, shape (M,).
+        path_violation: largest violation of each path constraint, shape (M, m).
+        cost_error: error of the program's quadrature of costs and integrals, relative to 1 + the
             magnitude of the whole, shape (M,).
-        cost_gap: see `Certificate.cost_gaps`, shape (M,).
+        cost_gap: what the control may cost too much, see `Certificate.cost_gaps`, shape (M,).
     """
 
     defect_error: Array
@@ -52,7 +55,7 @@ class Quality:
 
     @property
     def state_error(self) -> Array:
-        """The larger of both estimates, shape (M,)."""
+        """The larger of `defect_error` and `step_error`, shape (M,)."""
         return np.maximum(self.defect_error, self.step_error)
 
 
@@ -63,7 +66,15 @@ def assess(
     cost_error: Array | float = 0.0,
     cost_gap: Array | float = 0.0,
 ) -> Quality:
-    """Measure a phase on a dense grid within its elements."""
+    """Measure a phase on a dense grid within its elements.
+
+    Args:
+        phase: whose motion it is.
+        trajectory: of the phase.
+        p: static parameters.
+        cost_error: see `Quality`; measured by `cost_errors`.
+        cost_gap: see `Quality`; measured by `Certificate.cost_gaps`.
+    """
     states, rates, controls = _dense(trajectory)
     scale = 1.0 + np.abs(states).max(axis=(0, 1))
     flow = evaluated(phase.flow, states, controls, p)
@@ -94,23 +105,23 @@ def assess(
 
 
 def cost_errors(transcription: Transcription, result: Result) -> list[Array]:
-    """`Quality.cost_error` of every phase: the program's quadrature against a finer one."""
+    """The program's quadrature compared with a finer one: `Quality.cost_error` of every phase."""
     problem, p = transcription.problem, result.parameters
     paid = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
     scale = [1.0 + np.abs(values.sum(axis=0)) for values in paid]
     for values in scale:
         values[0] = 1.0 + abs(result.cost)
-    for (index, group), block in transcription.element_blocks:
+    for each in transcription.equations.element_blocks:
+        block, own = each.block, paid[each.phase]
         mapped = block.function.map(block.count)
         outputs, cost = mapped(result.unknowns[block.variables], block.data)
-        rows = paid[index].shape[1] - 1
-        integrals = outputs.full()[len(block.rows) - rows :]
-        paid[index][group.elements] -= np.vstack([cost.full(), integrals]).T
+        integrals = outputs.full()[len(block.rows) - (own.shape[1] - 1) :]
+        own[each.group.elements] -= np.vstack([cost.full(), integrals]).T
     return [(np.abs(v) / s).max(axis=1) for v, s in zip(paid, scale, strict=True)]
 
 
 def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
-    """Over every element, of the running cost and of what is bounded: (M, 1 + m)."""
+    """Integrals over every element, of the running cost and the m integrands: (M, 1 + m)."""
     s, weights = np.polynomial.legendre.leggauss(SAMPLES)
     x = lagrange_matrix(trajectory.nodes, 0.5 + 0.5 * s) @ trajectory.states
     u = lagrange_matrix(trajectory.control_nodes, 0.5 + 0.5 * s) @ trajectory.controls
@@ -124,7 +135,7 @@ def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
     """States (M, nx) at the elements' right edges, integrated from their left edges.
 
-    They may be infinite or not a number where an explicit method fails, on long stiff elements.
+    They may be infinite or NaN on long stiff elements, where an explicit method fails.
     """
     y, h = trajectory.states[:, 0], trajectory.element_durations[:, None] / STEPS
     for step in range(STEPS):
@@ -140,18 +151,21 @@ def stepped(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
 
 
 def beyond(values: Array, lower: Array, upper: Array) -> Array:
-    """How far values (..., m) are outside bounds (m,), negative inside."""
+    """How far values (..., m) are outside bounds (m,); negative inside."""
     return np.asarray(np.maximum(lower - values, values - upper))
 
 
 def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
-    """By how much the ends, which have bounds of their own, are outside those all along."""
+    """How far the ends, which have bounds of their own, are outside the bounds all along."""
     ends = np.stack([trajectory.start, trajectory.end])
     return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
-    """States, their derivatives by the fraction of the element, and controls: (M, samples, .)."""
+    """States, their derivatives with respect to the fraction of the element, and controls.
+
+    All on the dense grid, of shapes (M, samples, .).
+    """
     basis = lagrange_matrix(trajectory.nodes, GRID)
     slope = basis @ full_differentiation_matrix(tuple(trajectory.nodes))
     controls = lagrange_matrix(trajectory.control_nodes, GRID) @ trajectory.controls
@@ -159,7 +173,7 @@ def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
 
 
 def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tuple[Breach, ...]:
-    """The worst point of every limit that is violated anywhere between the nodes, worst first."""
+    """The worst violation of every limit that is violated between the nodes, worst first."""
     found: list[Breach] = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
         states, _, controls = _dense(trajectory)

@@ -1,10 +1,11 @@
-"""Costates of a discretised solution, its Hamiltonian, and what optimality says of them.
+"""Costates and Hamiltonian of a solution on a mesh: how close its control is to optimal.
 
-The costate at an element's edge is the gradient of what is left to pay by the state there: that of
-the next element's Lagrangian. At the optimum the Hamiltonian, running cost + costate . flow, is
-constant along every phase (nothing depends on time explicitly), and it is minus the price of a
-phase's duration. (An integral that is bounded counts as a running cost, at its multiplier.) Both
-hold for the continuous problem: how well they hold on a mesh certifies it.
+The costate at an element's edge is the derivative of the remaining cost with respect to the state
+there; it is computed from the next element's Lagrangian. At an optimum the Hamiltonian, running
+cost + costate . flow, is constant along every phase, because nothing depends on time explicitly. It
+equals the price of the phase's duration: the derivative of the phase's least cost with respect to
+it. (A bounded integral counts as a running cost, priced at its multiplier.) Both hold for the
+continuous problem; how well they hold on a mesh tells how good the mesh is.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from trajopt.ocp.pose.problem import Array, Phase
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.phase import Phase
 from trajopt.ocp.transcribe.nlp import Result, Transcription
 from trajopt.ocp.transcribe.packing import evaluated
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
@@ -28,9 +30,9 @@ class Certificate:
     Attributes:
         costates: at the elements' edges, shape (M + 1, nx) each; cost per unit of the state.
         hamiltonian: at both ends of every element, shape (M, 2) each.
-        mean_hamiltonian: of every element, as the program sees it: the derivative of the least
-            cost by the element's duration, shape (M,) each.
-        duration_price: the same by each phase's duration, shape (phases,).
+        mean_hamiltonian: of every element in the program: the derivative of the least cost with
+            respect to the element's duration, shape (M,) each.
+        duration_price: the same with respect to each phase's duration, shape (phases,).
     """
 
     costates: tuple[Array, ...]
@@ -40,21 +42,21 @@ class Certificate:
 
     @property
     def hamiltonian_spread(self) -> float:
-        """Largest deviation from its mean over a phase, relative to 1 + its magnitude."""
+        """Largest deviation from its mean over a phase, relative to 1 + its largest magnitude."""
         spreads = [np.abs(h - h.mean()).max() / (1 + np.abs(h).max()) for h in self.hamiltonian]
         return float(max(spreads))
 
     @property
     def transversality_error(self) -> float:
-        """Largest mismatch of the mean Hamiltonian and the price of duration, likewise relative."""
+        """Largest gap between the mean Hamiltonian and the price of duration, likewise relative."""
         pairs = zip(self.hamiltonian, self.duration_price, strict=True)
         return float(max(abs(h.mean() - price) / (1 + abs(price)) for h, price in pairs))
 
     def cost_gaps(self, phases: Sequence[PhaseTrajectory], cost: float) -> tuple[Array, ...]:
         """What each element may cost too much, relative to 1 + |cost|, shape (M,) per phase.
 
-        The Hamiltonian varies over an element whose control misses the optimal one, such as one in
-        which the optimal control switches; times the element's duration that is a cost.
+        Where the control is not optimal, for example because the optimal one switches within the
+        element, the Hamiltonian varies. Its variation times the element's duration is a cost.
         """
         gaps = []
         for ends, mean, phase in zip(self.hamiltonian, self.mean_hamiltonian, phases, strict=True):
@@ -68,7 +70,8 @@ def certificate(transcription: Transcription, result: Result) -> Certificate:
     problem = transcription.problem
     means = [np.zeros(len(t.edges) - 1) for t in result.phases]
     costates = [np.zeros((len(t.edges), t.states.shape[-1])) for t in result.phases]
-    for (index, group), block in transcription.element_blocks:
+    for each in transcription.equations.element_blocks:
+        index, group, block = each.phase, each.group, each.block
         v, d = block.function.sx_in()
         outputs, cost = block.function(v, d)
         mu = ca.SX.sym("mu", outputs.numel())
@@ -101,7 +104,15 @@ def hamiltonian(
     p: Array,
     prices: Array | None = None,
 ) -> Array:
-    """At both ends of every element, shape (M, 2); `prices` are of integral constraints."""
+    """The Hamiltonian at both ends of every element, shape (M, 2).
+
+    Args:
+        phase: whose flow and costs count.
+        trajectory: of the phase.
+        costates: at the elements' edges, shape (M + 1, nx).
+        p: static parameters.
+        prices: multipliers of the phase's integral constraints, if it has any.
+    """
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
     rates = np.stack([costates[:-1], costates[1:]], axis=1)
     value = np.einsum("esx,esx->es", rates, evaluated(phase.flow, x, u, p))

@@ -1,8 +1,8 @@
-"""A solution played back: an adaptive integrator follows its controls, and pays for them.
+"""A solution played back: an adaptive integrator follows its controls and adds up the cost.
 
-A solver's "success" is not accuracy. Every phase is integrated from its own start, and the phases
-one after the other from the first one's start through the linkages; the cost is a quadrature along
-the way. (A wheel's touchdowns are located by `rimless_gym.simulate` besides: `trajopt.gaits`.)
+A solver's "success" does not say that the motion is accurate. Every phase is integrated from its
+own start; and the phases are integrated one after the other, from the start of the first one
+through the linkages. The cost is a quadrature along the way.
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rimless_gym.zeros import with_zeros
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.judge.zeros import with_zeros
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
+#: Tolerances of the integrator.
 RTOL, ATOL = 1e-11, 1e-12
 
-#: Evaluations of the motion that playing one phase back may take, some seconds' worth.
+#: Evaluations of the flow after which playing back a phase is given up, some seconds' worth.
 EFFORT = 100_000
 
 
@@ -31,10 +34,11 @@ class Resimulation:
     """What playing a solution back gives.
 
     Attributes:
-        phase_errors: largest deviation from the solution's states, each phase from its own start.
-        chain_error: the same with each phase starting where the one before led, by the linkages
-            from phase i to i + 1; equal to the largest phase error where there are none.
-        cost: integrals and endpoint cost along the phases played back each from its own start.
+        phase_errors: largest deviation from the solution's states, of each phase played back from
+            its own start.
+        chain_error: the same with each phase played back from where the one before ended, where
+            a linkage leads from phase i to i + 1; without such linkages, the largest phase error.
+        cost: integrals and endpoint cost along the phases, each played back from its own start.
     """
 
     phase_errors: tuple[float, ...]
@@ -43,7 +47,7 @@ class Resimulation:
 
 
 def resimulated(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> Resimulation:
-    """Play a solution back."""
+    """Play a solution back, phase by phase and as a chain."""
     errors, chain, cost, ends = [], [], 0.0, []
     following = {k.source: k for k in problem.linkages if k.target == k.source + 1}
     start = phases[0].start
@@ -76,7 +80,7 @@ class _TooStiffError(Exception):
 def played(
     phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
 ) -> tuple[float, Array, float]:
-    """One phase from `start`: largest deviation from its states, the end, and what was paid."""
+    """Play one phase back from `start`: largest deviation from its states, the end, the cost."""
     y, error = np.append(start, 0.0), 0.0
     for times, values in followed(phase, trajectory, start, p):
         inside = trajectory.state(np.minimum(times, trajectory.duration))
@@ -93,9 +97,12 @@ def followed(
     rtol: float = RTOL,
     atol: float = ATOL,
 ) -> Iterator[tuple[Array, Array]]:
-    """One phase from `start`: times (9,), and states and what was paid (9, nx + 1), by element.
+    """Play one phase back from `start`, element by element.
 
-    Infinite, and the last, where the integrator fails or takes more than `EFFORT`.
+    Yields:
+        For every element times, shape (9,), and there the states and the cost so far, shape
+        (9, nx + 1). Where the integrator fails or takes more than `EFFORT` evaluations, these are
+        infinite and the element is the last.
     """
     nx, effort, paid = len(phase.states), itertools.count(), 0.0
     surplus = _price(phase, start, trajectory.controls[0, 0], p)[1]
@@ -150,9 +157,9 @@ def _polynomial(coefficients: Array, begin: float, h: float) -> _Control:
 
 
 def _price(phase: Phase, x: Array, u: Array, p: Array) -> tuple[float, Array]:
-    """The rate of payment at one point, and the powers' excesses over their floor (k,).
+    """The smooth part of the running cost, and the powers' excesses over their floor (k,).
 
-    Both are smooth. An excess is paid too, where it is positive.
+    Positive excesses are paid too; they are kept apart because their maximum with 0 has kinks.
     """
     paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
     if phase.powers is None:

@@ -1,1 +1,1 @@
-"""Posing a problem: phases of smooth motion, linkages, bounds and costs."""
+"""Posing a problem: phases of smooth motion, linkages between them, bounds and costs."""

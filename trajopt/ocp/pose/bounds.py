@@ -1,4 +1,4 @@
-"""Names and bounds as callers give them, checked."""
+"""Checks of the names and bounds that callers give."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-#: Bounds by name: a pair, or one number if both are equal. A name without bounds is left out.
+#: Bounds by name: (lower, upper), or one number where both are equal. Unbounded names are left out.
 Bounds = Mapping[str, float | tuple[float, float]]
 
 
@@ -17,16 +17,20 @@ class InfeasibleBoundsError(ValueError):
 
 
 def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
-    """(lower, upper) of a pair, or of one number for both."""
+    """Bounds as (lower, upper); one number stands for both."""
     low, high = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
     return float(low), float(high)
 
 
 def pair_in(where: str, bounds: Any) -> tuple[float, float]:
-    """Like `pair`, for values that may be of any type.
+    """Like `pair`, for a value that may be of any type.
+
+    Args:
+        where: what is bounded, for messages.
+        bounds: to check.
 
     Raises:
-        TypeError: it is neither a number nor a pair of them.
+        TypeError: it is neither a number nor a pair of numbers.
         ValueError: an integer is too large for a floating-point number.
     """
     both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
@@ -44,7 +48,7 @@ def require_room(where: str, low: float, high: float) -> None:
     """Refuse bounds that no number satisfies.
 
     Raises:
-        InfeasibleBoundsError: no number lies between them, or one of them is NaN.
+        InfeasibleBoundsError: no number lies between them, or one is NaN.
     """
     if math.isnan(low) or math.isnan(high):
         raise InfeasibleBoundsError(f"{where}: bounds ({low}, {high}): must be numbers, not NaN")
@@ -54,12 +58,12 @@ def require_room(where: str, low: float, high: float) -> None:
         )
     if low > high:
         raise InfeasibleBoundsError(
-            f"{where}: the lower bound {low:g} exceeds the upper bound {high:g}: exchange them"
+            f"{where}: the lower bound {low:g} exceeds the upper bound {high:g}: swap them"
         )
 
 
 def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -> None:
-    """Refuse a table with invalid bounds, or with a name that is not `known`.
+    """Refuse a table with invalid bounds or, where `known` is given, with an unknown name.
 
     Raises:
         InfeasibleBoundsError: no number lies between the bounds of a name.
@@ -82,7 +86,9 @@ def names_in(where: str, names: Any, least: int = 0) -> tuple[str, ...]:
         TypeError: they are not a sequence of strings.
         ValueError: there are fewer than `least`.
     """
-    wanted = "give a tuple of names; that of a single one ends with a comma"
+    wanted = "give a tuple of names, such as ('x',) for a single one"
+    if least:
+        wanted += f"; at least {least}"
     if (
         isinstance(names, str)
         or not isinstance(names, Sequence)

@@ -1,1 +1,1 @@
-"""Looking for better solutions: many starts, and continuation along a parameter."""
+"""Looking for better solutions: many starts, and following a solution along a parameter."""

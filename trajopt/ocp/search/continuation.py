@@ -1,12 +1,11 @@
 """Follow a solution along a parameter, in steps as long as they succeed.
 
-Every step starts from where the last two solutions point to, with a small first barrier so that it
-stays near there; where it does not, but leaps to another solution, it has failed.
+Every step starts from the extrapolation of the last two solutions, with a small first barrier so
+that it stays near. A step that ends elsewhere has leapt to another solution, and counts as failed.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -15,12 +14,15 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from rimless_gym.checks import flag, positive, real, real_array, require_callable, require_kind
-from trajopt.ocp.judge.extremal import Extremal
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.checks import flag, positive, real, real_array, require_callable, require_kind
+from trajopt.ocp.interrupted import Interrupted
 from trajopt.ocp.pose.bounds import InfeasibleBoundsError
-from trajopt.ocp.pose.problem import Array, Problem
-from trajopt.ocp.solving.interrupted import Interrupted
-from trajopt.ocp.solving.solve import WARM_BARRIER, solve
+from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.search.curve import Curve, Obstacle
+from trajopt.ocp.solving.runs import WARM_BARRIER
+from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.nlp import Transcription
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
@@ -34,72 +36,9 @@ GROWTH = 2.0
 #: A step that ends short of a value by less than this fraction of the way is extended to it.
 SHORT_OF = 1e-6
 
-#: A mesh of more than so many times the first one's elements is given up for the first one:
-#: refinements where a control used to switch are of no use.
-MOST_ELEMENTS = 2.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Obstacle:
-    """Why a curve ends before its goal.
-
-    Attributes:
-        value: of the parameter, the nearest that failed.
-        reason: in words.
-        attempt: the solution that failed; None where the problem itself has contradicting bounds.
-    """
-
-    value: float
-    reason: str
-    attempt: Extremal | None
-
-    def __str__(self) -> str:
-        """A line for a report."""
-        return f"at {self.value:.9g}: {self.reason}"
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Curve:
-    """Solutions along a parameter.
-
-    Attributes:
-        goal: the last value asked for.
-        values: of the parameter, in order; those asked for are among them as far as they could be
-            reached.
-        solutions: one for each, of which IPOPT made a success; whether the mesh is fine enough is
-            to be asked of each (`Extremal.converged`).
-        obstacle: why the goal was not reached; None if it was, or if Ctrl-C was pressed.
-    """
-
-    goal: float
-    values: tuple[float, ...] = ()
-    solutions: tuple[Extremal, ...] = ()
-    obstacle: Obstacle | None = None
-
-    @property
-    def reached(self) -> bool:
-        """Whether the goal was."""
-        return bool(self.values) and self.values[-1] == self.goal
-
-    @property
-    def costs(self) -> tuple[float, ...]:
-        """Of the solutions."""
-        return tuple(solution.cost for solution in self.solutions)
-
-    def __repr__(self) -> str:
-        ends = f"from {self.values[0]:.6g} to {self.values[-1]:.6g}" if self.values else "empty"
-        stopped = f", stopped {self.obstacle}" if self.obstacle else ""
-        return f"Curve({len(self.values)} solutions, {ends}{stopped})"
-
-    def report(self) -> str:
-        """Value and cost of every solution, and the obstacle, as text; failures in capitals."""
-        lines = [f"Continuation, {len(self.values)} solution(s), goal {self.goal:.9g}"]
-        for value, solution in zip(self.values, self.solutions, strict=True):
-            doubts = "" if solution.converged else "; FAILED: " + "; ".join(solution.failures)
-            lines.append(f"  {value:<15.9g} cost {solution.cost:.9g}{doubts}")
-        if self.obstacle:
-            lines.append(f"  STOPPED {self.obstacle}")
-        return "\n".join(lines)
+#: A mesh that has grown to more than so many times the elements of the first one is given up for
+#: the first one: refinements where a control used to switch are of no use.
+MOST_GROWTH = 2.0
 
 
 def continued(
@@ -118,21 +57,25 @@ def continued(
     A step that fails is halved, and one that succeeds lets the next be twice as long.
 
     Args:
-        problem_at: value -> problem. Where it changes nothing but numbers of one problem, by
-            `dataclasses.replace`, the transcription is made once for all of them.
+        problem_at: value -> problem. Problems that differ in numbers alone, as those that
+            `dataclasses.replace` makes from one problem, share a transcription.
         start: a solution at or near ``values[0]``, or a trajectory near one.
-        values: of the parameter: where `start` is, and others to be met exactly, up to the goal.
-            Two of them, start and goal, are enough.
+        values: of the parameter, at least two: the first is solved first, from `start`; the others
+            are met exactly; the last is the goal.
         mesh: to begin with; that of `start` by default, if it has one.
-        step: the longest; by default as far as to the next value.
-        leap: where a step ends so far (`distance`) from where the solutions before it pointed to,
-            it is another solution.
+        step: the longest; by default as far as the next value.
+        leap: a step whose solution is farther than this (`distance`) from its extrapolation has
+            leapt to another solution.
         progress: whether to show a bar.
-        settings: of `solve`, options of IPOPT included.
+        settings: of `solve`, options of IPOPT included. With ``passes=0`` every solution is on the
+            mesh given; refine the last one with `solve`.
+
+    Returns:
+        The curve, which ends early where no shorter step succeeds: see `Curve.obstacle`.
 
     Raises:
         Interrupted: Ctrl-C was pressed; its `partial` is the curve so far.
-        TypeError: an argument is of the wrong kind.
+        TypeError: an argument is of the wrong type.
         ValueError: there are fewer than two values, a number is out of its range, or IPOPT has no
             such option.
     """
@@ -155,7 +98,7 @@ def continued(
 
 
 def distance(one: Sequence[PhaseTrajectory], other: Sequence[PhaseTrajectory]) -> float:
-    """Largest gap of states at equal fractions of their phase, relative to 1 + their magnitude."""
+    """Largest difference of states at equal fractions of a phase, relative to 1 + magnitude."""
     fractions, largest = np.linspace(0.0, 1.0, 33), 0.0
     for a, b in zip(one, other, strict=True):
         x, y = (phase.state(phase.duration * fractions) for phase in (a, b))
@@ -167,7 +110,7 @@ def distance(one: Sequence[PhaseTrajectory], other: Sequence[PhaseTrajectory]) -
 def extrapolated(
     before: Sequence[PhaseTrajectory], after: Sequence[PhaseTrajectory], factor: float
 ) -> tuple[PhaseTrajectory, ...]:
-    """`after`, moved on by `factor` times its difference from `before`, on its own mesh."""
+    """`after` plus `factor` times its difference from `before`, on the mesh of `after`."""
 
     def moved(old: PhaseTrajectory, new: PhaseTrajectory) -> PhaseTrajectory:
         ratio = old.duration / new.duration
@@ -214,12 +157,12 @@ class _Follower:
             self.phases = start
 
     def curve(self, goal: float, obstacle: Obstacle | None = None) -> Curve:
-        """What has been found."""
+        """The curve so far."""
         values, solutions = zip(*self.found, strict=True) if self.found else ((), ())
         return Curve(goal, values, solutions, obstacle)
 
     def follow(self, values: Sequence[float], longest: float, bar: tqdm) -> Obstacle | None:
-        """From the first of the values to the last; what is in the way, if anything."""
+        """Go from the first of the values to the last; what is in the way, if anything."""
         length, step = sum(abs(b - a) for a, b in pairwise(values)), longest
         obstacle = self._solve(values[0])
         for target in values[1:]:
@@ -238,7 +181,7 @@ class _Follower:
         return obstacle
 
     def _solve(self, value: float) -> Obstacle | None:
-        """Go on to the solution at a value; None if that succeeds, and else nothing changes."""
+        """Go on to the solution at a value; None if that succeeds, otherwise nothing changes."""
         try:
             problem = self.problem_at(value)
         except InfeasibleBoundsError as error:
@@ -260,20 +203,20 @@ class _Follower:
         self.found.append((value, extremal))
         self.phases, self.parameters = extremal.phases, extremal.parameters
         self.first_mesh = self.first_mesh or extremal.mesh
-        grown = extremal.mesh.elements > MOST_ELEMENTS * self.first_mesh.elements
+        grown = extremal.mesh.elements > MOST_GROWTH * self.first_mesh.elements
         self.mesh = self.first_mesh if grown else extremal.mesh
         self.options = {"mu_init": WARM_BARRIER, "ladder": ({},)}
         return None
 
     def _predicted(self, value: float) -> Sequence[PhaseTrajectory]:
-        """Where the last two solutions point to; the last one if there are no two."""
+        """The last two solutions extrapolated; with fewer than two, the last one or the start."""
         if len(self.found) < 2:
             return self.phases
         (first, before), (second, after) = self.found[-2:]
         return extrapolated(before.phases, after.phases, (value - second) / (second - first))
 
     def _transcription(self, problem: Problem) -> Transcription:
-        """Of the problem on the mesh; the last one if it serves."""
+        """A transcription of the problem on the mesh; the last one if it serves."""
         mesh, last = self.mesh or Mesh.uniform(problem), self.transcription
         if last and last.mesh == mesh and last.problem.functions == problem.functions:
             return last

@@ -1,4 +1,4 @@
-"""Starts of a search, how each ended, and which of them ended at the same local optimum."""
+"""Starts of a search, how each of them ended, and which ended at the same local optimum."""
 
 from __future__ import annotations
 
@@ -10,26 +10,28 @@ from typing import TypeAlias
 
 import numpy as np
 
-from trajopt.ocp.pose.problem import Array, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.guesses import Guess
 from trajopt.ocp.solving.ties import least_first
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Of costs (relative), and of states sampled along the phases (relative to 1 + their magnitude).
+#: By how much costs (relative) and states along the phases (relative to 1 + their magnitude) of one
+#: optimum may differ.
 SAME_COST, SAME_STATES = 1e-4, 1e-2
 
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """A start of which more than a guess is to be said.
+    """A guess, and how to solve from it.
 
     Attributes:
         guess: one trajectory per phase.
         parameters: guess of the static parameters; the middle of their bounds by default.
-        problems: what is solved, each from the solution of the one before; they differ from the
-            search's problem in numbers alone, and are made of the one that the family holds,
-            so that they still share their functions in another process. By default that problem.
-        kind: of the optimum sought ("2 turns"); optima of different kinds are different.
+        problems: what is solved, each from the solution of the one before; by default the search's
+            problem. They differ from it in numbers alone, and must be made from the copy that the
+            family holds: then they share its functions in another process too.
+        kind: of optimum ("2 turns"); optima of different kinds are different.
     """
 
     guess: Guess
@@ -38,7 +40,7 @@ class Start:
     kind: str = ""
 
 
-#: Where start number `index` begins, by a generator of its own; to be pickled for the workers.
+#: (generator, index) -> where start number `index` begins. Every start has a generator of its own.
 StartFamily: TypeAlias = Callable[[np.random.Generator, int], Guess | Start]
 
 
@@ -49,7 +51,7 @@ class Outcome:
     Attributes:
         index: of the start.
         kind: see `Start`.
-        cost: as the transcription sees it.
+        cost: the objective of the nonlinear program.
         phases: the last trajectory.
         parameters: the static parameters.
         iterations: of IPOPT, for all of the start's problems.
@@ -70,7 +72,7 @@ class Outcome:
         return [phase.state(phase.duration * fractions) for phase in self.phases]
 
     def same_as(self, other: Outcome) -> bool:
-        """Whether both are one optimum, to the accuracy of a coarse mesh."""
+        """Whether both are the same optimum, as far as a coarse mesh can tell."""
         if self.kind != other.kind:
             return False
         if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=1e-9):
@@ -89,8 +91,8 @@ class Optimum:
     """A local optimum, and the starts that led to it.
 
     Attributes:
-        best: the start that came out best; the first of those that tie.
-        found: indices of all of them, ascending.
+        best: the outcome of least cost; the first of those that tie.
+        found: indices of all these starts, ascending.
     """
 
     best: Outcome
@@ -112,7 +114,7 @@ Same: TypeAlias = Callable[[Outcome, Outcome], bool]
 
 
 def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple[Optimum, ...]:
-    """Different optima among what did not fail, best first, with how often each was found."""
+    """The different optima among the outcomes that are no failures, best first."""
     successes = [outcome for outcome in outcomes if not outcome.failure]
     groups: list[list[Outcome]] = []
     in_turn = sorted(successes, key=lambda o: o.index)

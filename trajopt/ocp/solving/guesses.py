@@ -1,4 +1,4 @@
-"""Guesses for a problem about which nothing is known: one, and families of random ones."""
+"""Guesses for a problem of which no solution is known: straight lines, and random families."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from rimless_gym.checks import integer, positive, require_kind
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.checks import integer, positive, require_kind
 from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: One trajectory per phase, on any mesh.
@@ -20,17 +22,18 @@ _SAMPLES = np.linspace(0.0, 1.0, 41)
 
 
 def straight_lines(problem: Problem) -> Guess:
-    """States on straight lines from the middle of the start's bounds to that of the end's.
+    """States on straight lines from the middle of the start's bounds to the middle of the end's.
 
-    A state that is free at an end keeps the value of the other end, or 0. Controls are in the
-    middle of their bounds; durations are 1 s, or the nearest that their bounds allow.
+    A state that is free at one end has the value of the other end; if it is free at both, 0.
+    Controls are in the middle of their bounds. Durations are equal shares of the total, if that is
+    bounded, or else 1 s, each moved into its own bounds.
     """
     phases = []
-    low, high = pair(problem.duration)
+    _, high = pair(problem.duration)
     share = 1.0 if not np.isfinite(high) else high / len(problem.phases)
     for phase in problem.phases:
         least, most = pair(phase.duration)
-        T = min(max(share if low > 0 or np.isfinite(high) else 1.0, least), most)
+        T = min(max(share, least), most)
         first, last = (middles(*phase.state_bounds(where)) for where in ("start", "end"))
         first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
         control = np.nan_to_num(middles(*phase.control_bounds()))
@@ -40,9 +43,9 @@ def straight_lines(problem: Problem) -> Guess:
 
 @dataclasses.dataclass(frozen=True)
 class Family:
-    """Random guesses, one per index of a start, as `trajopt.multi_start` asks for them.
+    """Random guesses by index, as `trajopt.multi_start` takes them.
 
-    Start 0 is that of `straight_lines`; the others are made of them, phase by phase.
+    Guess 0 is `straight_lines`; the others are random variations of it, phase by phase.
 
     Attributes:
         problem: what the guesses are for.
@@ -51,7 +54,7 @@ class Family:
     problem: Problem
 
     def __post_init__(self) -> None:
-        """Check kinds and ranges."""
+        """Check the problem's type."""
         require_kind("problem", self.problem, Problem)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Guess:
@@ -65,25 +68,25 @@ class Family:
     def varied(
         self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
     ) -> PhaseTrajectory:
-        """A random relative of a straight line."""
+        """A random variation of a straight line."""
         raise NotImplementedError
 
 
 @dataclasses.dataclass(frozen=True)
 class Waves(Family):
-    """Straight lines with smooth random waves upon them, in random durations.
+    """Straight lines with smooth random waves added to them, of random durations.
 
     Attributes:
-        size: of the largest waves: 1 spans the bounds, or three times the way from start to end
-            of what has no bounds.
-        waves: sines added up, the k-th of k half or k whole periods.
+        size: of the largest waves. At 1 they span the bounds; what has no bounds counts as three
+            times as wide as the distance from start to end, and at least 1 wide.
+        waves: how many sines are added up; the k-th has k half or k whole periods.
     """
 
     size: float = 1.0
     waves: int = 3
 
     def __post_init__(self) -> None:
-        """Check kinds and ranges."""
+        """Check types and ranges."""
         super().__post_init__()
         positive("size", self.size)
         integer("waves", self.waves, 1)
@@ -108,18 +111,19 @@ class Waves(Family):
 
 @dataclasses.dataclass(frozen=True)
 class Waypoints(Family):
-    """Straight lines from the start through random points to the end, in random durations.
+    """Straight lines from the start through random points to the end, of random durations.
 
     Attributes:
-        points: on the way, at most.
-        spread: to either side, of what has no bounds, in units of its way from start to end.
+        points: how many points there are at most.
+        spread: how far points may lie from the start, on a side without a bound, relative to the
+            distance from start to end (to 1, if that is less).
     """
 
     points: int = 3
     spread: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check kinds and ranges."""
+        """Check types and ranges."""
         super().__post_init__()
         integer("points", self.points, 1)
         positive("spread", self.spread)
@@ -141,7 +145,10 @@ class Waypoints(Family):
 
 
 def random_duration(phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator) -> float:
-    """Evenly within a phase's bounds (s); where there is no upper one, within a factor e."""
+    """A random duration (s): uniform within the phase's bounds.
+
+    Without an upper bound, the trajectory's duration times a random factor from 1/e to e.
+    """
     least, most = pair(phase.duration)
     if np.isfinite(most):
         return float(rng.uniform(least, most))
@@ -162,7 +169,7 @@ def _all_bounds(phase: Phase) -> tuple[Array, Array]:
 
 
 def _joined(t: Array, values: Array, states: int) -> PhaseTrajectory:
-    """Columns of states and then of controls at times t (N,), joined by straight lines."""
+    """Straight lines between values at times t (N,): so many columns of states, then controls."""
     ends = np.array([0.0, 1.0])
     pieces = np.stack([values[:-1], values[1:]], axis=1)
     return PhaseTrajectory(t, ends, pieces[..., :states], ends, pieces[..., states:])
@@ -176,12 +183,12 @@ def line(first: Array, last: Array, control: Array, duration: float) -> PhaseTra
 
 
 def polyline(t: Array, x: Array, controls: int = 1) -> PhaseTrajectory:
-    """States x (N, nx) at times t (N,), joined by straight lines; controls of 0."""
+    """Straight lines between states x (N, nx) at times t (N,), with controls of 0."""
     return _joined(t, np.hstack([x, np.zeros((len(t), controls))]), x.shape[1])
 
 
 def middles(lower: Array, upper: Array) -> Array:
-    """Middles of bounds (n,); NaN where there is no finite one."""
+    """Middles of bounds (n,): the finite one where there is only one, NaN where there is none."""
     both = np.isfinite(lower) & np.isfinite(upper)
     one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
     return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)

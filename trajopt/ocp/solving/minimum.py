@@ -1,8 +1,8 @@
-"""Solving for a local minimum: not a saddle, and not values on their way to infinity.
+"""Solving for a local minimum: not for a saddle, nor for values on their way to infinity.
 
-IPOPT stops wherever the first-order conditions hold. That may be a saddle or a maximum, if the
-guess lies there by symmetry. And if a cost falls for ever, but ever more slowly, any large enough
-values satisfy them.
+IPOPT stops wherever the first-order conditions hold. That is a saddle or a maximum if the guess
+lies there by symmetry. And where a cost falls for ever, but ever more slowly, the conditions hold
+at any values that are large enough.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.ocp.pose.problem import Array, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.nlp import DIVERGING, Result, Transcription
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: By how much a guess is moved off what may be a saddle, relative to 1 + the largest state.
+#: By how much a guess is moved away from a possible saddle, relative to 1 + the largest value.
 NUDGE = 1e-2
 
-#: If a value exceeds `LARGE`, the problem is solved again with a tolerance finer by `FINER`; values
-#: that then grow by the factor `GROWN` have no limit.
+#: If a value exceeds `LARGE`, the problem is solved again with its tolerance multiplied by `FINER`;
+#: values that then grow by the factor `GROWN` have no limit.
 LARGE, FINER, GROWN = 1e4, 1e-4, 2.0
 
-#: Values and costs that only a cost without a minimum leads to.
+#: Larger values, and costs below minus the second, occur only where the cost has no minimum.
 HUGE_VALUE, HUGE_COST = 1e10, 1e20
 
 
@@ -37,7 +38,7 @@ def minimum(
 ) -> Result:
     """Like `Transcription.solve`, but for a minimum.
 
-    The result's status is `DIVERGING` if there is none.
+    The result's status is `DIVERGING` if the cost has no minimum.
     """
     result = transcription.solve(guess, problem, parameters, **options)
     if result.success and result.may_be_saddle:
@@ -55,29 +56,12 @@ def minimum(
     return result
 
 
-def largest(
-    problem: Problem, phases: Sequence[PhaseTrajectory], parameters: Array
-) -> tuple[str, float]:
-    """A description of a solution's largest quantity, and its magnitude."""
-    sizes = {
-        f"parameter {name}": abs(float(value))
-        for name, value in zip(problem.parameters, parameters, strict=True)
-    }
-    for phase, trajectory in zip(problem.phases, phases, strict=True):
-        sizes[f"the duration of phase {phase.name!r}"] = abs(trajectory.duration)
-        both = (phase.states, trajectory.states), (phase.controls, trajectory.controls)
-        for names, values in both:
-            for name, size in zip(names, np.abs(values).max(axis=(0, 1)), strict=True):
-                sizes[f"{name} of phase {phase.name!r}"] = float(size)
-    return max(sizes.items(), key=lambda item: item[1])
-
-
 def _largest(result: Result) -> float:
     return float(np.abs(result.unknowns).max())
 
 
 def _nudged(phases: Sequence[PhaseTrajectory]) -> list[PhaseTrajectory]:
-    """The phases moved at random, the same way every time."""
+    """The phases, moved at random in the same way every time."""
     rng, moved = np.random.default_rng(0), []
     for phase in phases:
         changes = {}

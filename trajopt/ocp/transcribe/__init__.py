@@ -1,1 +1,1 @@
-"""From a problem to a nonlinear program: schemes, meshes, unknowns, constraints."""
+"""From a problem to a nonlinear program: schemes, meshes, unknowns, constraints, IPOPT."""

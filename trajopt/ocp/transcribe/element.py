@@ -1,4 +1,4 @@
-"""One element of a discretised phase: what it asks of its unknowns, and what it costs."""
+"""One element of a discretised phase: its equations and its cost."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from trajopt.ocp.pose.problem import Phase
+from trajopt.ocp.arrays import Indices
+from trajopt.ocp.pose.phase import Phase
 from trajopt.ocp.transcribe.schemes import Scheme
-
-Indices = NDArray[np.intp]
 
 
 def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
-    """The element's equations, as a block of the program: (v, width) -> (outputs, cost).
+    """The element's equations and cost: (v, width) -> (outputs, cost).
 
-    v is left (nx), interior (nx (n - 2)), right (nx), controls (nu m), slacks (k w), the phase's
-    duration, and p; the width is a fraction of that duration. Outputs, in this order: defects
-    (nx r), path constraints at `path_nodes`, power slacks less powers (k w), integrals.
+    v consists of the states at the left edge (nx), inside (nx (n - 2)) and at the right edge (nx),
+    the controls (nu m), slacks (k w), the phase's duration, and p. The width is a fraction of that
+    duration. The outputs are, in this order: defects (nx r), path constraints at `path_nodes`,
+    slacks less powers (k w), integrals.
     """
     constraints = (c and c.function for c in (phase.path, phase.integral))
     functions = (phase.flow, phase.cost, phase.powers, *constraints)
@@ -28,7 +27,7 @@ def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
     return _element(sizes, functions, scheme)
 
 
-@lru_cache(maxsize=64)  # refinement asks for the same ones again and again
+@lru_cache(maxsize=64)  # refinement needs the same ones again
 def _element(
     sizes: tuple[int, int, int], functions: tuple[Any, ...], scheme: Scheme
 ) -> ca.Function:
@@ -67,13 +66,13 @@ def _element(
 def path_nodes(scheme: Scheme) -> Indices:
     """Nodes at which an element imposes path constraints.
 
-    Where controls are shared an element's right end is its neighbour's left end, and would be
-    imposed twice; where they are not, the control has a limit from either side.
+    Where controls are shared, an element's right end is left to its neighbour. Where they are not,
+    the control has two limits at an edge, and both elements impose the constraint.
     """
     n = len(scheme.nodes)
     return np.arange(n - 1 if scheme.shared_controls else n)
 
 
 def powers(phase: Phase) -> int:
-    """How many powers a phase pays for."""
+    """How many powers a traced phase pays for."""
     return phase.powers.size1_out(0) if isinstance(phase.powers, ca.Function) else 0

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.ocp.arrays import Array, Indices
 from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.element import powers
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.schemes import Scheme
@@ -22,13 +24,13 @@ class Group:
 
     Attributes:
         degree: of the state.
-        scheme: what discretises them.
+        scheme: of that degree.
         elements: their indices, ascending.
     """
 
     degree: int
     scheme: Scheme
-    elements: np.ndarray
+    elements: Indices
 
 
 def groups(mesh: Mesh, phase: int) -> tuple[Group, ...]:
@@ -40,13 +42,22 @@ def groups(mesh: Mesh, phase: int) -> tuple[Group, ...]:
     )
 
 
-#: (phase, kind, degree): kinds are "duration", "edges", "edge controls" of a phase, "interior",
-#: "controls" and "slacks" of the elements of one degree, and "parameters" of phase -1.
+#: (phase, kind, degree). A phase as a whole has the kinds "duration", "edges" and "edge controls"
+#: (degree 0), its elements of one degree have "interior", "controls" and "slacks"; the static
+#: parameters are (-1, "parameters", 0).
 Key = tuple[int, str, int]
 
 
 class Layout:
-    """Shapes and places of the unknowns of `problem` on `mesh`; matrices in column-major order."""
+    """Shapes and places of a problem's unknowns on a mesh; matrices are in column-major order.
+
+    Attributes:
+        problem: whose unknowns they are.
+        mesh: that discretises it.
+        shapes: of the unknowns of every key, in order.
+        cuts: where each begins in the vector, and the vector's end.
+        size: of the vector.
+    """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
         self.problem, self.mesh = problem, mesh
@@ -74,12 +85,12 @@ class Layout:
             if scheme.shared_controls:
                 yield (index, "edge controls", 0), (nu, n + 1)
 
-    def indices(self, *key: Any) -> NDArray[np.intp]:
-        """Where the unknowns of a key lie, in their shape."""
+    def indices(self, *key: Any) -> Indices:
+        """Where the unknowns of a key lie in the vector, in their shape."""
         return self._indices[key]
 
     def split(self, w: NDArray[Any]) -> dict[Key, NDArray[Any]]:
-        """The unknowns in a vector."""
+        """The parts of a vector, by key."""
         return {
             key: w[first:last].reshape(shape, order="F")
             for (key, shape), first, last in zip(
@@ -88,7 +99,7 @@ class Layout:
         }
 
     def join(self, parts: dict[Key, Array]) -> Array:
-        """One vector of all unknowns; columns are repeated where there are too few."""
+        """The vector of these parts; a single column stands for all columns of its shape."""
         return np.concatenate(
             [
                 np.broadcast_to(parts[key], shape).ravel(order="F")

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.checks import integer, real_array
+from trajopt.ocp.checks import integer, real_array
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.schemes import Scheme, hermite_simpson, radau, trapezoid
 
-#: Degree of the state between the nodes, for schemes whose degree is fixed.
+#: Degree of the state polynomial, of schemes whose degree is fixed.
 FIXED_DEGREE = {"trapezoid": 2, "hermite-simpson": 3}
 
 SCHEMES = (*FIXED_DEGREE, "radau")
 
-#: Largest degree. The work of an element grows with the cube of its degree while the error no
-#: longer falls: tracing takes a second at degree 40, and minutes at 200.
+#: Largest degree. An element's work grows with the cube of its degree, and beyond this the error
+#: no longer falls: tracing takes a second at degree 40, and minutes at 200.
 MOST_DEGREE = 40
 
 #: Most elements in all phases together; ten times as many would take hours and all memory.
@@ -33,7 +33,7 @@ class Mesh:
         fractions: for each phase the element edges as fractions of its duration, from 0 to 1.
         degrees: for each phase the degree of the state on each element.
         scheme: "trapezoid", "hermite-simpson" or "radau".
-        control_degree: cap on the control's degree under "radau"; None for the state's less one.
+        control_degree: the control's highest degree under "radau"; None for the state's less one.
     """
 
     fractions: tuple[tuple[float, ...], ...]
@@ -50,8 +50,8 @@ class Mesh:
                 raise TypeError(f"{name} = {rows!r}: must be a tuple of tuples, one per phase")
         if len(self.fractions) != len(self.degrees):
             raise ValueError(
-                f"fractions are given of {len(self.fractions)} phases, degrees of "
-                f"{len(self.degrees)}: give both of every phase"
+                f"fractions are given for {len(self.fractions)} phases, degrees for "
+                f"{len(self.degrees)}: give both for every phase"
             )
         for edges, degrees in zip(self.fractions, self.degrees, strict=True):
             array = real_array("fractions", edges)
@@ -60,7 +60,7 @@ class Mesh:
                 raise ValueError(f"fractions = {edges}: must increase from 0 to 1")
             if len(degrees) != len(edges) - 1:
                 raise ValueError(
-                    f"degrees = {degrees}: give each of the {len(edges) - 1} elements one, >= 1"
+                    f"degrees = {degrees}: give one for each of the {len(edges) - 1} elements, >= 1"
                 )
             for degree in degrees:
                 integer("degrees", degree, 1, MOST_DEGREE)
@@ -79,24 +79,27 @@ class Mesh:
         """Equal elements within every phase.
 
         Args:
-            phases: how many, or a problem that has them.
-            elements: per phase, one number for all or one each; at most `MOST_ELEMENTS` in all.
+            phases: how many, or the problem.
+            elements: per phase: one number for all phases, or one for each; at most
+                `MOST_ELEMENTS` in all.
             degree: of the state, for "radau"; at most `MOST_DEGREE`.
             scheme: see `Mesh`.
             control_degree: see `Mesh`.
 
         Raises:
-            TypeError: an argument is of the wrong kind.
+            TypeError: an argument is of the wrong type.
             ValueError: an argument is out of its range.
         """
         if isinstance(phases, Problem):
             count = len(phases.phases)
         else:
-            count = integer("phases, neither a Problem nor their number", phases, 1, MOST_ELEMENTS)
+            count = integer("phases (a Problem, or how many)", phases, 1, MOST_ELEMENTS)
         several = isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str)
         each = list(elements) if several else [elements] * count  # type: ignore[arg-type]
         if len(each) != count:
-            raise ValueError(f"elements = {elements}: give each of the {count} phases at least 1")
+            raise ValueError(
+                f"elements = {elements}: give one number for all {count} phases, or one for each"
+            )
         each = [integer("elements", n, 1, MOST_ELEMENTS) for n in each]
         if sum(each) > MOST_ELEMENTS:
             raise ValueError(
@@ -110,19 +113,19 @@ class Mesh:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Mesh:
-        """The mesh that `dataclasses.asdict` turned into `values`, perhaps by way of JSON."""
+        """The mesh that `dataclasses.asdict` turned into `values`, even as lists of JSON."""
         tables = {name: tuple(map(tuple, values[name])) for name in ("fractions", "degrees")}
         return cls(**{**values, **tables})
 
     def scheme_of_degree(self, degree: int) -> Scheme:
-        """The scheme on elements of a degree."""
+        """The scheme of elements of this degree."""
         if self.scheme == "radau":
             return radau(degree, self.control_degree)
         return trapezoid() if self.scheme == "trapezoid" else hermite_simpson()
 
     @property
     def elements(self) -> int:
-        """How many there are in all phases together."""
+        """How many elements all phases have together."""
         return sum(map(len, self.degrees))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-#: Defaults that replace IPOPT's own.
+#: IPOPT's options where a caller sets no others.
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
@@ -29,7 +29,7 @@ LIST = "https://coin-or.github.io/Ipopt/OPTIONS.html lists them"
 
 
 def require_options(options: Mapping[str, Any]) -> None:
-    """Refuse options that IPOPT does not have, and values that they do not accept.
+    """Refuse options that IPOPT does not have, and values that an option does not accept.
 
     Raises:
         TypeError: a value is neither a number nor text.

@@ -1,17 +1,19 @@
-"""Between trajectories and the unknowns of the nonlinear program."""
+"""From trajectories to the unknowns of the nonlinear program, and back."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.checks import real_array
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.checks import real_array
 from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Array, Phase, Problem
+from trajopt.ocp.pose.phase import Phase
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.layout import Group, Key, Layout, groups
 from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix, radau_nodes
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
@@ -25,8 +27,12 @@ def pack(
 ) -> Array:
     """The unknowns at a guess, one trajectory per phase, on any mesh.
 
-    Durations are scaled to the total that is asked for; static parameters are in the middle of
-    their bounds unless given.
+    Durations are scaled so that their sum is within its bounds. Static parameters that are not
+    given are in the middle of their bounds.
+
+    Raises:
+        TypeError: the guess is not a sequence of trajectories, or `parameters` are not numbers.
+        ValueError: they do not fit the problem, or are not finite.
     """
     _require_fit(problem, guess)
     p = middle(problem) if parameters is None else _parameters(problem, parameters)
@@ -68,7 +74,7 @@ def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
     if len(guess) != len(problem.phases):
         raise ValueError(
             f"the guess has {len(guess)} trajectories for the {len(problem.phases)} phases: "
-            "give one each"
+            "give one for each"
         )
     for phase, trajectory in zip(problem.phases, guess, strict=True):
         given = trajectory.states.shape[-1], trajectory.controls.shape[-1]
@@ -104,18 +110,18 @@ def _pack_group(
     }
 
 
-def _sampled(function: object, times: Array) -> Array:
-    values = function(times.ravel())  # type: ignore[operator]
+def _sampled(function: Callable[[Array], Array], times: Array) -> Array:
+    values = function(times.ravel())
     return np.array(values.reshape(*times.shape, values.shape[-1]))
 
 
 def _columns(values: NDArray[Any]) -> Array:
-    """One column per element of values (elements, nodes, m), of which there may be none."""
+    """Values (elements, nodes, m) as one column per element; any of the sizes may be 0."""
     return values.reshape(len(values), math.prod(values.shape[1:])).T
 
 
 def unpack(layout: Layout, w: Array) -> tuple[PhaseTrajectory, ...]:
-    """The trajectory that the unknowns stand for."""
+    """The trajectory that the unknowns describe."""
     parts = layout.split(w)
     phases = range(len(layout.problem.phases))
     return tuple(_unpack_phase(layout, i, parts) for i in phases)
@@ -147,22 +153,25 @@ def _unpack_phase(layout: Layout, i: int, parts: dict[Key, Array]) -> PhaseTraje
         p = parts[-1, "parameters", 0].ravel()
         F = evaluated(phase.flow, X[:, used], U[:, used], p)
         grown = X[:, :1] + T * np.diff(fractions)[chosen, None, None] * (scheme.growth(nodes) @ F)
-        # What the solver's tolerance leaves open at the right end is spread over the element.
+        # The gap that the solver's tolerance leaves at the right end is spread over the element.
         states[chosen] = grown + nodes[:, None] * (right - grown[:, -1:])
     return PhaseTrajectory(T * fractions, nodes, states, knots, controls)
 
 
-def evaluated(function: object, states: Array, controls: Array, p: Array) -> Array:
+def evaluated(function: Any, states: Array, controls: Array, p: Array) -> Array:
     """A traced function of (x, u, p) at states (..., nx) and controls (..., nu): (..., m)."""
     shape = states.shape[:-1]
     count = math.prod(shape)
     columns = (a.reshape(count, a.shape[-1]).T for a in (states, controls))
-    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))  # type: ignore[operator]
+    values = np.asarray(function(*columns, np.repeat(p[:, None], count, axis=1)))
     return values.T.reshape(*shape, len(values))
 
 
 def middle(problem: Problem) -> Array:
-    """Static parameters in the middle of their bounds, or at the finite one; shape (np,)."""
+    """Static parameters in the middle of their bounds, shape (np,).
+
+    With a single finite bound, they are at that bound; without any, 0.
+    """
     limits = np.array([pair(b) for b in problem.parameters.values()]).reshape(-1, 2)
     finite = np.where(np.isfinite(limits), limits, limits[:, ::-1])
     return np.asarray(np.nan_to_num(finite, posinf=0.0, neginf=0.0).mean(axis=1))

@@ -2,10 +2,10 @@
 
     minimise  f(w) = sum of cost(v, d)    subject to  lower <= g(w) = sum of outputs(v, d) <= upper
 
-A block is one function applied many times (`count`): to columns of variables v, picked out of w,
-and of constants d, and each time its outputs are added to rows of g. Derivatives are those of the
-block, traced once, and put in place as a finite element code puts its element matrices: two to
-three times faster, to build and to solve, than differentiating the whole program.
+A block is one function, applied `count` times to columns of variables v, picked out of w, and of
+constants d. Each time its outputs are added to rows of g. The function is differentiated once, and
+its derivatives are added to those of the program as a finite element code adds element matrices.
+This is two to three times faster, to build and to solve, than differentiating the whole program.
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from trajopt.ocp.arrays import Array, Indices
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,10 +43,22 @@ class Block:
         return self.variables.shape[1]
 
 
-def assembled(
-    blocks: Sequence[Block], size: int, rows: int
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The program and its derivatives as `casadi.nlpsol` takes them: (problem, options).
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """A nonlinear program as `casadi.nlpsol` takes it.
+
+    Attributes:
+        symbols: of the unknowns "x", no parameters "p", the cost "f" and the constraints "g".
+        derivatives: functions of x, p and the multipliers of f and g, by name: "grad_f", "jac_g"
+            and "hess_lag" (the upper triangle); options of `casadi.nlpsol`.
+    """
+
+    symbols: dict[str, Any]
+    derivatives: dict[str, ca.Function]
+
+
+def assembled(blocks: Sequence[Block], size: int, rows: int) -> Program:
+    """The program that is the sum of these blocks.
 
     Args:
         blocks: any number of them.
@@ -59,7 +69,7 @@ def assembled(
     none = ca.MX.sym("p", 0)
     f, g, gradient, J, H = ca.MX(0), [], [], [], []
     for block in blocks:
-        parts = _derivatives(block.function)
+        parts = _differentiated(block.function)
         v, d = _picked(w, block.variables), ca.DM(block.data)
         outputs = parts.outputs.map(block.count)(v, d)
         weights = _picked(lam_g, block.rows), ca.repmat(lam_f, 1, block.count)
@@ -84,35 +94,49 @@ def assembled(
         name: ca.Function(name, inputs, list(out.values()), names[: len(inputs)], list(out))
         for name, (inputs, out) in oracles.items()
     }
-    return {"x": w, "p": none, "f": f, "g": values}, functions
+    return Program({"x": w, "p": none, "f": f, "g": values}, functions)
 
 
 def _picked(w: ca.MX, where: Indices) -> ca.MX:
     return ca.reshape(w[where.ravel(order="F").tolist()], *where.shape)
 
 
+@dataclasses.dataclass(frozen=True)
 class _Derivatives:
-    """Of a block's function: nonzeros, as columns, and where they are."""
+    """A block's function and its derivatives: their nonzeros as columns, and where these are.
 
-    def __init__(self, function: ca.Function) -> None:
-        v, d = function.sx_in()
-        outputs, cost = function(v, d)
-        mu, weight = ca.SX.sym("mu", outputs.numel()), ca.SX.sym("weight")
-        jacobian = ca.jacobian(outputs, v)
-        lagrangian = weight * cost + ca.dot(mu, outputs)
-        hessian = ca.triu(ca.hessian(lagrangian, v)[0])
-        gradient = ca.gradient(cost, v)
-        self.outputs = ca.Function("outputs", [v, d], [outputs])
-        self.cost = ca.Function("cost", [v, d], [cost])
-        self.gradient = ca.Function("gradient", [v, d], [_nonzeros(gradient)])
-        self.jacobian = ca.Function("jacobian", [v, d], [_nonzeros(jacobian)])
-        self.hessian = ca.Function("hessian", [v, d, mu, weight], [_nonzeros(hessian)])
-        self.gradient_at = _places(gradient)[0]
-        self.jacobian_at = _places(jacobian)
-        self.hessian_at = _places(hessian)
+    The functions take (v, d); the Hessian also takes the outputs' and the cost's multipliers.
+    """
+
+    outputs: ca.Function
+    cost: ca.Function
+    gradient: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+    gradient_at: Indices
+    jacobian_at: tuple[Indices, Indices]
+    hessian_at: tuple[Indices, Indices]
 
 
-_derivatives = lru_cache(maxsize=64)(_Derivatives)  # refinement needs the same ones again
+@lru_cache(maxsize=64)  # refinement needs the same ones again
+def _differentiated(function: ca.Function) -> _Derivatives:
+    v, d = function.sx_in()
+    outputs, cost = function(v, d)
+    mu, weight = ca.SX.sym("mu", outputs.numel()), ca.SX.sym("weight")
+    jacobian = ca.jacobian(outputs, v)
+    lagrangian = weight * cost + ca.dot(mu, outputs)
+    hessian = ca.triu(ca.hessian(lagrangian, v)[0])
+    gradient = ca.gradient(cost, v)
+    return _Derivatives(
+        outputs=ca.Function("outputs", [v, d], [outputs]),
+        cost=ca.Function("cost", [v, d], [cost]),
+        gradient=ca.Function("gradient", [v, d], [_nonzeros(gradient)]),
+        jacobian=ca.Function("jacobian", [v, d], [_nonzeros(jacobian)]),
+        hessian=ca.Function("hessian", [v, d, mu, weight], [_nonzeros(hessian)]),
+        gradient_at=_places(gradient)[0],
+        jacobian_at=_places(jacobian),
+        hessian_at=_places(hessian),
+    )
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Which constraint a row of the nonlinear program is, and how to say that it is violated."""
+"""What the rows of the nonlinear program mean, and reports of violated ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trajopt.ocp.pose.problem import Array, Problem
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Violations below this are rounding.
@@ -19,11 +20,12 @@ class Rows:
     """Constraints of one kind.
 
     Attributes:
-        kind: "differential equation", "path", "power", "linkage", ...
+        kind: "differential equation", "path constraint", "slack", "integral", "start constraint",
+            "end constraint", "linkage", "total duration" or "boundary".
         phase: index of the phase, -1 for the problem as a whole.
-        names: of the rows at one place, repeated over all places.
-        fractions: of the phase's duration, one per place.
-        degree: of the elements that they belong to, 0 if none.
+        names: of the rows at one place; every place has the same.
+        fractions: where the places are, as fractions of the phase's duration.
+        degree: of the elements that the rows belong to, 0 if none.
         count: how many rows there are in all.
     """
 
@@ -37,7 +39,15 @@ class Rows:
 
 @dataclasses.dataclass(frozen=True)
 class Breach:
-    """A constraint that is violated: which, where, when and by how much."""
+    """A constraint that is violated.
+
+    Attributes:
+        kind: of constraint, see `Rows`; "bound" for bounds.
+        name: of the row.
+        phase: name of the phase; empty for the problem as a whole.
+        time: from the phase's start (s).
+        amount: of the violation.
+    """
 
     kind: str
     name: str
@@ -58,7 +68,14 @@ def breaches(
     phases: Sequence[PhaseTrajectory],
     problem: Problem,
 ) -> tuple[Breach, ...]:
-    """The worst row of every kind that is violated, by `outside`, worst first."""
+    """The worst row of every kind that is violated, worst first.
+
+    Args:
+        kinds: of all rows, in order.
+        outside: by how much each row is violated.
+        phases: the trajectory, for the times.
+        problem: for the names.
+    """
     found, first = [], 0
     for rows in kinds:
         mine = outside[first : first + rows.count]

@@ -1,4 +1,4 @@
-"""Piecewise polynomials on a mesh: what a transcription's unknowns mean between its nodes."""
+"""Trajectories: states and controls as piecewise polynomials on the elements of a mesh."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import dataclasses
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rimless_gym.checks import real_array
+from trajopt.ocp.arrays import Array, Indices
+from trajopt.ocp.checks import real_array
 from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
 
-Array = NDArray[np.float64]
-
 #: Times that differ by less than this fraction of their phase are the same. Otherwise rounding
-#: would decide on which side of an edge a time lies that was computed to be on it.
+#: would decide on which side of an edge a time lies that is meant to be on it.
 SAME_TIME = 1e-12
 
 
@@ -22,8 +21,8 @@ SAME_TIME = 1e-12
 class PhaseTrajectory:
     """State and control of one phase, as polynomials on the elements of a mesh.
 
-    The control may jump at the elements' edges; it is right-continuous there unless asked for
-    the limit from the left.
+    The control may jump at the elements' edges; there it is the limit from the right, unless the
+    limit from the left is asked for.
 
     Attributes:
         edges: times of the M + 1 element edges, from 0 (s).
@@ -40,7 +39,7 @@ class PhaseTrajectory:
     controls: Array
 
     def __post_init__(self) -> None:
-        """Check that the arrays fit together; whether they are finite is asked where it matters."""
+        """Check that the arrays fit together; `require_sound` checks their numbers."""
         for field in dataclasses.fields(self):
             array = real_array(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, array.astype(np.float64, copy=False))
@@ -60,7 +59,10 @@ class PhaseTrajectory:
                 )
 
     def require_sound(self, where: str) -> None:
-        """Refuse a trajectory that is not a motion.
+        """Refuse a trajectory whose numbers make no sense.
+
+        Args:
+            where: what it is, for messages.
 
         Raises:
             ValueError: a number is not finite, or edges or nodes are not in order.
@@ -109,7 +111,8 @@ class PhaseTrajectory:
         """Durations of the elements (s), shape (M,)."""
         return np.diff(self.edges)
 
-    def _locate(self, times: ArrayLike, side: str) -> tuple[NDArray[np.intp], Array]:
+    def _locate(self, times: ArrayLike, side: str) -> tuple[Indices, Array]:
+        """The element in which each time lies, and where in it, from 0 to 1."""
         t = np.atleast_1d(real_array("t", times))
         require_side(side)
         past = t + SAME_TIME * self.duration if side == "right" else t - SAME_TIME * self.duration
@@ -119,7 +122,7 @@ class PhaseTrajectory:
 
 
 def require_side(side: str) -> None:
-    """Refuse anything but a side of a jump.
+    """Refuse a `side` of a jump that is not one.
 
     Raises:
         ValueError: it is neither "left" nor "right".

@@ -1,4 +1,4 @@
-"""Transcriptions of a problem into a nonlinear program, one per file."""
+"""Collocation schemes, one per file."""
 
 from trajopt.ocp.transcribe.schemes.hermite_simpson import hermite_simpson
 from trajopt.ocp.transcribe.schemes.radau import radau

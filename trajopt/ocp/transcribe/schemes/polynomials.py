@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import comb, roots_jacobi
 
-Array = NDArray[np.float64]
+from trajopt.ocp.arrays import Array
 
 
 def barycentric_weights(nodes: Array) -> Array:

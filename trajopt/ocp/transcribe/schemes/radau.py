@@ -1,15 +1,15 @@
 """Legendre-Gauss-Radau collocation of any degree d, at the flipped Radau points.
 
-On every element the state is a polynomial of degree d that meets the differential equation at the
-d flipped Radau points, the last of which is the element's end: as an integrator this is Radau IIA,
-of order 2d - 1 at the edges (Hairer and Wanner, Solving ODEs II, IV.5; for optimal control Garg et
-al., A unified framework, Automatica 46 (2010)). The control is a Bezier polynomial of lower degree
-and may jump at the elements' edges, hence
+On every element the state is a polynomial of degree d that satisfies the differential equation at
+the d flipped Radau points, the last of which is the element's end. As an integrator this is Radau
+IIA, of order 2d - 1 at the edges (Hairer and Wanner, Solving ODEs II, IV.5; for optimal control
+Garg et al., A unified framework, Automatica 46 (2010)). The control is a Bezier polynomial of lower
+degree and may jump at the elements' edges:
 
-- bounds on its coefficients hold for the control everywhere (it lies in their convex hull),
-- the state is smooth within elements whatever the control does, and converges at full order,
-- slacks and path constraints, imposed at the Radau points and on both sides of every edge, are
-  more than the control's freedoms and leave it no room to cheat in between.
+- It lies in the convex hull of its coefficients, so that bounds on these hold everywhere.
+- Within an element it is smooth, and so is the state, which converges at full order.
+- Slacks and path constraints are imposed at the Radau points and on both sides of every edge. They
+  outnumber the control's degrees of freedom and leave it no room to cheat in between.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def radau(degree: int, control_degree: int | None = None) -> Scheme:
 
     Args:
         degree: of the state.
-        control_degree: of the control, at most and by default degree - 1, at least 1.
+        control_degree: of the control, from 1 to max(1, degree - 1), the default.
     """
     nodes, most = radau_nodes(degree), max(1, degree - 1)
     control_degree = most if control_degree is None else min(control_degree, most)

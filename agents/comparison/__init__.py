@@ -1,0 +1,1 @@
+"""Learned against optimal cost of transport, on one machine, at equal speed."""

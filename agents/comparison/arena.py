@@ -1,0 +1,68 @@
+"""What the entrants of a comparison share: the study, its folder, the optimal front."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from agents.comparison.stages import read_stage
+from agents.comparison.study import Study
+from agents.evaluate import evaluate
+from agents.policies import Policy
+from rimless_gym.params import WheelParams
+from trajopt import NoGaitError, Solution
+from trajopt.gaits.fronts import CotFront
+from trajopt.ocp.solving.ties import tied
+
+
+class Arena:
+    """Where entrants compete.
+
+    Args:
+        study: what to compare.
+        out: folder of the study.
+        progress: whether to show progress bars.
+
+    Attributes:
+        identity: the study as plain JSON values.
+    """
+
+    def __init__(self, study: Study, out: Path, progress: bool) -> None:
+        self.study, self.out, self.progress = study, out, progress
+        self.identity: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(study)))
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.study.params
+
+    @cached_property
+    def front(self) -> CotFront:
+        """The optimal front, from the result of its stage."""
+        names = (read_stage(self.out, "front", self.identity)[0] or {})["files"]
+        return CotFront(tuple(Solution.load(self.out / name) for name in names))
+
+    @cached_property
+    def best_gait(self) -> Solution:
+        """The best gait at the study's speed, of the fewest steps: the one to hold and to imitate.
+
+        Raises:
+            NoGaitError: there is none at that speed.
+        """
+        at_speed = [s for s in self.front.solutions if abs(s.speed - self.study.speed) < 1e-6]
+        if not at_speed:
+            raise NoGaitError(
+                f"speed = {self.study.speed} m/s: no verified gait; {self.out}/front.json says "
+                "why; choose a speed between those that were found"
+            )
+        lowest = min(s.cot for s in at_speed)
+        as_good = [s for s in at_speed if tied(s.cot, lowest, 1e-4)]
+        return min(as_good, key=lambda s: s.steps)
+
+    def evaluated(self, policy: Policy) -> dict[str, Any]:
+        """A result with the evaluation of a policy."""
+        evaluation = evaluate(policy, self.params, progress=self.progress)
+        return {"evaluation": evaluation.to_dict()}

@@ -1,0 +1,165 @@
+"""The headline: learned against optimal cost of transport, on one model, at equal speed.
+
+A study runs in stages, each of which leaves its result in the study's folder. However it was
+stopped, the same study goes on: finished stages are kept, and so are the gaits and training states
+of the unfinished one. The table is the same as without a stop.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.comparison.arena import Arena
+from agents.comparison.entrants import Entrant, Learned, entrants
+from agents.comparison.figures import (
+    animate,
+    plot_cot_against_speed,
+    plot_limit_cycles,
+    record,
+)
+from agents.comparison.report import format_table
+from agents.comparison.stages import read_stage, write_stage
+from agents.comparison.study import Study
+from agents.folder import sole_user
+from agents.policies import learned_policy
+from agents.policy_files import load_policy
+from rimless_gym.hybrid import DOUBLE
+from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
+from trajopt.files import jsonable, write_text
+from trajopt.provenance import provenance
+
+#: Seconds of a walk that are drawn, and those of them that are animated.
+DRAWN, ANIMATED = 20.0, 7.0
+
+
+class Comparison:
+    """A study in a folder.
+
+    Args:
+        study: what to compare.
+        out: folder; may hold the same study, finished or not.
+        progress: whether to show progress bars.
+
+    Raises:
+        ValueError: the preset is unknown, or the folder is a file or holds another study.
+        OSError: the folder cannot be written.
+    """
+
+    def __init__(self, study: Study, out: Path, progress: bool = True) -> None:
+        self.study, self.out, self.progress = study, out, progress
+        self._arena = Arena(study, out, progress)
+        with sole_user(out):
+            self._claim()
+
+    def _claim(self) -> None:
+        """Make the folder this study's, or check that it already is."""
+        wanted, written = self._arena.identity, self.out / "study.json"
+        if written.exists():
+            has = _read_json(written).get("study")
+            if not isinstance(has, dict):
+                raise ValueError(f"{written}: damaged; remove it, or choose another --out")
+            differing = {
+                k: f"{has.get(k)} (not {wanted[k]})" for k in wanted if has.get(k) != wanted[k]
+            }
+            if differing:
+                raise ValueError(
+                    f"{self.out} holds another study: {differing}; choose another --out, or "
+                    "remove it"
+                )
+        _write_json(written, {"study": wanted} | provenance())
+
+    def run(self) -> dict[str, Any]:
+        """Run what is not done yet; return the results, which are also written to results.json.
+
+        Raises:
+            ValueError: another process is running it, or one of its files is damaged.
+        """
+        with sole_user(self.out):
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
+        competing = entrants()
+        results = {}
+        for i, entrant in enumerate(competing, start=1):
+            if self.progress:
+                tqdm.write(f"[{i}/{len(competing)}] {entrant.name}", sys.stderr)
+            results[entrant.name] = self._stage(entrant)
+        rows = [row for each in competing for row in each.rows(self._arena, results[each.name])]
+        report = {"study": dataclasses.asdict(self.study), "table": rows, "stages": results}
+        report |= provenance()
+        _write_json(self.out / "results.json", report)
+        write_text(self.out / "table.md", format_table(rows) + "\n")
+        self._draw(rows, [each for each in competing if isinstance(each, Learned) and each.drawn])
+        return report
+
+    def _stage(self, entrant: Entrant) -> dict[str, Any]:
+        """The result of an entrant, from its file if it competed before and nothing has changed."""
+        name, made_by = entrant.name, provenance()
+        result, changed = read_stage(self.out, name, self._arena.identity)
+        if changed:
+            self._tell(f"{', '.join(changed)} is missing or changed: run again")
+            shutil.rmtree(self.out / name, ignore_errors=True)  # of a training
+        if result is None or changed:
+            began = time.perf_counter()
+            done = entrant.compete(self._arena)
+            done |= {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
+            write_stage(self.out, name, self._arena.identity, done)
+            result = read_stage(self.out, name, self._arena.identity)[0] or {}
+            self._tell(f"done in {result['wall_time_s']} s")
+        else:
+            self._tell("kept")
+        if result["git_revision"] != made_by["git_revision"]:
+            self._tell(
+                f"warning: {name} was made by revision {result['git_revision']}, this is "
+                f"{made_by['git_revision']}; remove {self.out} to make it anew"
+            )
+        return result
+
+    def _tell(self, text: str) -> None:
+        if self.progress:
+            tqdm.write(f"      {text}", sys.stderr)
+
+    def _draw(self, rows: list[dict[str, Any]], drawn: list[Learned]) -> None:
+        """Plots, and an animation of the first of the learners that are drawn."""
+        params = self.study.params
+        start = np.zeros(STATE_SIZE)
+        start[MODE], start[PHI] = DOUBLE, params.constants.a
+        walks = {}
+        for each in drawn:
+            policy = learned_policy(load_policy(each.main_file(self.out)).act)
+            walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
+        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.best_gait, walks)
+        points = {
+            row["policy"]: (row["speed"], row["cot"])
+            for row in rows
+            if row["walking_share"] and row["cot"] is not None
+        }
+        plot_cot_against_speed(self.out / "cot_against_speed.png", self._arena.front, points)
+        if drawn:
+            clip = next(iter(walks.values())).until(ANIMATED)
+            animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text())
+        if not isinstance(values, dict):
+            raise TypeError(f"{type(values).__name__} instead of an object")
+        return values
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ValueError(
+            f"{path}: damaged ({error}); remove it to run its stage again, or choose another --out"
+        ) from error
+
+
+def _write_json(path: Path, values: Any) -> None:
+    write_text(path, json.dumps(jsonable(values), indent=1) + "\n")

@@ -1,0 +1,239 @@
+"""The entrants of a comparison: optimal gaits, feedback laws, trained learners.
+
+`entrants()` lists them in the order of the table. A feedback law in `trajopt/feedback/laws` enters
+by itself; a learner enters with one more `Learned` in that list.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+from agents.comparison.arena import Arena
+from agents.comparison.report import gait_row, policy_row
+from agents.folder import BEST, CLONE, LAST
+from agents.policies import controller_policy, learned_policy
+from agents.policy_files import load_policy
+from agents.train import EXPERT, train
+from agents.training import IMITATION, INITS, SCRATCH
+from trajopt import Solution, periodic_gait
+from trajopt.feedback import law, laws
+from trajopt.gaits.front_files import front_file
+from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.shipped import leads_for
+
+#: Strides considered for the optimal front.
+FRONT_STEPS = (1, 2, 3)
+
+#: What the table calls feedback laws whose names are abbreviations.
+ABBREVIATIONS = {"lqr": "LQR"}
+
+Result = dict[str, Any]
+Row = dict[str, Any]
+
+
+class Entrant(Protocol):
+    """What is compared. It competes in a stage of its own."""
+
+    @property
+    def name(self) -> str:
+        """Of its stage and of its files."""
+
+    def compete(self, arena: Arena) -> Result:
+        """The result, plain values and arrays; "files", if there, names the files that it made."""
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """Its rows of the table, once all have competed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Gait:
+    """An optimal gait.
+
+    Attributes:
+        name: of its stage and of its file.
+        title: its row; None: its number of steps per stride.
+        solve: finds it, or says why there is none.
+    """
+
+    name: str
+    title: str | None
+    solve: Callable[[Arena], Solution | str]
+
+    def compete(self, arena: Arena) -> Result:
+        """Solve it, or say why there is none."""
+        gait = self.solve(arena)
+        if isinstance(gait, str):
+            return {"missing": gait}
+        gait.save(arena.out / f"{self.name}.npz")
+        return gait_result(gait) | {"files": [f"{self.name}.npz"]}
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """Its row, if there is one."""
+        if "missing" in result:
+            return []
+        gait = Solution.load(arena.out / f"{self.name}.npz")
+        return [gait_row(self.title or strides(gait), gait, result, arena.front)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Front:
+    """The front of optimal gaits around the study's speed. Its row is that of the best one."""
+
+    name: str = "front"
+
+    def compete(self, arena: Arena) -> Result:
+        """Solve the gaits of the front that are not in the folder yet."""
+        speeds = sorted({*arena.study.front, arena.study.speed})
+        front = cot_front(
+            arena.params, speeds, FRONT_STEPS, folder=arena.out, progress=arena.progress
+        )
+        names = [front_file(s.steps, s.speed) for s in front.solutions]
+        gaits = [gait_result(s) | {"steps": s.steps} for s in front.solutions]
+        return {"files": names, "gaits": gaits, "missing": [list(m) for m in front.missing]}
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """The row of the best gait at the study's speed."""
+        best = arena.best_gait
+        return [gait_row(strides(best), best, result, arena.front)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """A feedback law that holds the best gait at the study's speed.
+
+    Attributes:
+        name: one of `trajopt.feedback.laws()`.
+    """
+
+    name: str
+
+    def compete(self, arena: Arena) -> Result:
+        """Evaluate it."""
+        controller = law(self.name)(arena.best_gait)
+        return arena.evaluated(controller_policy(arena.params, controller))
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """Its row."""
+        title = ABBREVIATIONS.get(self.name, self.name.replace("_", " "))
+        return [policy_row(f"{title} about the optimum", result, arena.front)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Learned:
+    """A learner's policies.
+
+    Attributes:
+        name: of its stage and of the folder of its training.
+        init: "scratch", "imitation", or a policy's file in the study's folder.
+        shown: title of a row -> the policy's file in the training's folder; the first is the main
+            one.
+        algo: the learner.
+        learns: whether it is trained for the study's time steps, or not at all.
+        drawn: what the plot of limit cycles calls its main policy; None: it is not drawn.
+    """
+
+    name: str
+    init: str
+    shown: dict[str, str]
+    algo: str = "ppo"
+    learns: bool = True
+    drawn: str | None = None
+
+    def compete(self, arena: Arena) -> Result:
+        """Train and evaluate it."""
+        imitates = self.init == IMITATION
+        trained = train(
+            self.algo,
+            self.init if self.init in INITS else arena.out / self.init,
+            arena.study.seed,
+            arena.out / self.name,
+            timesteps=arena.study.timesteps if self.learns else 0,
+            params=arena.params,
+            expert=law(EXPERT)(arena.best_gait) if imitates else None,
+            progress=arena.progress,
+        )
+        if trained.interrupted:
+            raise KeyboardInterrupt
+        files = [f"{self.name}/{file}" for file in self.shown.values()]
+        evaluated = {
+            Path(file).stem: arena.evaluated(learned_policy(load_policy(arena.out / file).act))
+            for file in files
+        }
+        main = evaluated.pop(Path(files[0]).stem)
+        return main | evaluated | {"timesteps": trained.timesteps, "files": files}
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """A row for each policy shown."""
+        (main, _), *others = self.shown.items()
+        return [
+            policy_row(main, result, arena.front),
+            *(
+                policy_row(title, result | result[Path(file).stem], arena.front)
+                for title, file in others
+            ),
+        ]
+
+    def main_file(self, out: Path) -> Path:
+        """The file of its main policy in a study's folder."""
+        return out / self.name / next(iter(self.shown.values()))
+
+
+def entrants() -> tuple[Entrant, ...]:
+    """All entrants, in the order in which they compete and stand in the table."""
+    return (
+        Gait("gait", None, _searched),
+        Front(),
+        Gait("swinging", "optimal while the pendulum swings", _swinging),
+        *(Law(name) for name in laws()),
+        Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),
+        Learned(
+            "fine_tuned",
+            f"imitation/{CLONE}",
+            {"fine-tuned, best kept": BEST, "fine-tuned, last": LAST},
+            drawn="fine-tuned",
+        ),
+        Learned("scratch", SCRATCH, {"from scratch": BEST}),
+    )
+
+
+def _searched(arena: Arena) -> Solution:
+    """The study's gait, searched for from a shipped guess and from random starts."""
+    study = arena.study
+    return periodic_gait(
+        arena.params,
+        study.speed,
+        study.steps,
+        starts=study.starts,
+        seed=study.seed,
+        workers=os.cpu_count() or 1,
+        progress=arena.progress,
+    )
+
+
+def _swinging(arena: Arena) -> Solution | str:
+    """The best gait whose pendulum does not whirl, where one is shipped to start from."""
+    study = arena.study
+    known = leads_for(arena.params, study.speed, study.steps)
+    swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == arena.params]
+    if not swinging:
+        return f"no swinging gait of {study.steps} steps is shipped for this machine"
+    return periodic_gait(arena.params, study.speed, study.steps, guess=swinging[0])
+
+
+def strides(gait: Solution) -> str:
+    """The title of an optimal gait."""
+    return f"optimal, {gait.steps} step{'s' if gait.steps > 1 else ''} per stride"
+
+
+def gait_result(gait: Solution) -> Result:
+    """What is told of an optimal gait."""
+    return {
+        "cot": gait.cot,
+        "speed": gait.speed,
+        "theta_turns": gait.theta_turns,
+        "verification": dataclasses.asdict(gait.verification),
+    }

@@ -1,0 +1,52 @@
+"""What a comparison compares."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rimless_gym.checks import integer, positive, require_kind
+from rimless_gym.params import WheelParams, preset
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """What is compared.
+
+    Attributes:
+        preset: name of the machine.
+        speed: at which the gait to imitate is optimal (m/s).
+        steps: of the gait that is solved for and reported beside the front's best.
+        seed: of everything random.
+        timesteps: control intervals of fine-tuning, and of training from scratch.
+        starts: random starts of the search for the gait, in addition to the shipped guess.
+        front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
+
+    Raises:
+        TypeError: a value is of the wrong kind.
+        ValueError: there is no such preset, or a number is out of its range.
+    """
+
+    preset: str = "THESIS_PHYSICAL"
+    speed: float = 0.5
+    steps: int = 2
+    seed: int = 0
+    timesteps: int = 600_000
+    starts: int = 4
+    front: tuple[float, ...] = (0.40, 0.45, 0.50, 0.525, 0.55, 0.57, 0.58, 0.59, 0.60)
+
+    def __post_init__(self) -> None:
+        require_kind("preset", self.preset, str)
+        preset(self.preset)
+        positive("speed", self.speed)
+        if not isinstance(self.front, (tuple, list)) or not self.front:
+            raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
+        object.__setattr__(self, "front", tuple(self.front))
+        for speed in self.front:
+            positive("front: speed", speed)
+        for name, least in (("steps", 1), ("timesteps", 0), ("starts", 0), ("seed", 0)):
+            integer(name, getattr(self, name), least)
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return preset(self.preset)

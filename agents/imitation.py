@@ -1,0 +1,193 @@
+"""DAgger: walks that an expert labels, for a learner to imitate.
+
+The first round learns from the expert's own walks. In the later ones the clone walks and the expert
+says what it would have done (Ross, Gordon and Bagnell, AISTATS 2011), so that the clone learns to
+correct its own mistakes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.conditions import Conditions
+from agents.policies import Act, Policy, controller_policy, learned_policy
+from agents.rollout import Rollout, draw_starts
+from rimless_gym.checks import integer, positive, real
+from rimless_gym.hybrid import CONTROL_PERIOD
+from trajopt.feedback.law import Controller, Floats
+
+
+@dataclasses.dataclass(frozen=True)
+class Cloning:
+    """How to clone.
+
+    Attributes:
+        rounds: of DAgger, the expert's own included.
+        expert_starts: random starts that the expert walks from in the first round.
+        seconds: length of each walk (s).
+        starts: random starts that the clone walks from in each later round.
+        labels: states of these walks that the expert labels, per round.
+        gait_starts: starts of the clone among the states of the second half of the expert's walks:
+            the cost of transport is decided near the gait.
+        gait_labels: states of these walks that the expert labels, per round.
+        gradient_steps: in each round; twice as many in the last.
+        batch_size: observations per gradient step.
+        huber: error (in units of the voltage limit) above which the loss grows only linearly: no
+            smooth network follows the expert's switches, and trying costs accuracy elsewhere.
+        learning_rate: at the beginning; it falls to 0 along a cosine over all rounds.
+        log_std: natural logarithm of the cloned policy's exploration noise.
+        held_out: share of the walks that is not learned from but measures the error.
+
+    Raises:
+        TypeError: a number is of the wrong kind.
+        ValueError: a number is out of its range.
+    """
+
+    rounds: int = 4
+    expert_starts: int = 64
+    seconds: float = 6.0
+    starts: int = 256
+    labels: int = 8_000
+    gait_starts: int = 64
+    gait_labels: int = 24_000
+    gradient_steps: int = 1500
+    batch_size: int = 1024
+    learning_rate: float = 2e-3
+    huber: float = 0.05
+    log_std: float = -4.5
+    held_out: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("rounds", "expert_starts", "starts", "gait_starts", "batch_size"):
+            integer(name, getattr(self, name), 1)
+        for name in ("labels", "gait_labels", "gradient_steps"):
+            integer(name, getattr(self, name), 0)
+        for name in ("seconds", "learning_rate", "huber"):
+            positive(name, getattr(self, name))
+        if self.seconds < 2 * CONTROL_PERIOD:
+            raise ValueError(
+                f"seconds = {self.seconds}: must be at least two periods of control, "
+                f"{2 * CONTROL_PERIOD} s"
+            )
+        real("log_std", self.log_std)
+        if not 0 < real("held_out", self.held_out) < 1:
+            raise ValueError(f"held_out = {self.held_out}: must lie strictly between 0 and 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class CloneReport:
+    """How a cloning went.
+
+    Attributes:
+        samples: labelled observations, all rounds together.
+        errors: after each round, the root-mean-square error on walks held out so far, in units
+            of the voltage limit.
+    """
+
+    samples: int
+    errors: tuple[float, ...]
+
+
+class Walks(NamedTuple):
+    """Control intervals of several walks, one after the other.
+
+    Attributes:
+        which: index of the start, (M,).
+        when: index of the interval, (M,).
+        states: (M, STATE_SIZE).
+        observations: (M, 6).
+        actions: in units of the voltage limit, (M,).
+    """
+
+    which: NDArray[np.int64]
+    when: NDArray[np.int64]
+    states: Floats
+    observations: NDArray[np.float32]
+    actions: Floats
+
+    def take(self, indices: NDArray[np.int64]) -> Walks:
+        """Some of the intervals."""
+        return Walks._make(values[indices] for values in self)
+
+
+def walk(
+    conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
+) -> Walks:
+    """What a policy meets and does from `starts` (N, STATE_SIZE); see `Rollout`."""
+    intervals = list(Rollout(conditions, policy, starts, n_intervals, seed))
+    return Walks(
+        which=np.concatenate([interval.running for interval in intervals]),
+        when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),
+        states=np.concatenate([interval.states for interval in intervals]),
+        observations=np.concatenate([interval.observations for interval in intervals]),
+        actions=np.concatenate([interval.actions for interval in intervals]),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Teaching:
+    """An expert, and where and how it teaches.
+
+    Attributes:
+        expert: the feedback law to imitate, in volts.
+        conditions: of all walks. The expert labels true states even where sensors are noisy.
+        config: how to clone.
+        seed: of the starts, and of what the conditions draw.
+    """
+
+    expert: Controller
+    conditions: Conditions
+    config: Cloning
+    seed: int
+
+    def first_round(self) -> Walks:
+        """The expert's own walks."""
+        starts = draw_starts(self.conditions.params, self.config.expert_starts, (self.seed, 2))
+        return self._walks(self._label, starts, (self.seed, 3))
+
+    def later_round(
+        self, k: int, first: Walks, act: Act, rng: np.random.Generator
+    ) -> tuple[Walks, Walks]:
+        """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
+
+        Args:
+            k: number of the round, 1 or more.
+            first: the walks of the first round, whose second half is near the gait.
+            act: the clone.
+            rng: chooses starts near the gait, and the states that are labelled.
+        """
+        config, clone = self.config, learned_policy(act)
+        gait = first.states[first.when >= self._n_intervals // 2]
+        anywhere = draw_starts(self.conditions.params, config.starts, (self.seed, 2, k))
+        near = gait[rng.integers(len(gait), size=config.gait_starts)]
+        return (
+            self._labelled(clone, anywhere, (self.seed, 3, k), config.labels, rng),
+            self._labelled(clone, near, (self.seed, 4, k), config.gait_labels, rng),
+        )
+
+    @property
+    def _n_intervals(self) -> int:
+        return round(self.config.seconds / CONTROL_PERIOD)
+
+    def _label(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        return controller_policy(self.conditions.params, self.expert)(states, observations)
+
+    def _walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> Walks:
+        number = int(np.random.SeedSequence(seed).generate_state(1)[0])
+        return walk(self.conditions, policy, starts, self._n_intervals, number)
+
+    def _labelled(
+        self,
+        policy: Policy,
+        starts: Floats,
+        seed: tuple[int, ...],
+        count: int,
+        rng: np.random.Generator,
+    ) -> Walks:
+        seen = self._walks(policy, starts, seed)
+        some = seen.take(rng.permutation(len(seen.when))[:count])
+        return some._replace(actions=self._label(some.states, some.observations))

@@ -1,0 +1,155 @@
+"""What a learner is.
+
+A learner is a class `Learner` in a file of `agents/learners`, derived from the one below. Training,
+evaluation, policy files, resumption and the command lines need nothing else of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from agents.imitation import CloneReport, Cloning
+from agents.policies import Act
+from agents.training import Settings, Training
+from rimless_gym.envs.task import Task
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Controller
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyParts:
+    """A policy taken apart, as a file can hold it.
+
+    Attributes:
+        record: plain JSON values that describe it, such as the sizes of its networks.
+        weights: floating-point arrays by name.
+    """
+
+    record: dict[str, Any]
+    weights: dict[str, NDArray[Any]]
+
+
+class Log(Protocol):
+    """Where figures of a training go; stable-baselines3's `Logger` is one."""
+
+    def record(self, key: str, value: Any) -> None:
+        """Note a figure until the next `dump`."""
+
+    def dump(self, step: int = 0) -> None:
+        """Write the figures noted since the last time, as those of `step` control intervals."""
+
+
+class Watch(Protocol):
+    """What watches over a training, as its learner sees it."""
+
+    @property
+    def log(self) -> Log:
+        """For the learner's own figures."""
+
+    def between(self) -> None:
+        """To be called before every iteration, when the learner's state is complete.
+
+        Evaluates the policy and saves the training when that is due.
+
+        Raises:
+            KeyboardInterrupt: somebody asked to stop; everything is saved.
+        """
+
+    def advanced(self) -> None:
+        """To be called whenever `steps` has grown, to move the progress bar."""
+
+
+class Learner(ABC):
+    """Learns a policy. The constructor begins a training.
+
+    Args:
+        training: what to learn.
+        start: the policy to start from; None: a new one.
+
+    Raises:
+        ValueError: `start` does not fit the learner.
+    """
+
+    @abstractmethod
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None: ...
+
+    @classmethod
+    @abstractmethod
+    def settings(cls, init: str) -> Settings:
+        """The hyperparameters of a training from scratch if `init` says so, else from a policy."""
+
+    @classmethod
+    @abstractmethod
+    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> Act:
+        """The policy that a learner of this class took apart, without a training.
+
+        It may raise anything if the parts do not fit together.
+
+        Args:
+            parts: of the policy. The record has entries of `agents.policy_files` too.
+            params: the machine that it was trained on.
+            task: the reward that it was trained for.
+        """
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Control intervals so far, all environments together."""
+
+    @property
+    @abstractmethod
+    def act(self) -> Act:
+        """The deterministic policy as it is now."""
+
+    @abstractmethod
+    def learn(self, until: int, watch: Watch) -> None:
+        """Learn until there have been `until` steps or a few more."""
+
+    @abstractmethod
+    def parts(self) -> PolicyParts:
+        """The policy as it is now, for a file.
+
+        Raises:
+            ValueError: it cannot be described by plain values.
+        """
+
+    @abstractmethod
+    def state(self) -> dict[str, Any]:
+        """All that future learning depends on, as a tree for `agents.trees`.
+
+        It is asked for between two iterations.
+        """
+
+    @abstractmethod
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state of a learner in the same training.
+
+        It may raise anything if the state does not fit; the learner is not used then.
+        """
+
+    def imitate(
+        self, expert: Controller, cloning: Cloning, kept: Path, progress: bool
+    ) -> CloneReport:
+        """Make the policy act as `expert` does.
+
+        Args:
+            expert: a feedback law in volts.
+            cloning: how to clone it.
+            kept: file for the rounds done so far, from which a stopped cloning goes on.
+            progress: whether to show a progress bar.
+
+        Raises:
+            ValueError: this learner cannot imitate.
+        """
+        raise ValueError(
+            "init = 'imitation': this learner cannot imitate; begin from 'scratch', or from a "
+            "policy's file"
+        )
+
+    def close(self) -> None:  # noqa: B027  most learners have nothing to close
+        """Close environments and files."""

@@ -1,0 +1,246 @@
+"""Policy files: weights and a record of what they were trained for, nothing else.
+
+A file is an archive of plain arrays with a JSON record and a digest (`trajopt.files`). Reading it
+executes nothing: the learner that is named in the record builds the policy and puts the weights in.
+Files written by plain stable-baselines3 are pickles, which can run any code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import learners
+from agents.learner import Learner, PolicyParts
+from agents.policies import Act
+from agents.sb3.foreign import unpickled
+from agents.training import Training
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.task import Task
+from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from trajopt.files import digest, read_arrays, write_arrays
+from trajopt.provenance import provenance
+
+FORMAT = "rimless-gym policy 2"
+
+#: Policies that come with the package, by name.
+PRETRAINED = {
+    path.stem: path for path in sorted((Path(__file__).parent / "pretrained").glob("*.zip"))
+}
+
+#: What plain stable-baselines3 puts into its files.
+_FOREIGN = ("data", "policy.pth")
+
+#: What a policy sees; one trained on another layout is not loaded.
+OBSERVATION_LAYOUT = (
+    "(phi - pi/2) / (alpha/2)",
+    "sin theta",
+    "cos theta",
+    f"phi' / {LEG_RATE_SCALE} rad/s",
+    f"theta' / {PENDULUM_RATE_SCALE} rad/s",
+    "resting",
+)
+
+_REMEDY = "copy it again, or train it again with scripts/train.py"
+
+
+class CheckpointError(ValueError):
+    """A policy file is missing, damaged, in another format, or for another machine or layout."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """A loaded policy.
+
+    Attributes:
+        act: the policy: observations (N, 6) of the environment -> actions (N,) in [-1, 1].
+        algo: name of the learner.
+        params: the machine that it was trained on.
+        task: the reward that it was trained for.
+        seed: of the training.
+        parts: what the file held; the record has everything that was saved with the weights.
+    """
+
+    act: Act
+    algo: str
+    params: WheelParams
+    task: Task
+    seed: int
+    parts: PolicyParts
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Everything that was saved with the weights."""
+        return self.parts.record
+
+    @property
+    def model(self) -> Any:
+        """The stable-baselines3 model, with that library's default settings of learning.
+
+        Raises:
+            AttributeError: the learner is not one of stable-baselines3.
+        """
+        return self.act.model  # type: ignore[attr-defined]
+
+
+def save_policy(path: str | Path, training: Training, learner: Learner, **notes: Any) -> Path:
+    """Write a learner's policy with its record; the file is complete or left as it was.
+
+    Args:
+        path: of the file, .zip.
+        training: in which it was learned.
+        learner: whose policy to write.
+        notes: plain JSON values to record beside these.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: the policy cannot be described by plain values.
+        OSError: the file cannot be written; one that was there is kept.
+    """
+    versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
+    made_by, parts = provenance(), learner.parts()
+    record = {
+        "algo": training.algo,
+        "seed": training.seed,
+        "timesteps": learner.steps,
+        "observation_layout": list(OBSERVATION_LAYOUT),
+        **training.conditions.to_dict(),
+        "task": dataclasses.asdict(training.task),
+        "versions": made_by["versions"] | versions,
+        "git_revision": made_by["git_revision"],
+        **parts.record,
+        **notes,
+    }
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_arrays(path, FORMAT, record, parts.weights)
+    return path
+
+
+def find_policy(path: str | Path) -> Path:
+    """The file at `path`, or the one that comes with the package under that name.
+
+    Raises:
+        CheckpointError: neither exists.
+    """
+    found = Path(path)
+    for file in (found, Path(f"{path}.zip")):  # stable-baselines3 adds .zip by itself
+        if file.is_file():
+            return file
+    if str(path) in PRETRAINED:
+        return PRETRAINED[str(path)]
+    if found.is_dir():
+        raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
+    raise CheckpointError(
+        f"{path}: no such file, and no policy of that name comes with the package (those are "
+        f"{', '.join(PRETRAINED)}); make one with scripts/train.py, or check the path"
+    )
+
+
+def read_record(path: str | Path) -> dict[str, Any]:
+    """The record of a policy file; raises what `load_policy` raises."""
+    return _read(find_policy(path))[0]
+
+
+def origin(path: str | Path) -> str:
+    """A policy to start from, in words: its algorithm and a digest of its weights.
+
+    Raises:
+        CheckpointError: it cannot be read.
+    """
+    record, weights = _read(find_policy(path))
+    return f"{record.get('algo')} policy, SHA-256 of its weights {digest(weights)[:16]}"
+
+
+def load_policy(
+    path: str | Path, params: WheelParams | None = None, *, trust_pickle: bool = False
+) -> Checkpoint:
+    """Load a policy, if it is for this observation layout and this machine.
+
+    Args:
+        path: of the file; or the name of a policy that comes with the package (`PRETRAINED`).
+        params: the machine to walk on; default: the one the policy was trained on.
+        trust_pickle: also read files of plain stable-baselines3. Such a file is a pickle: reading
+            it runs any code that its author put into it, with your rights. It does not record its
+            machine, which is taken to be `params`, or the default machine if that is None.
+
+    Raises:
+        CheckpointError: there is no such file, it is damaged or in another format, or its
+            observations or machine differ from those wanted.
+    """
+    path = find_policy(path)
+    if trust_pickle and _is_foreign(path):
+        return _unpickled(path, params or THESIS_PHYSICAL)
+    record, weights = _read(path)
+    layout = record.get("observation_layout")
+    if layout != list(OBSERVATION_LAYOUT):
+        raise CheckpointError(
+            f"{path}: observes {layout}, but the environment now gives {list(OBSERVATION_LAYOUT)}; "
+            "train it again, or use the version of rimless-gym that made it: "
+            f"{record.get('git_revision')}"
+        )
+    try:
+        trained_on = WheelParams(**record["params"])
+        task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
+        kind = learners.learner(algo)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise CheckpointError(
+            f"{path}: its record is incomplete or invalid: {error!r}; {_REMEDY}"
+        ) from error
+    if params is not None and params != trained_on:
+        wanted, has = params.to_dict(), trained_on.to_dict()
+        differing = {k: f"{has[k]} (not {wanted[k]})" for k in has if has[k] != wanted[k]}
+        raise CheckpointError(
+            f"{path}: trained on another machine: {differing}; to try it on this one all the "
+            "same, load it without params"
+        )
+    parts = PolicyParts(record, weights)
+    try:
+        act = kind.load(parts, trained_on, task)
+    except Exception as error:  # learners may raise anything
+        raise CheckpointError(
+            f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
+            f"({error!r}), so it was edited or damaged; {_REMEDY}"
+        ) from error
+    return Checkpoint(act, algo, trained_on, task, seed, parts)
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The record and the weights."""
+    if _is_foreign(path):
+        raise CheckpointError(
+            f"{path}: a file of plain stable-baselines3, which is a pickle: reading it can run any "
+            "code that its author put into it; if you trust the author, load it with "
+            "trust_pickle=True (on the command line --trust-pickle)"
+        )
+    record, weights = read_arrays(path, FORMAT, CheckpointError, _REMEDY)
+    wrong = [name for name, w in weights.items() if w.dtype.kind != "f" or not np.isfinite(w).all()]
+    if wrong:
+        raise CheckpointError(
+            f"{path}: edited: the numbers in {wrong} are not all finite; {_REMEDY}"
+        )
+    return record, weights
+
+
+def _is_foreign(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(_FOREIGN) <= set(archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
+    """The policy in a file of plain stable-baselines3."""
+    try:
+        algo, act = unpickled(path, params)
+    except ValueError as error:
+        raise CheckpointError(str(error)) from error
+    return Checkpoint(act, algo, params, Task(), 0, PolicyParts({"algo": algo}, {}))

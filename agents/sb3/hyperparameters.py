@@ -1,0 +1,104 @@
+"""Reading `agents/hyperparams/*.yml`, which are in the format of rl-zoo3."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+from torch import nn
+
+from agents.training import Settings
+
+FOLDER = Path(__file__).parents[1] / "hyperparams"
+ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
+_WRAPPER = "agents.sb3.training_env.ScaledReward"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hyperparameters(Settings):
+    """One entry of a file.
+
+    Attributes:
+        n_envs: environments side by side.
+        reward_scale: factor on the reward that the learner sees.
+        algorithm: keyword arguments of the algorithm, `policy` among them.
+        entry: as it was written, plain JSON values.
+    """
+
+    n_envs: int
+    reward_scale: float
+    algorithm: dict[str, Any]
+    entry: dict[str, Any]
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """The entry."""
+        return self.entry
+
+
+def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperparameters:
+    """The entry of a file for a training from scratch, or from a policy.
+
+    Raises:
+        ValueError: there is no such file or entry, or something in it is not as rl-zoo3 writes it.
+    """
+    path, entry = folder / file, "RimlessWheel-v0" + "-imitation" * imitation
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file of hyperparameters")
+    entries = yaml.safe_load(path.read_text())
+    if entry not in entries:
+        raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
+    written = entries[entry]
+    values = copy.deepcopy(written)
+    n_envs, n_timesteps = int(values.pop("n_envs")), int(values.pop("n_timesteps"))
+    scale = 1.0
+    for wrapper in values.pop("vec_env_wrapper", []):
+        if list(wrapper) != [_WRAPPER]:
+            raise ValueError(f"{path}: vec_env_wrapper {list(wrapper)}: only {_WRAPPER} is known")
+        scale = float(wrapper[_WRAPPER]["scale"])
+    for name in ("learning_rate", "clip_range"):
+        if isinstance(values.get(name), str):
+            values[name] = _linear(values[name])
+    if "policy_kwargs" in values:
+        text = values["policy_kwargs"]
+        try:
+            values["policy_kwargs"] = _written(ast.parse(text, mode="eval").body)
+        except (SyntaxError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{path}: policy_kwargs {text!r}: write dict(name=value, ...) of plain values and "
+                f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"
+            ) from error
+    return Hyperparameters(
+        n_timesteps=n_timesteps,
+        silent=int(values.get("learning_starts", 0)),
+        n_envs=n_envs,
+        reward_scale=scale,
+        algorithm=values,
+        entry=written,
+    )
+
+
+def _written(node: ast.expr) -> Any:
+    """The value of an expression. rl-zoo3 evaluates any; here, only those that it needs."""
+    match node:
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=entries) if all(
+            entry.arg for entry in entries
+        ):
+            return {entry.arg: _written(entry.value) for entry in entries}
+        case ast.Attribute(value=ast.Name(id="nn"), attr=name) if name in ACTIVATIONS:
+            return ACTIVATIONS[name]
+    return ast.literal_eval(node)
+
+
+def _linear(text: str) -> Callable[[float], float]:
+    """rl-zoo3's "lin_x": falls from x to 0 during the training."""
+    prefix, _, start = text.partition("_")
+    if prefix != "lin":
+        raise ValueError(f"schedule {text!r}: write a number, or lin_ and a number")
+    # The last roll-out may end after the last time step; `remaining` is negative then.
+    return lambda remaining: float(start) * max(remaining, 0.0)

@@ -1,0 +1,151 @@
+"""What all learners built on stable-baselines3 share; each adds its algorithm and its actor."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+import torch
+
+from agents.conditions import Conditions
+from agents.imitation import CloneReport, Cloning, Teaching
+from agents.learner import Learner, PolicyParts, Watch
+from agents.sb3.callbacks import Freeze, LogWalking, Watched
+from agents.sb3.cloning import clone
+from agents.sb3.hyperparameters import Hyperparameters, hyperparameters
+from agents.sb3.networks import (
+    Actor,
+    NetworkPolicy,
+    architecture,
+    policy_kwargs,
+    put_weights,
+    weights_of,
+)
+from agents.sb3.state import restore, state_of
+from agents.sb3.training_env import native_of, training_env
+from agents.training import SCRATCH, Settings, Training
+from rimless_gym.envs.task import Task
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Controller
+
+#: Share of a fine-tuning in which only the critic learns.
+CRITIC_WARM_UP = 0.15
+
+
+class Sb3Learner(Learner):
+    """An algorithm of stable-baselines3 in our vector environment.
+
+    torch runs on one thread: sums depend on how they are split among threads, and these networks
+    are too small to gain from more.
+
+    Attributes:
+        algorithm: of stable-baselines3.
+        hyperparameter_file: name of its file in `agents/hyperparams`.
+        model: that learns.
+
+    Raises:
+        TypeError: the training's settings are not `Hyperparameters`.
+    """
+
+    algorithm: ClassVar[Any]
+    hyperparameter_file: ClassVar[str]
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        torch.set_num_threads(1)
+        settings = training.settings
+        if not isinstance(settings, Hyperparameters):
+            raise TypeError(f"settings = {settings!r}: must be agents.sb3 Hyperparameters")
+        self.training = training
+        self._arguments = settings.algorithm
+        self._env = training_env(
+            settings.n_envs,
+            training.conditions,
+            training.task,
+            training.seed,
+            settings.reward_scale,
+        )
+        if start is None:
+            self.model = self._new_model({})
+        else:
+            self.model = self._new_model(start.record)
+            put_weights(self.model, start.weights)
+
+    def _new_model(self, described: dict[str, Any]) -> Any:
+        """A new model with the networks of the hyperparameters, or those that are described."""
+        arguments = {"env": self._env, "seed": self.training.seed, **self._arguments}
+        if "policy_kwargs" in described:
+            arguments["policy_kwargs"] = policy_kwargs(described["policy_kwargs"])
+        return self.algorithm(device="cpu", **arguments)
+
+    @staticmethod
+    @abstractmethod
+    def actor(model: Any) -> Actor:
+        """The part of a model of this algorithm that chooses actions."""
+
+    @classmethod
+    def settings(cls, init: str) -> Settings:
+        """The entry of the algorithm's file in `agents/hyperparams`."""
+        return hyperparameters(cls.hyperparameter_file, imitation=init != SCRATCH)
+
+    @classmethod
+    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> NetworkPolicy:
+        """The policy in `parts`; its model has stable-baselines3's default settings."""
+        model = cls.algorithm(
+            policy="MlpPolicy",
+            env=training_env(1, Conditions(params), task, seed=0),
+            device="cpu",
+            policy_kwargs=policy_kwargs(parts.record["policy_kwargs"]),
+        )
+        put_weights(model, parts.weights)
+        model.num_timesteps = int(parts.record["timesteps"])
+        model.policy.set_training_mode(False)
+        return NetworkPolicy(model)
+
+    @property
+    def steps(self) -> int:
+        """Control intervals so far, all environments together."""
+        return int(self.model.num_timesteps)
+
+    @property
+    def act(self) -> NetworkPolicy:
+        """The deterministic policy as it is now."""
+        return NetworkPolicy(self.model)
+
+    def imitate(
+        self, expert: Controller, cloning: Cloning, kept: Path, progress: bool
+    ) -> CloneReport:
+        """Clone the expert into the actor."""
+        teaching = Teaching(expert, self.training.conditions, cloning, self.training.seed)
+        return clone(self.actor(self.model), teaching, kept=kept, progress=progress)
+
+    def learn(self, until: int, watch: Watch) -> None:
+        """Learn until there have been `until` steps; a roll-out that was begun is ended.
+
+        Where there is a policy to start from, its actor stays as it is for a while.
+        """
+        model = self.model
+        model.set_logger(watch.log)
+        log = LogWalking(self.training.conditions.params, native_of(self._env))
+        callbacks = [log, Watched(watch)]
+        if self.training.init != SCRATCH:
+            callbacks.append(Freeze(self.actor(model), round(CRITIC_WARM_UP * until)))
+        model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
+
+    def parts(self) -> PolicyParts:
+        """The networks' architecture and weights."""
+        return PolicyParts({"policy_kwargs": architecture(self.model)}, weights_of(self.model))
+
+    def state(self) -> dict[str, Any]:
+        """Model, environments and all random generators, between two roll-outs."""
+        return {"policy_kwargs": architecture(self.model), **state_of(self.model)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        if state["policy_kwargs"] != architecture(self.model):
+            self.model = self._new_model(state)
+        restore(self.model, state)
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._env.close()

@@ -1,0 +1,185 @@
+"""What goes on around a learner while it learns: evaluation, saving, stopping, a progress bar."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from agents.evaluate import Evaluation, evaluate
+from agents.folder import BEST, CLONING, LAST, STATE
+from agents.interrupts import StopRequest
+from agents.learner import Learner
+from agents.logs import event_log
+from agents.policies import learned_policy
+from agents.policy_files import save_policy
+from agents.protocol import Protocol
+from agents.training import INITS, Training
+from agents.training_state import write_state
+
+#: Seconds between two saved states of a training: as much is lost if it is killed.
+SAVE_INTERVAL = 30.0
+
+#: Evaluations of a training, besides the one at its start.
+EVALUATIONS = 10
+
+
+@dataclasses.dataclass
+class Standing:
+    """How far a training has come, apart from the state of its learner.
+
+    Attributes:
+        best: the best score so far.
+        due: steps at which the next evaluation is due; None: at once.
+        over: steps that were asked for when it last came to its end; None if it never has.
+        logged: figures that are recorded but not yet written to the log.
+
+    Raises:
+        TypeError: a value is of the wrong kind.
+    """
+
+    best: float = -math.inf
+    due: int | None = None
+    over: int | None = None
+    logged: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        steps = [step for step in (self.due, self.over) if step is not None]
+        if not (type(self.best) is float and all(type(step) is int for step in steps)):
+            raise TypeError(f"{self}: a score must be a float, and steps must be integers")
+        self.logged = dict(self.logged)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a call of `train` is to do.
+
+    Attributes:
+        training: what is learned.
+        out: folder.
+        total: steps after which it is over.
+        score: of an evaluation; the policy with the largest is kept as the best.
+        protocol: of the periodic evaluations.
+        progress: whether to show a progress bar.
+    """
+
+    training: Training
+    out: Path
+    total: int
+    score: Callable[[Evaluation], float]
+    protocol: Protocol
+    progress: bool
+
+
+class Session:
+    """One run of a training, from its beginning or its last state until it is over or stopped.
+
+    It is the `agents.learner.Watch` that the learner is given.
+
+    Args:
+        plan: what to do.
+        learner: in the state from which to go on.
+        standing: how far it has come.
+        stop: the request to stop.
+
+    Attributes:
+        log: for the learner's figures.
+        kept: steps in the state that was saved last.
+        evaluations: (steps, evaluation) pairs.
+    """
+
+    def __init__(self, plan: Plan, learner: Learner, standing: Standing, stop: StopRequest) -> None:
+        self._plan, self._learner, self._standing, self._stop = plan, learner, standing, stop
+        self._saved_at = -math.inf
+        self.kept = learner.steps
+        self.evaluations: list[tuple[int, Evaluation]] = []
+        self.log = event_log(plan.out, learner.steps)
+        for name, value in standing.logged.items():
+            self.log.record(name, value)
+        self._bar = tqdm(
+            total=plan.total,
+            initial=min(learner.steps, plan.total),
+            desc=f"{plan.training.algo} {_named(plan.training.init)}",
+            unit="step",
+            unit_scale=True,
+            disable=not plan.progress,
+        )
+
+    def run(self) -> None:
+        """Learn until the plan's end.
+
+        Raises:
+            KeyboardInterrupt: somebody asked to stop before it was reached.
+        """
+        self._learner.learn(self._plan.total, self)
+        self._evaluate()
+        self.log.dump(self._learner.steps)
+        self._standing.over = self._plan.total
+        self._save()
+
+    def between(self) -> None:
+        """See `agents.learner.Watch`."""
+        due = self._standing.due
+        evaluated = due is None or self._learner.steps >= due
+        if evaluated:
+            self._evaluate()
+        if evaluated or self._stop.made or time.monotonic() - self._saved_at > SAVE_INTERVAL:
+            self._save()
+        if self._stop.made:
+            raise KeyboardInterrupt
+
+    def advanced(self) -> None:
+        """See `agents.learner.Watch`."""
+        self._bar.update(min(self._learner.steps, self._bar.total) - self._bar.n)
+
+    def close(self) -> None:
+        """Close the log and leave the progress bar as it stands."""
+        self._bar.close()
+        self.log.close()
+
+    def _evaluate(self) -> None:
+        plan, steps = self._plan, self._learner.steps
+        conditions = plan.training.conditions
+        self._standing.due = steps + max(1, math.ceil(plan.total / EVALUATIONS))
+        result = evaluate(
+            learned_policy(self._learner.act),
+            conditions.params,
+            plan.protocol,
+            task=plan.training.task,
+            ranges=conditions.ranges,
+            disturbances=conditions.disturbances,
+        )
+        self.evaluations.append((steps, result))
+        for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
+            self.log.record(f"eval/{name}", getattr(result, name))
+        score = plan.score(result)
+        if score > self._standing.best:
+            self._standing.best = score
+            notes = {"score": score, "evaluation": result.to_dict()}
+            save_policy(plan.out / BEST, plan.training, self._learner, **notes)
+        self.log.record("eval/best_score", self._standing.best)
+
+    def _save(self) -> None:
+        """Write the training as it is now."""
+        out, training = self._plan.out, self._plan.training
+        self._standing.logged = dict(self.log.name_to_value)
+        with self._stop.held_off():
+            save_policy(out / LAST, training, self._learner)
+            state = {
+                "identity": training.identity,
+                "standing": dataclasses.asdict(self._standing),
+                "learner": self._learner.state(),
+            }
+            write_state(out / STATE, state)
+            (out / CLONING).unlink(missing_ok=True)
+            self.kept = self._learner.steps
+        self._saved_at = time.monotonic()
+
+
+def _named(init: str) -> str:
+    return init if init in INITS else "from a policy"

@@ -1,0 +1,56 @@
+"""Short trainings for the tests beside this file."""
+
+import dataclasses
+
+import numpy as np
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from agents import learners
+from agents.imitation import Cloning
+from agents.policy_files import load_policy
+from agents.protocol import Protocol
+from agents.train import train
+
+BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
+QUICK = Cloning(
+    rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
+)
+STEPS = {"ppo": 512, "sac": 160}
+
+
+def small(algo, init="scratch"):
+    """Two environments and short roll-outs, all else as published."""
+    settings = learners.learner(algo).settings(str(init))
+    changes = {"n_steps": 64, "batch_size": 64}
+    if algo == "sac":
+        changes = {"learning_starts": 50, "buffer_size": 2000}
+    return dataclasses.replace(
+        settings,
+        n_envs=2,
+        n_timesteps=512,
+        silent=changes.get("learning_starts", 0),
+        algorithm=settings.algorithm | changes,
+    )
+
+
+def run(out, algo="ppo", **changes):
+    arguments = {"timesteps": STEPS[algo], "protocol": BRIEF, "progress": False} | changes
+    arguments.setdefault("settings", small(algo, arguments.get("init", "scratch")))
+    return train(algo, out=out, **arguments)
+
+
+def weights(path):
+    policy = load_policy(path).model.policy
+    return torch.cat([p.detach().ravel() for p in policy.parameters()]).numpy()
+
+
+def assert_same_policies(one, other):
+    """Of two results of `train`."""
+    for policy in ("best", "last"):
+        np.testing.assert_array_equal(*(weights(getattr(each, policy)) for each in (one, other)))
+
+
+def scalars(folder):
+    events = EventAccumulator(str(folder)).Reload()
+    return {tag: events.Scalars(tag) for tag in events.Tags()["scalars"]}

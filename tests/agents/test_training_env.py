@@ -1,0 +1,46 @@
+"""The environments that stable-baselines3's algorithms train in."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.conditions import Conditions
+from agents.sb3.training_env import training_env
+from rimless_gym import THESIS_PHYSICAL, Task
+
+
+def test_rewards_are_scaled_for_the_learner_only():
+    plain, scaled = (training_env(1, Conditions(), Task(), 3, scale) for scale in (1.0, 100.0))
+    for env in (plain, scaled):
+        env.reset()
+    action = np.full((1, 1), 0.7, dtype=np.float32)
+    (_, small, _, infos), (_, large, _, _) = plain.step(action), scaled.step(action)
+    assert large[0] == pytest.approx(100 * small[0])
+    terms = ("reward_distance", "reward_energy", "reward_end")
+    assert small[0] == pytest.approx(sum(infos[0][name] for name in terms))
+
+
+@pytest.mark.parametrize("voltage", [0.0, 1.0])
+def test_an_episodes_last_observation_and_the_reason_of_its_end_reach_the_learner(voltage):
+    # At rest time runs out, and under full voltage the wheel falls: compared with the plain
+    # environment, which no vector environment resets.
+    vector = training_env(3, Conditions(), Task(), 4)
+    alone = [gym.make("RimlessWheel-v0", params=THESIS_PHYSICAL, task=Task()) for _ in range(3)]
+    first = np.array([env.reset(seed=4 + i)[0] for i, env in enumerate(alone)])
+    np.testing.assert_array_equal(vector.reset(), first)
+    running, reasons = {0, 1, 2}, []
+    while running:
+        seen, _, dones, infos = vector.step(np.full((3, 1), voltage, dtype=np.float32))
+        for i in sorted(running):
+            last, _, terminated, truncated, _ = alone[i].step(np.array([voltage], np.float32))
+            assert dones[i] == (terminated or truncated)
+            assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
+            if not dones[i]:
+                np.testing.assert_array_equal(seen[i], last)
+                continue
+            np.testing.assert_array_equal(infos[i]["terminal_observation"], last)
+            np.testing.assert_array_equal(seen[i], alone[i].reset()[0])
+            assert not np.array_equal(seen[i], last)
+            reasons.append("time" if truncated else "fall")
+            running.remove(i)
+    assert ("fall" if voltage else "time") in reasons

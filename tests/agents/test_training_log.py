@@ -1,0 +1,42 @@
+"""What TensorBoard shows of a training."""
+
+import numpy as np
+import pytest
+
+from agents.walking_figures import WalkingFigures
+from rimless_gym import THESIS_PHYSICAL
+from tests.agents.runs import run, scalars
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_tensorboard_shows_return_cost_of_transport_speed_steps_and_energies(tmp_path, algo):
+    run(tmp_path, algo)
+    shown = scalars(tmp_path)
+    wanted = {"walk/return", "walk/speed", "walk/steps", "walk/falls", "eval/walking_share"}
+    wanted |= {f"energy/{name}" for name in ("copper", "collision", "electrical", "friction")}
+    assert wanted <= set(shown)
+    assert all(np.isfinite(event.value) for tag in wanted for event in shown[tag])
+
+
+def test_what_is_logged_are_ratios_of_sums_of_the_infos():
+    names = ("copper", "friction", "drag", "collision", "shaft", "idle", "electrical")
+    info = {name: np.zeros(2) for name in (*names, "reward_end", "failure")}
+    info |= {"steps": np.ones(2), "elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}
+    info |= {"electrical_positive": np.array([1.0, 0.2]), "reward_energy": np.full(2, -0.1)}
+    info |= {"reward_distance": 0.5 * info["distance"]}
+    seen = {}
+
+    class Log:
+        def record(self, name, value):
+            seen[name] = value
+
+    figures = WalkingFigures(THESIS_PHYSICAL)
+    for _ in range(2):
+        figures.add(info)
+    assert figures.intervals == 4
+    figures.record(Log())
+    assert figures.intervals == 0
+    assert seen["walk/cot"] == pytest.approx(1.2 / (THESIS_PHYSICAL.weight * 0.04))
+    assert seen["walk/speed"] == pytest.approx(2.0)
+    assert seen["walk/steps"] == 4
+    assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)

@@ -1,0 +1,38 @@
+"""A control played back is the control of the phases, each over its own time."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL
+from trajopt.gaits.playback import playback, played, played_to_last_touchdown
+from trajopt.gaits.shipped import nearest
+
+GAIT = nearest(THESIS_PHYSICAL, 0.5, 2)[0]
+
+
+def test_phases_of_different_control_degrees_are_played_one_after_the_other() -> None:
+    first, second = GAIT.phases
+    volts = np.linspace(0.0, 3.0, len(second.controls))[:, None, None]  # constant in each element
+    second = dataclasses.replace(
+        second, control_nodes=np.array([0.0, 1.0]), controls=np.repeat(volts, 2, axis=1)
+    )
+    breakpoints, law = playback([first, second])
+    assert breakpoints[-1] == pytest.approx(GAIT.duration)
+    assert len(breakpoints) == len(first.controls) + len(second.controls)
+    for t in np.linspace(0.0, 0.999 * first.duration, 50):
+        assert law(t, None) == pytest.approx(first.control(t)[0, 0], abs=1e-9)
+    for t in np.linspace(0.001, 0.999 * second.duration, 50):
+        expected = second.control(t)[0, 0]
+        assert law(first.duration + t, None) == pytest.approx(expected, abs=1e-9)
+
+
+def test_as_much_time_is_added_as_the_last_touchdown_takes() -> None:
+    early, late, later = -1e-6, 1e-6, 1e-3
+    assert played(GAIT.params, GAIT.phases, GAIT.duration + early).steps == 1
+    run = played_to_last_touchdown(GAIT.params, GAIT.phases, (early, late, later))
+    assert run.steps == 2
+    assert run.t[-1] == pytest.approx(GAIT.duration + late, abs=1e-12)

@@ -1,0 +1,27 @@
+"""Archives of arrays: written as a whole, read only if they are what they claim to be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trajopt.files import digest, read_arrays, write_arrays
+
+
+def test_what_is_written_is_read_and_replaces_the_file_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "stamps.npz"
+    for value in (1.0, 2.0):
+        write_arrays(path, "stamps 3", {"value": value}, {"a": np.full(2, value)})
+    header, arrays = read_arrays(path, "stamps 3", ValueError, "draw it again")
+    assert header == {"value": 2.0}
+    assert arrays["a"].tolist() == [2.0, 2.0]
+    assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
+
+
+def test_the_digest_sees_names_types_and_shapes() -> None:
+    a = np.arange(4.0)
+    different: list[dict[str, np.ndarray]] = [
+        *({"a": a}, {"b": a}, {"a": a.reshape(2, 2)}, {"a": a.astype(np.float32)}),
+    ]
+    assert len({digest(arrays) for arrays in different}) == len(different)

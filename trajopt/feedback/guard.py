@@ -1,0 +1,64 @@
+"""A guard that keeps the stance foot pressed down, whatever the law behind it asks for."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rimless_gym.hybrid import SINGLE, accelerations, ground_reaction
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Controller, Floats
+
+#: Share of the weight with which the guard keeps the stance foot pressed down.
+CONTACT_MARGIN = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Guarded:
+    """A law whose voltage is changed only as far as the stance foot's contact requires.
+
+    The normal force is affine in the voltage, so the voltages that keep it above a margin are a
+    half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
+
+    Attributes:
+        params: the machine.
+        controller: the law to guard.
+        margin: least normal force in units of the weight, where a voltage within the limit can
+            provide it.
+    """
+
+    params: WheelParams
+    controller: Controller
+    margin: float = CONTACT_MARGIN
+
+    def __call__(self, x: Floats, mode: NDArray[np.int64]) -> Floats:
+        """Voltages (N,) for states (N, 4) and stance modes (N,)."""
+        volts = np.asarray(self.controller(x, mode), dtype=np.float64)
+        p = self.params
+        floor = self.margin * p.weight
+        guarded: Floats = _guard(
+            np.ascontiguousarray(x), mode, volts, floor, p.voltage_limit, p.constants
+        )
+        return guarded
+
+
+@njit(error_model="numpy")
+def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
+    guarded = volts.copy()
+    for i in range(len(x)):
+        if mode[i] != SINGLE:
+            continue
+        y = (x[i, 0], x[i, 1], x[i, 2], x[i, 3])
+        still = accelerations(SINGLE, y[0], y[1], y[2], y[3], 0.0, p)
+        driven = accelerations(SINGLE, y[0], y[1], y[2], y[3], 1.0, p)
+        force = ground_reaction(y[0], y[1], y[2], y[3], still[0], still[1], p)[1]
+        slope = ground_reaction(y[0], y[1], y[2], y[3], driven[0], driven[1], p)[1] - force
+        if slope > 0.0:
+            guarded[i] = max(guarded[i], (floor - force) / slope)
+        elif slope < 0.0:
+            guarded[i] = min(guarded[i], (floor - force) / slope)
+        guarded[i] = min(max(guarded[i], -limit), limit)
+    return guarded

@@ -1,0 +1,1 @@
+"""The feedback laws, one per file: each has a function `design(solution) -> Controller`."""

@@ -1,0 +1,82 @@
+"""From an optimum to a gait: corrected by the last rounding-sized amounts, and verified."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from trajopt.gaits.optimality import LocalOptimum, Optimality
+from trajopt.gaits.playback import played
+from trajopt.gaits.solution import Solution
+from trajopt.gaits.stability import monodromy
+from trajopt.gaits.verify import SPARE_TIMES, STATE_TOLERANCE, stride_error, verify
+from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.provenance import provenance
+
+#: Newton steps at most, and the largest gap (rad, rad/s) that they are meant for.
+NEWTON_STEPS, LARGEST_GAP = 3, 1e-2
+
+
+def finished(
+    params: WheelParams,
+    found: Extremal,
+    turns: int,
+    regeneration: bool,
+    optima: tuple[LocalOptimum, ...],
+    settings: Mapping[str, object],
+) -> Solution:
+    """An optimum as a gait, verified by the reference simulator.
+
+    Args:
+        params: the machine.
+        found: the optimum.
+        turns: whole turns that theta gains in a stride.
+        regeneration: whether the objective was E.
+        optima: met in the search.
+        settings: of the search, for the provenance.
+    """
+    phases = polished(params, found.phases, turns)
+    return Solution(
+        params=params,
+        phases=phases,
+        theta_turns=turns,
+        regeneration=regeneration,
+        verification=verify(params, phases, turns),
+        optimality=Optimality.of(found),
+        optima=optima,
+        provenance=provenance(**settings),
+    )
+
+
+def polished(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
+) -> tuple[PhaseTrajectory, ...]:
+    """The gait with its initial rates and pendulum angle corrected by rounding-sized amounts.
+
+    A stride magnifies deviations by up to 1e6, so that the 1e-12 which a solver leaves would show.
+    Newton's method on the reference simulation, with the gait's own linearisation.
+    """
+    current = list(phases)
+    best, kept = stride_error(params, current, turns)[0], tuple(phases)
+    for _ in range(NEWTON_STEPS):
+        if best < 0.1 * STATE_TOLERANCE:
+            break
+        run = played(params, current, sum(p.duration for p in current) + SPARE_TIMES[0])
+        target = kept[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
+        gap = run.x[-1] - target
+        if run.steps != len(phases) or np.abs(gap).max() > LARGEST_GAP:
+            break
+        sensitivity = monodromy(params, current)[:, 1:]
+        shift = -np.linalg.lstsq(sensitivity, gap, rcond=1e-8)[0]
+        states = current[0].states.copy()
+        states[0, 0, 1:] += shift
+        current[0] = dataclasses.replace(current[0], states=states)
+        error = stride_error(params, current, turns)[0]
+        if error < best:
+            best, kept = error, tuple(current)
+    return kept

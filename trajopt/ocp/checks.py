@@ -1,0 +1,116 @@
+"""Checks of arguments; each error names the argument, its value and what it must be.
+
+The same as in `rimless_gym.checks`, so that the engine needs no wheel.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: The largest magnitude of a number. Results computed from several such numbers stay finite.
+LARGEST = 1e30
+
+
+def real(name: str, value: Any) -> float:
+    """The number `value`.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is not finite, or larger than `LARGEST`.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError(f"{name} = {value!r}: must be a real number")
+    try:
+        number = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        number = math.inf
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"{name} = {number}: must be finite, and at most {LARGEST:g} in size")
+    return number
+
+
+def positive(name: str, value: Any) -> float:
+    """The real number `value`, greater than 0.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is not finite, not greater than 0, or larger than `LARGEST`.
+    """
+    number = real(name, value)
+    if not number > 0.0:
+        raise ValueError(f"{name} = {number}: must be greater than 0")
+    return number
+
+
+def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """The integer `value`: Python's, NumPy's or an array of shape ().
+
+    Raises:
+        TypeError: it is not an integer.
+        ValueError: it is less than `least`, or more than `most`.
+    """
+    wanted = f"must be an integer of at least {least}"
+    if most is not None:
+        wanted += f" and at most {most}"
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} = {value!r}: {wanted}")
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r}: {wanted}") from None
+    if number < least or (most is not None and number > most):
+        raise ValueError(f"{name} = {number}: {wanted}")
+    return number
+
+
+def flag(name: str, value: Any) -> bool:
+    """The truth value `value`, Python's or NumPy's.
+
+    Raises:
+        TypeError: it is anything else, even if Python counts it as true or false.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} = {value!r}: must be True or False")
+    return bool(value)
+
+
+def real_array(name: str, values: Any) -> NDArray[Any]:
+    """Real numbers as an array; an array is returned as it is, not copied.
+
+    Raises:
+        TypeError: they are not real numbers.
+        ValueError: the rows differ in length.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{name} = {values!r}: must be in rows of one length") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name} = {values!r}: must be real numbers, not {array.dtype}")
+    return array
+
+
+def require_kind(name: str, value: Any, kind: type) -> None:
+    """Refuse a value that is not a `kind`.
+
+    Raises:
+        TypeError: `value` is of another type.
+    """
+    if not isinstance(value, kind):
+        module = kind.__module__.split(".")[0]
+        raise TypeError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
+
+
+def require_callable(name: str, value: Any) -> None:
+    """Refuse a value that cannot be called.
+
+    Raises:
+        TypeError: `value` is not callable.
+    """
+    if not callable(value):
+        raise TypeError(f"{name} = {value!r}: must be a function")
