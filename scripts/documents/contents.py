@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from rimless_gym.params import PRESETS
-from scripts.documents import accuracy, drawings, errata, integrator, machines, plots
+from scripts.documents import accuracy, dips, drawings, errata, integrator, machines, plots
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")
 
@@ -19,7 +19,7 @@ def numbers() -> dict[str, Any]:
     """Every number that the two documents quote."""
     return {
         "accuracy": accuracy.accuracy(count=10, grazes=400),
-        "missed_dips": accuracy.missed_dips(200_000),
+        "missed_dips": dips.missed_dips(200_000),
         "convergence": integrator.convergence(),
         "coming_to_rest": machines.coming_to_rest(),
         "printed_impact": errata.printed_impact(),
