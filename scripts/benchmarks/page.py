@@ -1,4 +1,4 @@
-"""The results as a page of Markdown: a pure function of the JSON that the benchmark writes."""
+"""The results as a page of Markdown, which depends only on the JSON that the benchmark writes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from scripts.benchmarks.cartpole import COST
-from scripts.benchmarks.cases import ACCURACY, OPTIMISATION, PROCESS, SINGLE, TRAINING, VECTOR
+from scripts.benchmarks.cases import (
+    ACCURACY,
+    LANES,
+    OPTIMISATION,
+    PROCESS,
+    SINGLE,
+    TRAINING,
+    VECTOR,
+)
 from scripts.benchmarks.goals import GOALS
 from scripts.benchmarks.results import Result, by_key, middle, rates, ratio, values
 
@@ -24,6 +32,19 @@ of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown,
 {replay} the states recorded. Peers get random actions. Actions are drawn and single
 episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
 
+
+_LANES = """\
+## What eight lanes buy over one
+
+The kernel computes eight wheels side by side (`rimless_gym/kernel/lanes.py`). The same package with
+one lane, compiled and measured in the same way, walks the same; ratios are within a round."""
+
+_TRAINING = """\
+## Training: time spent in environments
+
+A tenth of a training by `agents.train`: roll-outs of PPO and its updates, figures of walking logged
+at every step, and one evaluation and one saved state. The share is what the environments, in
+roll-outs with their adapter, the log, and the environments in the evaluation take of all that."""
 
 _OPTIMISATION = f"""\
 ## Trajectory optimisation
@@ -46,7 +67,9 @@ def page(run: dict[str, Any]) -> str:
         speed_table(_of(results, SINGLE), found, "ours"),
         "## Many environments",
         speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),
-        "## Training: time spent in environments and adapter",
+        _LANES,
+        lanes_table(_of(results, LANES), found),
+        _TRAINING,
         training_table(_of(results, TRAINING)),
         _OPTIMISATION,
         optimisation_table(_of(results, OPTIMISATION), found, "swing-up-bare"),
@@ -101,18 +124,46 @@ def speed_table(
     return table(("", *column, "steps/s", "spread", ours_is, "one step is"), lines)
 
 
+#: Rows with one lane, and the same with eight.
+EIGHT_LANES = {
+    "one-lane": "ours",
+    "one-lane-1024": "ours-vector-1024",
+    "one-lane-16384": "ours-vector-16384",
+}
+
+
+def lanes_table(results: Sequence[Result], found: dict[str, Result]) -> str:
+    """Rates with one lane beside those with eight."""
+    lines = []
+    for result in results:
+        eight = found.get(EIGHT_LANES[result["key"]])
+        with_eight = count(middle(list(rates(eight).values()))) if eight else "-"
+        if not result["answers"]:
+            lines.append((result["title"], with_eight, f"- ({result['error']})", "-"))
+            continue
+        with_one = count(middle(list(rates(result).values())))
+        gain = f"{ratio(eight, result):.3g}" if eight else "-"
+        lines.append((result["title"], with_eight, with_one, gain))
+    return table(("", "steps/s, eight lanes", "steps/s, one lane", "eight / one"), lines)
+
+
 def training_table(results: Sequence[Result]) -> str:
     """Shares of a learner's time."""
     lines = []
     for result in results:
         if not result["answers"]:
-            lines.append((result["title"], f"- ({result['error']})", "", ""))
+            lines.append((result["title"], f"- ({result['error']})", "", "", "", "", ""))
             continue
-        shares = values(result, "share")
+        shares, learning, logging = (
+            values(result, name) for name in ("share", "learning", "logging")
+        )
+        evaluating = [s - a - b for s, a, b in zip(shares, learning, logging, strict=True)]
+        parts = [f"{middle(part):.1%}" for part in (learning, logging, evaluating)]
         spread = f"{min(shares):.1%} to {max(shares):.1%}"
         speed = count(middle(list(rates(result).values())))
-        lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
-    return table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+        lines.append((result["title"], f"{middle(shares):.1%}", spread, *parts, speed))
+    head = ("stable-baselines3 PPO, one thread", "share", "spread")
+    return table((*head, "roll-outs", "log", "evaluation", "steps/s in all"), lines)
 
 
 def optimisation_table(results: Sequence[Result], found: dict[str, Result], reference: str) -> str:

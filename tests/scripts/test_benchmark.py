@@ -23,11 +23,13 @@ from scripts.benchmarks.page import page
 from scripts.benchmarks.quote import BLOCK, ROWS, quote, quoted
 from scripts.benchmarks.results import by_key, ratio
 from scripts.benchmarks.walks import WINDOW, Walks, record_walks
+from scripts.benchmarks.workers.ours_lanes import PACKAGE, copied
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 RATES = {"CartPole-v1": 200e3, "Acrobot-v1": 40e3, "InvertedDoublePendulum-v5": 20e3, "ours": 700e3}
 RATES |= {"ours-vector-1024": 12e6, "ours-vector-16384": 13e6, "envpool-acrobot": 1e6}
+RATES |= {"one-lane": 875e3, "one-lane-1024": 3e6, "one-lane-16384": 3.25e6}
 #: Seconds to build and to solve Kelly's cart-pole.
 SWING_UPS = {"ours": (0.02, 0.012), "bare": (0.03, 0.01), "dymos": (0.5, 40.0)}
 SWING_UPS |= {"rockit-collocation": (0.4, 0.02), "rockit-shooting": (0.3, 0.05)}
@@ -43,7 +45,8 @@ def made_up_run() -> dict[str, Any]:
         for turn in range(min(3, case.most)):
             speed = RATES.get(case.key, 1e3) / (1 + turn % 2)
             answer = {"round": turn, "steps": 1000, "seconds": 1000 / speed, "replay_error": 1e-9}
-            answer |= {"share": 0.02, "idle": 10.0, "idle_cpu": 0.1, "event_drift": 2e-12}
+            answer |= {"share": 0.02, "learning": 0.012, "logging": 0.003, "event_drift": 2e-12}
+            answer |= {"idle": 10.0, "idle_cpu": 0.1}
             answer |= {"state_error": 3e-11, "event_error": 4e-15}
             if case.group == OPTIMISATION:
                 times = SWING_UPS[case.key.removeprefix("swing-up-")]
@@ -101,6 +104,17 @@ def test_the_page_says_what_was_reached_and_what_was_missed() -> None:
     assert "other physics" in text
     assert row(text, "solving Kelly's cart-pole").endswith("| <= 1.3 times | 1.2 times | reached |")
     assert row(text, "building and solving it, over rockit").endswith("| >= 4x | 10.9x | reached |")
+
+
+def test_the_share_of_a_training_is_shown_by_its_parts() -> None:
+    assert "| 2.0% | 2.0% to 2.0% | 1.2% | 0.3% | 0.5% |" in row(page(made_up_run()), "8 envir")
+
+
+def test_eight_lanes_are_compared_with_one_within_rounds() -> None:
+    text = page(made_up_run())
+    assert row(text, "one environment").endswith("| 700 k | 875 k | 0.8 |")
+    assert row(text, "1024 environments").endswith("| 12 M | 3 M | 4 |")
+    assert row(text, "16384 environments").endswith("| 13 M | 3.25 M | 4 |")
 
 
 def test_times_stand_beside_those_of_the_bare_script() -> None:
@@ -307,9 +321,27 @@ def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
         many.check(many.ends + 1e-3)
 
 
+def test_a_copy_of_the_package_has_the_lanes_asked_for_and_is_kept(tmp_path: Path) -> None:
+    home = copied(PACKAGE, 4, tmp_path)
+    lanes = (home / "rimless_gym" / "kernel" / "lanes.py").read_text()
+    assert lanes == (PACKAGE / "kernel" / "lanes.py").read_text().replace("LANES = 8", "LANES = 4")
+    made = home.stat().st_ino
+    assert copied(PACKAGE, 4, tmp_path) == home
+    assert home.stat().st_ino == made
+    assert [path.name for path in tmp_path.iterdir()] == [home.name]
+
+
+def test_a_package_whose_number_of_lanes_is_not_found_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "kernel").mkdir()
+    (tmp_path / "kernel" / "lanes.py").write_text("LANES = 16\n")
+    with pytest.raises(RuntimeError, match="has 0 lines 'LANES = 8' to replace, not 1"):
+        copied(tmp_path, 1, tmp_path / "copies")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "key", ["ours", "kernel", "ours-vector-1024", "accuracy", "import", "gait"]
+    "key",
+    ["ours", "kernel", "ours-vector-1024", "one-lane", "accuracy", "import", "gait", "ppo-256"],
 )
 def test_our_workers_measure(key: str, tmp_path: Path) -> None:
     case = next(case for case in CASES if case.key == key)
