@@ -25,12 +25,12 @@ Written by `make bench`: do not edit. **The peers have other physics**: ours wal
 located to rounding error and every joule booked; theirs swing or balance, in fewer and larger
 steps. What is compared is what a step of a small environment costs its user.
 
-All were measured in one run on one machine, in turn, {rounds} rounds of {seconds:g} s each: rates
-are medians, with the slowest and the fastest round behind them, and ratios are medians of ratios
+Everything was measured in one run on one machine, in turn, in {rounds} rounds of {seconds:g} s
+each. Rates are medians, followed by the slowest and the fastest round; ratios are medians of ratios
 within a round. Ours replays the actions that an LQR took on an optimal gait, from {starts} states
 of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown, and replays end
-{replay} the states recorded. Peers get random actions. Actions are drawn and single
-episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
+{replay} the recorded states. Peers get random actions. Drawing actions and resetting are not timed,
+except that peers' vector environments reset their rows within a step."""
 
 
 _LANES = """\
@@ -49,10 +49,10 @@ roll-outs with their adapter, the log, and the environments in the evaluation ta
 _OPTIMISATION = f"""\
 ## Trajectory optimisation
 
-Kelly's cart-pole swing-up (SIAM Review 2017): 40 segments, from a straight line as the guess, on
-one core; the least cost is {COST} N^2 s. To build is everything from the equations to a solver that
-is ready, imports aside; to solve is what follows. Times are medians; a cost that is off is another
-discretisation's."""
+Kelly's cart-pole swing-up (SIAM Review 2017) with 40 segments, from a straight line as the guess,
+on one core. The least cost is {COST} N^2 s. Building is everything from the equations to a solver
+that is ready, without imports; solving is the rest. Times are medians. Costs differ a little where
+the discretisation differs."""
 
 
 def page(run: dict[str, Any]) -> str:
@@ -82,7 +82,7 @@ def page(run: dict[str, Any]) -> str:
 
 
 def goals_table(found: dict[str, Result]) -> str:
-    """Every goal with what was measured."""
+    """Every goal, and what was measured."""
     lines = []
     for goal in GOALS:
         figure = goal.measured(found)
@@ -104,7 +104,14 @@ def goals_table(found: dict[str, Result]) -> str:
 def speed_table(
     results: Sequence[Result], found: dict[str, Result], reference: str, sizes: bool = False
 ) -> str:
-    """Rates of one group, each beside how many times as long it takes as ours."""
+    """Rates of one group.
+
+    Args:
+        results: of the group.
+        found: all results, by key.
+        reference: key of the row whose rate counts as 1.
+        sizes: whether to show the number of environments and cores.
+    """
     ours = middle(list(rates(found[reference]).values())) if reference in found else None
     lines = []
     for result in results:
@@ -167,7 +174,13 @@ def training_table(results: Sequence[Result]) -> str:
 
 
 def optimisation_table(results: Sequence[Result], found: dict[str, Result], reference: str) -> str:
-    """Times to build and to solve one problem, each beside how many times as long as one row's."""
+    """Times to build and to solve one problem, and their ratios to those of a reference row.
+
+    Args:
+        results: of the group.
+        found: all results, by key.
+        reference: key of the row whose times count as 1.
+    """
     lines = []
     for result in results:
         if not result["answers"]:
@@ -198,7 +211,7 @@ def optimisation_table(results: Sequence[Result], found: dict[str, Result], refe
 
 
 def process_table(results: Sequence[Result]) -> str:
-    """Seconds to start, and memory."""
+    """Times that a fresh process takes, and memory."""
     lines = []
     for result in results:
         if not result["answers"]:
@@ -229,7 +242,7 @@ def _accuracy(result: Result) -> str:
     return f"""{heading}Against the reference simulator over {pieces} pieces of 2 s of the walk:
 states within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the
 reference's state at the start of their control interval, within {drift:.0e} s when both walk on
-their own for the 2 s: without feedback a gait magnifies rounding errors, whoever integrates it."""
+their own for the 2 s, because a gait without feedback magnifies rounding errors."""
 
 
 def _introduction(run: dict[str, Any], found: dict[str, Result]) -> str:
@@ -264,7 +277,7 @@ def _machine(run: dict[str, Any]) -> str:
 
 {", ".join(versions)}; numba {ours["numba"]}, numpy {ours["numpy"]}, Python {machine["python"]}.
 
-Settings that the peers' workers found best, of those that each tried beforehand:
+The settings with which peers were fastest, of those that were tried beforehand:
 
 {chr(10).join(chosen) or "- none"}
 
@@ -276,13 +289,13 @@ def _of(results: Sequence[Result], group: str) -> list[Result]:
 
 
 def size(result: Result) -> str:
-    """How many environments on how many cores."""
+    """The number of environments, and of cores."""
     n = result["settings"].get("n", result["about"].get("n", "-"))
     return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
 
 
 def count(rate: float) -> str:
-    """A rate, short."""
+    """A rate with three digits and a unit."""
     for factor, unit in ((1e6, " M"), (1e3, " k")):
         if rate >= factor:
             return f"{rate / factor:.3g}{unit}"

@@ -38,7 +38,7 @@ RATES |= {"cartpole-vector-1024": 16e6, "gymnax-acrobot-one": 5e6, "gymnax-acrob
 
 
 def made_up_run() -> dict[str, Any]:
-    """A run in which the machine halves its speed in every second round."""
+    """A run in which the machine is half as fast in every second round."""
     results = []
     for case in CASES:
         answers = []
@@ -80,16 +80,16 @@ def test_ratios_are_within_rounds_so_that_a_slow_round_does_not_matter() -> None
     assert ratio(found["ours"], found["CartPole-v1"]) == pytest.approx(3.5)
 
 
-def test_goals_read_the_rows_that_they_are_about() -> None:
+def test_goals_are_measured_on_their_own_rows() -> None:
     found = by_key(made_up_run()["results"])
     measured = {goal.title: goal.measured(found) for goal in GOALS}
     assert None not in measured.values()
     assert measured["`gym.make`, over CartPole-v1"] == pytest.approx(3.5)
     assert measured["`gym.make`, over InvertedDoublePendulum-v5"] == pytest.approx(35)
-    # gymnax at its faster setting, and each vector goal at its own size
+    # gymnax with its faster setting, and each vector goal at its own size
     assert [measured[g.title] for g in GOALS[3:6]] == pytest.approx([12, 0.75, 13 / 6])
-    # solving alone; then with building, rockit and Drake each at their faster setting; then
-    # building in the time of solving
+    # solving; building and solving, rockit and Drake with their faster settings; building in the
+    # time of solving
     begin = next(i for i, goal in enumerate(GOALS) if "bare script" in goal.title)
     figures = [measured[goal.title] for goal in GOALS[begin : begin + 6]]
     assert figures == pytest.approx([1.2, 32 / 40, 350 / 32, 153 / 32, 40.5 / 0.032, 20 / 12])
@@ -117,15 +117,15 @@ def test_eight_lanes_are_compared_with_one_within_rounds() -> None:
     assert row(text, "16384 environments").endswith("| 13 M | 3.25 M | 4 |")
 
 
-def test_times_stand_beside_those_of_the_bare_script() -> None:
+def test_times_are_compared_with_those_of_the_bare_script() -> None:
     text = page(made_up_run())
     bare = "| 30 ms | 10 ms | 10 ms to 20 ms | 13 | 58.81 | 1 | 1 | Hermite-Simpson; IPOPT"
     assert bare in row(text, "a bare script")
-    # its only round is one in which the bare script took 10 ms
+    # dymos has only one round, in which the bare script took 10 ms
     assert "| 500 ms | 40 s | 40 s to 40 s | 13 | 58.81 | 4e+03 |" in row(text, "dymos")
 
 
-def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
+def test_the_row_of_a_peer_that_cannot_be_installed_says_so() -> None:
     run = made_up_run()
     fail(run, "envpool-acrobot", "cannot be installed here: no wheel")
     text = page(run)
@@ -134,7 +134,7 @@ def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
 
 
 @pytest.mark.parametrize("key", [case.key for case in CASES])
-def test_the_page_does_without_any_row(key: str) -> None:
+def test_the_page_can_do_without_any_row(key: str) -> None:
     run = made_up_run()
     fail(run, key, "went wrong")
     assert "went wrong" in page(run)
@@ -158,7 +158,7 @@ def test_the_readme_quotes_the_published_numbers() -> None:
     assert quoted(readme, run) == readme
 
 
-def test_the_quoted_rows_are_ours_beside_peers_with_ratios_within_rounds() -> None:
+def test_the_quoted_ratios_are_taken_within_rounds() -> None:
     run = made_up_run()
     text = quote(run)
     assert row(text, "Gymnasium CartPole-v1").endswith("| 3.5 |")
@@ -223,7 +223,7 @@ def test_a_worker_warms_up_and_answers_once_for_each_question(fake: Case, tmp_pa
         os.kill(worker.pid, 0)
 
 
-def test_a_worker_that_fails_leaves_the_others_their_turns(fake: Case, tmp_path: Path) -> None:
+def test_other_workers_go_on_after_one_has_failed(fake: Case, tmp_path: Path) -> None:
     broken = dataclasses.replace(fake, key="broken", settings={"broken": True})
     missing = dataclasses.replace(fake, key="missing", worker="nowhere")
     once = dataclasses.replace(fake, key="once", most=1)
@@ -250,7 +250,7 @@ def test_ctrl_c_keeps_what_was_measured(
     assert [len(result["answers"]) for result in results] == [1, 1]
 
 
-def test_a_peer_that_cannot_be_installed_is_measured_around(
+def test_other_rows_are_measured_where_a_peer_cannot_be_installed(
     fake: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def install(name: str, folder: Path, say: Any) -> Path:
