@@ -83,9 +83,9 @@ class Parser(argparse.ArgumentParser):
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except FileExistsError:
-            self.error(f"{folder}: a file; give a folder")
+            self.error(f"{folder}: is a file; give a folder")
         except NotADirectoryError:
-            self.error(f"{folder}: a part of this path is a file; give another folder")
+            self.error(f"{folder}: part of this path is a file; give another folder")
         except (OSError, ValueError) as error:
             self.error(f"{folder}: nothing can be written there ({_reason(error)})")
         for name in names:
@@ -98,12 +98,12 @@ class Parser(argparse.ArgumentParser):
         self._require_writable(path)
 
     def require_page(self, page: Path, marks: re.Pattern[str], wanted: str) -> None:
-        """Check that a page exists, can be written, and has the marks between which text goes.
+        """Check that a page exists, can be written, and has the marks around its text.
 
         Args:
             page: a text file.
-            marks: must be found in it.
-            wanted: the marks, for the message.
+            marks: what must be found in it.
+            wanted: the marks as a user should write them.
         """
         if not os.path.isfile(page):
             self.error(f"{page}: no such file; give a page of text")
@@ -113,7 +113,7 @@ class Parser(argparse.ArgumentParser):
         except (OSError, UnicodeDecodeError) as error:
             self.error(f"{page}: cannot be read as text ({_reason(error)})")
         if not marks.search(text):
-            self.error(f"{page}: has no place to fill: put the lines {wanted} where it is to be")
+            self.error(f"{page}: has no place to fill: put the lines {wanted} where you want it")
 
     def _require_writable(self, path: Path) -> None:
         new = not os.path.lexists(path)
@@ -133,16 +133,30 @@ def _reason(error: Exception) -> str:
 
 
 def whole(least: int) -> Callable[[str], int]:
-    """The type of an argument that is an integer of at least `least`."""
+    """The type of an argument that is an integer of at least `least`, such as 20 or 2e7."""
 
     def parsed(text: str) -> int:
         try:
-            return integer("it", int(text), least)
+            return integer("it", _integer_in(text), least)
         except ValueError:
             message = f"{text!r}: must be an integer of at least {least}"
             raise argparse.ArgumentTypeError(message) from None
 
     return parsed
+
+
+def _integer_in(text: str) -> int:
+    """The integer that a text is.
+
+    Raises:
+        ValueError: it is not an integer.
+    """
+    if "e" not in text:
+        return int(text)
+    number = float(text)
+    if not number.is_integer():
+        raise ValueError(f"{text}: not an integer")
+    return int(number)
 
 
 def more_than_zero(text: str) -> float:
@@ -179,7 +193,7 @@ def terminated_like_ctrl_c() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
     before = {signal.SIGTERM: signal.signal(signal.SIGTERM, press)}
-    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what ends with &
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # a shell started it with &
         before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Put a finished comparison's table, plots, animation and policies where the README shows them."""
+"""Copy a finished comparison's table, plots, animation and policies into the README and package."""
 
 from __future__ import annotations
 

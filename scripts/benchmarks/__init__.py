@@ -1,1 +1,1 @@
-"""Ours and the peers, measured side by side: what scripts/benchmark.py is made of."""
+"""The speed of this package and of its peers, measured side by side."""

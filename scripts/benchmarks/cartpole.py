@@ -1,11 +1,11 @@
-"""Kelly's cart-pole swing-up, which every optimal control tool is to solve.
+"""Kelly's cart-pole swing-up, which every optimal control tool solves.
 
-M. Kelly, An Introduction to Trajectory Optimization, SIAM Review 59 (2017), section 6: from rest
-below to rest above, the cart 1 m further, in 2 s; the integral of the squared force is to be
-least. Every tool has 40 segments, and starts from the straight line between the ends, at rest
-and without force.
+M. Kelly, An Introduction to Trajectory Optimization, SIAM Review 59 (2017), section 6: the pole
+swings from rest below to rest above in 2 s while the cart moves by 1 m, with the least integral of
+the squared force. Every tool uses 40 segments, and guesses a straight line between the ends, with
+rates and force 0.
 
-Only the standard library: workers import this in interpreters that have nothing of ours.
+This file uses only the standard library, because peers' environments do not have our packages.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from typing import Any
 #: Masses (kg) of cart and pole, length of the pole (m), gravity (m/s^2).
 CART, POLE, LENGTH, GRAVITY = 1.0, 0.3, 0.5, 9.81
 
-#: Largest force (N), furthest place (m), and how long it takes (s).
+#: Largest force (N), largest distance of the cart from its start (m), and duration (s).
 FORCE, TRACK, DURATION = 20.0, 2.0, 2.0
 
-#: The cart's place, the pole's angle from below, and their rates.
+#: Position of the cart (m), angle of the pole from below (rad), and their rates.
 START, END = (0.0, 0.0, 0.0, 0.0), (1.0, math.pi, 0.0, 0.0)
 
 SEGMENTS = 40
 
-#: The least cost (N^2 s), and by how much of it other discretisations may differ.
+#: The least cost (N^2 s), and by which share of it other discretisations may differ.
 COST, TOLERANCE = 58.81, 0.03
 
 
 def derivative(
     x: Sequence[Any], u: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
 ) -> Any:
-    """The rates of change of a state under a force, as a list, of any kind of number."""
+    """The rates of change of a state `x` under a force `u`, as a list, for any type of number."""
     s, c = sin(x[1]), cos(x[1])
     inertia, push = CART + POLE * s**2, u + LENGTH * POLE * s * x[3] ** 2
     cart = (push + POLE * GRAVITY * s * c) / inertia
@@ -43,23 +43,23 @@ def derivative(
 
 
 def line(part: float) -> list[float]:
-    """The guess of the state after a part of the time, 0 to 1: a straight line, at rest."""
+    """The guess of the state after a part (0 to 1) of the time: on a straight line, rates 0."""
     return [part * END[0], part * END[1], 0.0, 0.0]
 
 
 def repeated(once: Callable[[], dict[str, float]], seconds: float) -> dict[str, Any]:
-    """Repeat `once`, which builds and solves, until the time is over.
+    """Build and solve again and again until the time is over.
 
     Args:
-        once: gives `build` and `solve` (s), `iterations` and `cost`.
-        seconds: how long.
+        once: builds and solves. It returns `build` and `solve` (s), `iterations` and `cost`.
+        seconds: how long to repeat it.
 
     Returns:
-        How often (`steps`) in which time (`seconds`), and the medians of the four and of building
-        and solving in all (`total`).
+        The number of repetitions (`steps`), the time that they took (`seconds`), and the medians of
+        what `once` returned and of building and solving together (`total`).
 
     Raises:
-        RuntimeError: another optimum was found, or none.
+        RuntimeError: no optimum was found, or a different one.
     """
     answers: list[dict[str, float]] = []
     begin = time.perf_counter()

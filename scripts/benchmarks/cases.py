@@ -1,4 +1,4 @@
-"""What is measured: ours and the peers, a worker program each."""
+"""The rows of the benchmark, each with the worker program that measures it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from scripts.benchmarks.environments import OURS
 
 SINGLE, VECTOR, TRAINING, PROCESS, ACCURACY = "single", "vector", "training", "process", "accuracy"
-OPTIMISATION = "optimisation"
+OPTIMISATION, LANES = "optimisation", "lanes"
 
 _OUR_PHYSICS = "hybrid walking, impacts located, energy booked; float64, 8th order, 10 ms"
 _CARTPOLE = "cart and pole, one Euler step of 20 ms"
@@ -23,14 +23,14 @@ class Case:
 
     Attributes:
         key: its name on the command line and in the results.
-        group: the table that it stands in.
+        group: the table that it belongs to.
         title: its name in the table.
-        environment: whose interpreter runs it, a file in requirements/ or `OURS`.
+        environment: whose Python runs it, the name of a file in requirements/ or `OURS`.
         worker: module in `scripts.benchmarks.workers`.
-        settings: what the worker is told.
+        settings: for the worker.
         physics: what a step computes, or how the problem is solved.
         one_core: whether it is kept to one core, or may use all.
-        most: so many rounds at most, where a measurement is long and steady.
+        most: largest number of rounds. It is small where a measurement is long and steady.
     """
 
     key: str
@@ -55,6 +55,10 @@ def _sizes(key: str, title: str, environment: str, worker: str, **more: Any) -> 
         Case(f"{key}-{n}", VECTOR, title, environment, worker, env | {"n": n}, **more)
         for n in (1024, 16384)
     ]
+
+
+def _one_lane(key: str, title: str, worker: str, **more: Any) -> Case:
+    return Case(key, LANES, title, OURS, "ours_lanes", {"lanes": 1, "worker": worker, **more})
 
 
 def _swing_up(key: str, title: str, environment: str, physics: str, **more: Any) -> Case:
@@ -120,6 +124,9 @@ CASES = (
         )
         for cores in ("one", "all")
     ],
+    _one_lane("one-lane", "one environment, as `gym.make` gives it", "ours_single"),
+    _one_lane("one-lane-1024", "1024 environments", "ours_vector", n=1024),
+    _one_lane("one-lane-16384", "16384 environments", "ours_vector", n=16384),
     Case(
         "ppo-8",
         TRAINING,
@@ -127,6 +134,7 @@ CASES = (
         OURS,
         "ours_training",
         {"n": 8, "ppo": {}},
+        most=3,
     ),
     Case(
         "ppo-256",

@@ -1,4 +1,4 @@
-"""Workers kept alive side by side, and asked in turn."""
+"""Worker processes, which are all kept alive, and measure in turn."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Where the worker programs are.
 MODULES = "scripts.benchmarks.workers."
 
-#: The longest that a worker may take to answer (s): compiling everything, or a long training.
+#: Longest time (s) that a worker may take to answer: it may have to compile everything.
 PATIENCE = 300.0
 
 
 class WorkerError(RuntimeError):
-    """A worker that gave no answer, or said what went wrong."""
+    """A worker gave no answer, or reported an error."""
 
 
 class Worker:
@@ -40,8 +40,11 @@ class Worker:
         python: interpreter that runs it.
         folder: where it may keep files for the next run.
 
+    Attributes:
+        about: what it says of itself, see `scripts.benchmarks.protocol`.
+
     Raises:
-        WorkerError: it could not set itself up.
+        WorkerError: it failed to start.
     """
 
     def __init__(self, case: Case, python: Path, folder: Path) -> None:
@@ -51,13 +54,13 @@ class Worker:
         self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115  closed by close()
         self._process = subprocess.Popen(
             [str(python), "-m", module, json.dumps(settings)],
-            cwd=ROOT,  # which is how peers' interpreters find the module
+            cwd=ROOT,  # peers' interpreters find the module there
             env=environment,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._complaints,
             text=True,
-            start_new_session=True,  # Ctrl-C is for us to handle
+            start_new_session=True,  # only this process gets Ctrl-C
         )
         try:
             self.about = self._hear()
@@ -66,10 +69,10 @@ class Worker:
             raise
 
     def measure(self, seconds: float) -> dict[str, Any]:
-        """Measure once for about so long.
+        """Let it measure once for about so many seconds, and return its answer.
 
         Raises:
-            WorkerError: it gave no answer, or said what went wrong.
+            WorkerError: it gave no answer, or reported an error.
         """
         assert self._process.stdin is not None
         try:
@@ -81,11 +84,11 @@ class Worker:
 
     @property
     def pid(self) -> int:
-        """Of its process."""
+        """The id of its process."""
         return self._process.pid
 
     def close(self) -> None:
-        """End it, and the processes that it started."""
+        """Kill it, and the processes that it started."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
         self._process.communicate()
@@ -114,13 +117,21 @@ class Worker:
 def measure_all(
     cases: Sequence[Case], rounds: int, seconds: float, folder: Path, progress: bool = True
 ) -> list[dict[str, Any]]:
-    """Measure all cases once in each round; every other round goes backwards.
+    """Measure all cases once in each round. Every other round goes backwards.
 
-    A case that fails keeps what it has and says why. Ctrl-C ends the measuring, not the results.
+    If a case fails, it keeps its earlier answers and gets an error. Ctrl-C ends the measuring, and
+    the results so far are returned.
+
+    Args:
+        cases: what to measure.
+        rounds: how many times.
+        seconds: of each measurement.
+        folder: where virtual environments and workers' files are kept.
+        progress: whether to show a progress bar.
 
     Returns:
-        For each case its fields, `about` (what the worker says of itself), `answers` (one of each
-        round) and `error`, None if all went well.
+        For each case: its fields, `about` (what the worker says of itself), `answers` (one for
+        each round) and `error` (None if nothing failed).
     """
     results = [_blank(case) for case in cases]
     turns = len(cases) + sum(min(rounds, case.most) for case in cases)
@@ -128,7 +139,7 @@ def measure_all(
     bar = tqdm(total=turns, unit="turn", disable=not progress)
 
     def say(text: str) -> None:
-        bar.write(text, file=sys.stderr)  # what is printed is the results
+        bar.write(text, file=sys.stderr)  # stdout is for the results
 
     try:
         for case, result in zip(cases, results, strict=True):

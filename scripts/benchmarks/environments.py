@@ -1,4 +1,4 @@
-"""Virtual environments of the peers, so that none of their pins touch ours."""
+"""Virtual environments of the peers, so that their pinned versions do not change ours."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ from pathlib import Path
 
 REQUIREMENTS = Path(__file__).parent / "requirements"
 
-#: The environment that this program itself runs in.
+#: The environment in which this program itself runs.
 OURS = "ours"
 
 
 class UnavailableError(RuntimeError):
-    """A peer that cannot be installed here."""
+    """A peer cannot be installed on this machine."""
 
 
 def interpreter(name: str, folder: Path, say: Callable[[str], None]) -> Path:
-    """The Python of an environment; it is made in `folder` first where it is not there yet.
+    """The Python of an environment, which is first made if it does not exist.
+
+    Args:
+        name: of its file in requirements/, or `OURS`.
+        folder: where environments are kept.
+        say: called with a line of text before an environment is made.
 
     Raises:
         UnavailableError: its packages cannot be installed.

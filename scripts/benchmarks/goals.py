@@ -1,4 +1,4 @@
-"""What is to be reached, and how it is read off the results."""
+"""The goals for speed and accuracy, and how each is found in the results."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scripts.benchmarks.results import Result, quotient, slowest_ratio, typical,
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """A figure and its bound.
+    """A figure, and the bound that it should reach.
 
     Attributes:
         title: what is compared.
-        bound: to reach.
-        measured: the figure from the results by key, None where it is missing.
-        form: how figures are written.
-        stretch: a bound beyond, if any.
+        bound: that the figure should reach.
+        measured: gives the figure from the results by key, or None if it is missing.
+        form: the format of the figure. If it ends with "x", larger is better; else smaller is.
+        stretch: a more ambitious bound, if any.
     """
 
     title: str
@@ -28,11 +28,11 @@ class Goal:
 
     @property
     def at_most(self) -> bool:
-        """Whether bounds are upper ones: for anything but ratios."""
+        """Whether the bounds are upper bounds."""
         return not self.form.endswith("x")
 
     def reached(self, figure: float, bound: float) -> bool:
-        """Whether a figure is on the right side of a bound."""
+        """Whether a figure reaches a bound."""
         return figure <= bound if self.at_most else figure >= bound
 
 

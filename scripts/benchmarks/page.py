@@ -1,4 +1,4 @@
-"""The results as a page of Markdown: a pure function of the JSON that the benchmark writes."""
+"""The results as a page of Markdown, which depends only on the JSON that the benchmark writes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from scripts.benchmarks.cartpole import COST
-from scripts.benchmarks.cases import ACCURACY, OPTIMISATION, PROCESS, SINGLE, TRAINING, VECTOR
+from scripts.benchmarks.cases import (
+    ACCURACY,
+    LANES,
+    OPTIMISATION,
+    PROCESS,
+    SINGLE,
+    TRAINING,
+    VECTOR,
+)
 from scripts.benchmarks.goals import GOALS
 from scripts.benchmarks.results import Result, by_key, middle, rates, ratio, values
 
@@ -17,21 +25,34 @@ Written by `make bench`: do not edit. **The peers have other physics**: ours wal
 located to rounding error and every joule booked; theirs swing or balance, in fewer and larger
 steps. What is compared is what a step of a small environment costs its user.
 
-All were measured in one run on one machine, in turn, {rounds} rounds of {seconds:g} s each: rates
-are medians, with the slowest and the fastest round behind them, and ratios are medians of ratios
+Everything was measured in one run on one machine, in turn, in {rounds} rounds of {seconds:g} s
+each. Rates are medians, followed by the slowest and the fastest round; ratios are medians of ratios
 within a round. Ours replays the actions that an LQR took on an optimal gait, from {starts} states
 of the walk for 2 s each: {touchdowns}of the control intervals have a touchdown, and replays end
-{replay} the states recorded. Peers get random actions. Actions are drawn and single
-episodes begun outside the clock; peers' vector environments begin theirs anew inside it."""
+{replay} the recorded states. Peers get random actions. Drawing actions and resetting are not timed,
+except that peers' vector environments reset their rows within a step."""
 
+
+_LANES = """\
+## What eight lanes buy over one
+
+The kernel computes eight wheels side by side (`rimless_gym/kernel/lanes.py`). The same package with
+one lane, compiled and measured in the same way, walks the same; ratios are within a round."""
+
+_TRAINING = """\
+## Training: time spent in environments
+
+A tenth of a training by `agents.train`: roll-outs of PPO and its updates, figures of walking logged
+at every step, and one evaluation and one saved state. The share is what the environments, in
+roll-outs with their adapter, the log, and the environments in the evaluation take of all that."""
 
 _OPTIMISATION = f"""\
 ## Trajectory optimisation
 
-Kelly's cart-pole swing-up (SIAM Review 2017): 40 segments, from a straight line as the guess, on
-one core; the least cost is {COST} N^2 s. To build is everything from the equations to a solver that
-is ready, imports aside; to solve is what follows. Times are medians; a cost that is off is another
-discretisation's."""
+Kelly's cart-pole swing-up (SIAM Review 2017) with 40 segments, from a straight line as the guess,
+on one core. The least cost is {COST} N^2 s. Building is everything from the equations to a solver
+that is ready, without imports; solving is the rest. Times are medians. Costs differ a little where
+the discretisation differs."""
 
 
 def page(run: dict[str, Any]) -> str:
@@ -46,7 +67,9 @@ def page(run: dict[str, Any]) -> str:
         speed_table(_of(results, SINGLE), found, "ours"),
         "## Many environments",
         speed_table(_of(results, VECTOR), found, "ours-vector-1024", sizes=True),
-        "## Training: time spent in environments and adapter",
+        _LANES,
+        lanes_table(_of(results, LANES), found),
+        _TRAINING,
         training_table(_of(results, TRAINING)),
         _OPTIMISATION,
         optimisation_table(_of(results, OPTIMISATION), found, "swing-up-bare"),
@@ -59,7 +82,7 @@ def page(run: dict[str, Any]) -> str:
 
 
 def goals_table(found: dict[str, Result]) -> str:
-    """Every goal with what was measured."""
+    """Every goal, and what was measured."""
     lines = []
     for goal in GOALS:
         figure = goal.measured(found)
@@ -81,7 +104,14 @@ def goals_table(found: dict[str, Result]) -> str:
 def speed_table(
     results: Sequence[Result], found: dict[str, Result], reference: str, sizes: bool = False
 ) -> str:
-    """Rates of one group, each beside how many times as long it takes as ours."""
+    """Rates of one group.
+
+    Args:
+        results: of the group.
+        found: all results, by key.
+        reference: key of the row whose rate counts as 1.
+        sizes: whether to show the number of environments and cores.
+    """
     ours = middle(list(rates(found[reference]).values())) if reference in found else None
     lines = []
     for result in results:
@@ -101,22 +131,56 @@ def speed_table(
     return table(("", *column, "steps/s", "spread", ours_is, "one step is"), lines)
 
 
+#: Rows with one lane, and the same with eight.
+EIGHT_LANES = {
+    "one-lane": "ours",
+    "one-lane-1024": "ours-vector-1024",
+    "one-lane-16384": "ours-vector-16384",
+}
+
+
+def lanes_table(results: Sequence[Result], found: dict[str, Result]) -> str:
+    """Rates with one lane beside those with eight."""
+    lines = []
+    for result in results:
+        eight = found.get(EIGHT_LANES[result["key"]])
+        with_eight = count(middle(list(rates(eight).values()))) if eight else "-"
+        if not result["answers"]:
+            lines.append((result["title"], with_eight, f"- ({result['error']})", "-"))
+            continue
+        with_one = count(middle(list(rates(result).values())))
+        gain = f"{ratio(eight, result):.3g}" if eight else "-"
+        lines.append((result["title"], with_eight, with_one, gain))
+    return table(("", "steps/s, eight lanes", "steps/s, one lane", "eight / one"), lines)
+
+
 def training_table(results: Sequence[Result]) -> str:
     """Shares of a learner's time."""
     lines = []
     for result in results:
         if not result["answers"]:
-            lines.append((result["title"], f"- ({result['error']})", "", ""))
+            lines.append((result["title"], f"- ({result['error']})", "", "", "", "", ""))
             continue
-        shares = values(result, "share")
+        shares, learning, logging = (
+            values(result, name) for name in ("share", "learning", "logging")
+        )
+        evaluating = [s - a - b for s, a, b in zip(shares, learning, logging, strict=True)]
+        parts = [f"{middle(part):.1%}" for part in (learning, logging, evaluating)]
         spread = f"{min(shares):.1%} to {max(shares):.1%}"
         speed = count(middle(list(rates(result).values())))
-        lines.append((result["title"], f"{middle(shares):.1%}", spread, speed))
-    return table(("stable-baselines3 PPO, one thread", "share", "spread", "steps/s in all"), lines)
+        lines.append((result["title"], f"{middle(shares):.1%}", spread, *parts, speed))
+    head = ("stable-baselines3 PPO, one thread", "share", "spread")
+    return table((*head, "roll-outs", "log", "evaluation", "steps/s in all"), lines)
 
 
 def optimisation_table(results: Sequence[Result], found: dict[str, Result], reference: str) -> str:
-    """Times to build and to solve one problem, each beside how many times as long as one row's."""
+    """Times to build and to solve one problem, and their ratios to those of a reference row.
+
+    Args:
+        results: of the group.
+        found: all results, by key.
+        reference: key of the row whose times count as 1.
+    """
     lines = []
     for result in results:
         if not result["answers"]:
@@ -147,7 +211,7 @@ def optimisation_table(results: Sequence[Result], found: dict[str, Result], refe
 
 
 def process_table(results: Sequence[Result]) -> str:
-    """Seconds to start, and memory."""
+    """Times that a fresh process takes, and memory."""
     lines = []
     for result in results:
         if not result["answers"]:
@@ -178,7 +242,7 @@ def _accuracy(result: Result) -> str:
     return f"""{heading}Against the reference simulator over {pieces} pieces of 2 s of the walk:
 states within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the
 reference's state at the start of their control interval, within {drift:.0e} s when both walk on
-their own for the 2 s: without feedback a gait magnifies rounding errors, whoever integrates it."""
+their own for the 2 s, because a gait without feedback magnifies rounding errors."""
 
 
 def _introduction(run: dict[str, Any], found: dict[str, Result]) -> str:
@@ -213,7 +277,7 @@ def _machine(run: dict[str, Any]) -> str:
 
 {", ".join(versions)}; numba {ours["numba"]}, numpy {ours["numpy"]}, Python {machine["python"]}.
 
-Settings that the peers' workers found best, of those that each tried beforehand:
+The settings with which peers were fastest, of those that were tried beforehand:
 
 {chr(10).join(chosen) or "- none"}
 
@@ -225,13 +289,13 @@ def _of(results: Sequence[Result], group: str) -> list[Result]:
 
 
 def size(result: Result) -> str:
-    """How many environments on how many cores."""
+    """The number of environments, and of cores."""
     n = result["settings"].get("n", result["about"].get("n", "-"))
     return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
 
 
 def count(rate: float) -> str:
-    """A rate, short."""
+    """A rate with three digits and a unit."""
     for factor, unit in ((1e6, " M"), (1e3, " k")):
         if rate >= factor:
             return f"{rate / factor:.3g}{unit}"

@@ -1,6 +1,6 @@
-"""What a worker says and hears: a JSON line about itself, then an answer to each question.
+"""What a worker writes and reads: a JSON line about itself, then an answer to each question.
 
-Only the standard library: workers import this in interpreters that have nothing of ours.
+This file uses only the standard library, because peers' environments do not have our packages.
 """
 
 from __future__ import annotations
@@ -13,24 +13,25 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-#: Measures once for about so many seconds; gives at least `steps` and `seconds`.
+#: Measures once for about so many seconds, and returns at least `steps` and `seconds`.
 Measure = Callable[[float], dict[str, Any]]
 
-#: Gets a worker's settings; gives what measures, and what there is to say about it.
+#: Takes a worker's settings, and returns a function that measures and what the worker says of
+#: itself.
 Setup = Callable[[dict[str, Any]], tuple[Measure, dict[str, Any]]]
 
-#: Of the first measurement, which is thrown away (s).
+#: Duration of the first measurement, which does not count (s).
 WARM_UP = 0.3
 
 
 def serve(setup: Setup) -> None:
-    """Be a worker: set up, warm up, then measure once for each line, the seconds, on stdin.
+    """Be a worker: set up, warm up, then measure once for each line on stdin, a number of seconds.
 
-    A worker that waits should cost nothing: each answer says what it used while it waited
-    (`idle_cpu` s of processor time in `idle` s).
+    A worker that waits should not slow the others down. Each answer therefore says for how long it
+    waited (`idle`, s) and how much processor time it used meanwhile (`idle_cpu`, s).
     """
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # whatever libraries print is no answer
+    os.dup2(2, 1)  # libraries that print would disturb the answers
 
     def say(answer: dict[str, Any]) -> None:
         print(json.dumps(answer), file=answers, flush=True)
@@ -42,7 +43,7 @@ def serve(setup: Setup) -> None:
         measure, about = setup(settings)
         if settings.get("warm_up", True):
             measure(WARM_UP)
-    except Exception as error:  # whatever it is, it is the row's to tell
+    except Exception as error:  # of any kind: the row shows it
         say({"error": f"{type(error).__name__}: {error}"})
         raise
     say(about)
@@ -59,12 +60,12 @@ def serve(setup: Setup) -> None:
 
 def pin_to_one_core() -> None:
     """Keep this process, and the threads that it starts from now on, to one core."""
-    with contextlib.suppress(AttributeError):  # Linux alone can
+    with contextlib.suppress(AttributeError):  # only Linux can
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def timed(chunk: Callable[[], int], seconds: float) -> dict[str, Any]:
-    """Repeat `chunk`, which gives the steps that it took, until the time is over."""
+    """Repeat `chunk`, which returns how many steps it took, until the time is over."""
     steps, begin = 0, time.perf_counter()
     while (elapsed := time.perf_counter() - begin) < seconds or steps == 0:
         steps += chunk()

@@ -1,4 +1,4 @@
-"""A few rows of the results for the README, between two markers there."""
+"""A few rows of the results, which the README shows between two markers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from scripts.benchmarks.page import count, size, table
 from scripts.benchmarks.results import Result, by_key, middle, rates, ratio
 
-#: Ours, and the peers that are measured against it.
+#: Our rows, and the peers that each is compared with.
 ROWS = {
     "ours": ("CartPole-v1", "Acrobot-v1", "InvertedDoublePendulum-v5"),
     "ours-vector-1024": ("cartpole-vector-1024", "envpool-acrobot"),
@@ -23,7 +23,7 @@ cores; ratios are within a round."""
 
 
 def quote(run: dict[str, Any]) -> str:
-    """The table and what must be said with it."""
+    """The table and the note below it."""
     found, lines = by_key(run["results"]), []
     for ours, peers in ROWS.items():
         for key in (ours, *peers):
@@ -36,7 +36,7 @@ def quote(run: dict[str, Any]) -> str:
 
 
 def quoted(readme: str, run: dict[str, Any]) -> str:
-    """The README with the block as it is now, where it has one."""
+    """The README with new figures in its block, if it has one."""
     return BLOCK.sub(lambda marks: marks[1] + quote(run) + marks[2], readme)
 
 

@@ -1,4 +1,4 @@
-"""Figures from answers: medians over rounds, and ratios within rounds."""
+"""Figures from the workers' answers: medians over rounds, and ratios within rounds."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ Result = dict[str, Any]
 
 
 def by_key(results: Sequence[Result]) -> dict[str, Result]:
-    """The results that were measured, by their names."""
+    """The results that have answers, by key."""
     return {result["key"]: result for result in results if result["answers"]}
 
 
 def rates(result: Result, time: str | None = None) -> dict[int, float]:
-    """Of each round: steps per second, or what takes some `time` (s) per second."""
+    """By round: steps per second, or 1 / `time` if the name of a time (s) is given."""
     if time is None:
         return {a["round"]: a["steps"] / a["seconds"] for a in result["answers"]}
     return {a["round"]: 1 / a[time] for a in result["answers"]}
 
 
 def values(result: Result, name: str) -> list[float]:
-    """One figure of each round's answer."""
+    """A figure of every answer."""
     return [answer[name] for answer in result["answers"]]
 
 
@@ -32,9 +32,17 @@ def middle(figures: Sequence[float]) -> float:
 
 
 def ratio(ours: Result, theirs: Result, time: str | None = None) -> float:
-    """How many times as fast: the median of the ratios within rounds that have both.
+    """How many times as fast ours is: the median of the ratios within the rounds that have both.
 
-    Within a round, because the machine may be slower in another. As `rates`, of steps or a time.
+    Ratios are taken within a round because the machine may be slower in another.
+
+    Args:
+        ours: a result.
+        theirs: a result.
+        time: as `rates` takes it.
+
+    Raises:
+        ValueError: no round has both.
     """
     mine, other = rates(ours, time), rates(theirs, time)
     common = sorted(mine.keys() & other.keys())
@@ -46,7 +54,7 @@ def ratio(ours: Result, theirs: Result, time: str | None = None) -> float:
 def slowest_ratio(
     ours: str, theirs: Sequence[str], time: str | None = None
 ) -> Callable[[dict[str, Result]], float | None]:
-    """The smallest ratio to some peers, None where ours or all of them are missing."""
+    """Gives the smallest ratio to some peers, or None if ours or all of theirs are missing."""
 
     def measured(found: dict[str, Result]) -> float | None:
         peers = [found[key] for key in theirs if key in found]
@@ -58,7 +66,7 @@ def slowest_ratio(
 
 
 def quotient(key: str, name: str, of: str) -> Callable[[dict[str, Result]], float | None]:
-    """The median of a figure over another of the same row, None where it was not measured."""
+    """Gives the median of the quotient of two figures of a row, or None if it is missing."""
 
     def measured(found: dict[str, Result]) -> float | None:
         if key not in found:
@@ -69,10 +77,10 @@ def quotient(key: str, name: str, of: str) -> Callable[[dict[str, Result]], floa
 
 
 def typical(key: str, name: str) -> Callable[[dict[str, Result]], float | None]:
-    """The median of a figure, None where it was not measured."""
+    """Gives the median of a figure of a row, or None if it is missing."""
     return lambda found: middle(values(found[key], name)) if key in found else None
 
 
 def worst(key: str, name: str) -> Callable[[dict[str, Result]], float | None]:
-    """The largest of a figure, None where it was not measured."""
+    """Gives the largest value of a figure of a row, or None if it is missing."""
     return lambda found: max(values(found[key], name)) if key in found else None

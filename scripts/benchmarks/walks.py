@@ -1,7 +1,7 @@
-"""Walks to replay: states of an optimal gait held by LQR, and the actions that follow them.
+"""Recorded walks: states on an optimal gait that an LQR stabilises, and the LQR's actions.
 
-Replaying recorded actions times the simulator alone, on the motion that matters. A gait is
-unstable without its feedback, so replays are short: after 2 s simulators that agree to rounding
+Replaying recorded actions times the simulator without the LQR, on the motion that matters. Without
+feedback a gait is unstable, so replays are short: after 2 s, simulators that agree to rounding
 error still walk alike.
 """
 
@@ -29,8 +29,8 @@ WALKS, SETTLING, RECORDED = 128, 1000, 2000
 #: Control intervals of one replay, 2 s.
 WINDOW = 200
 
-#: States of a replay may differ from the recorded ones by so much; a missed or wrong touchdown
-#: is off by more than a tenth.
+#: Largest difference between states of a replay and the recorded ones (rad, rad/s). A missed or
+#: wrong touchdown makes more than a tenth.
 TOLERANCE = 1e-4
 
 
@@ -40,10 +40,10 @@ class Walks:
 
     Attributes:
         starts: phi, theta, phi', theta', (M, 4).
-        modes: stance modes at the start, (M,), as `rimless_gym.hybrid` numbers them.
+        modes: stance modes at the start, (M,), numbered as in `rimless_gym.hybrid`.
         actions: as the environment takes them, (WINDOW, M) float32.
         ends: states (M, 4) after the last interval.
-        touchdowns: share of the control intervals with at least one.
+        touchdowns: share of the control intervals that have a touchdown.
     """
 
     starts: Floats
@@ -53,15 +53,15 @@ class Walks:
     touchdowns: float
 
     def take(self, n: int) -> Walks:
-        """The first n pieces, repeated where there are fewer."""
+        """The first n pieces, repeated if there are fewer."""
         return self.pieces(np.arange(n) % len(self.starts))
 
     def piece(self, i: int) -> Walks:
-        """Piece i alone."""
+        """Only piece i."""
         return self.pieces(np.array([i]))
 
     def pieces(self, index: NDArray[np.int64]) -> Walks:
-        """Some of the pieces."""
+        """The pieces of these numbers."""
         return Walks(
             self.starts[index],
             self.modes[index],
@@ -71,14 +71,14 @@ class Walks:
         )
 
     def about(self) -> dict[str, float]:
-        """What to say of them beside a rate."""
+        """What a worker says of them: the number of `starts`, and the `touchdown_share`."""
         return {"starts": len(np.unique(self.starts, axis=0)), "touchdown_share": self.touchdowns}
 
     def check(self, states: Floats) -> float:
         """The largest difference (rad, rad/s) of states (M, 4) from the recorded ends.
 
         Raises:
-            RuntimeError: it is so large that the replay was no walk.
+            RuntimeError: it is above `TOLERANCE`, so the replay was not this walk.
         """
         difference = float(np.abs(states - self.ends).max())
         if not difference <= TOLERANCE:
@@ -86,10 +86,10 @@ class Walks:
         return difference
 
     def check_observations(self, observations: NDArray[np.float32]) -> float:
-        """The same on observations (M, 6), in their own units, for whoever hides the states.
+        """The same for observations (M, 6), in their own units, where states are not known.
 
         Raises:
-            RuntimeError: as above.
+            RuntimeError: as for `check`.
         """
         states = np.zeros((len(self.ends), STATE_SIZE))
         states[:, :4] = self.ends  # in single stance, as every piece ends
@@ -100,7 +100,7 @@ class Walks:
 
 
 def load_walks(folder: Path) -> Walks:
-    """The walks of this version of the physics, recorded if they are not in the folder yet."""
+    """The walks for this version of the sources, which are recorded if the folder has none."""
     path = folder / f"walks-{SOURCE_FINGERPRINT:x}.npz"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -113,11 +113,17 @@ def load_walks(folder: Path) -> Walks:
 
 
 def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = RECORDED) -> Walks:
-    """Let the LQR walk from the protocol's starts; keep what comes after it has settled.
+    """Let the LQR walk from the evaluation protocol's starts, and record the settled walks.
+
+    Args:
+        walks: how many.
+        settling: control intervals that are not recorded, at the beginning.
+        recorded: control intervals after that.
 
     Raises:
-        RuntimeError: a walk fell.
+        RuntimeError: a walk ended in a fall.
     """
+    # Workers that find recorded walks need none of these.
     from agents.conditions import Conditions
     from agents.policies import controller_policy
     from agents.protocol import PROTOCOL

@@ -1,4 +1,4 @@
-"""Drawings of the model on the renderer's pictures."""
+"""Drawings of the model, on pictures by the renderer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ INK, TEAL, ORANGE, GREY = "#262f3c", "#009688", "#e5562e", "#76849a"
 
 
 def picture(params: WheelParams, scene: Scene, size: tuple[int, int]) -> tuple[Any, Any]:
-    """The renderer's drawing, and a function from the ground's frame (complex m) to its pixels."""
+    """The renderer's picture, and a function from points on the ground's frame to its pixels.
+
+    Points are complex numbers (m), with the stance foot at 0.
+    """
     canvas = Canvas(params, scene.hub(params)[0], size, (255, 255, 255))
 
     def pixel(point: complex) -> tuple[float, float]:
@@ -31,7 +34,13 @@ def picture(params: WheelParams, scene: Scene, size: tuple[int, int]) -> tuple[A
 
 
 def panel(figure: Figure, place: tuple[float, float, float, float], frame: Any) -> Axes:
-    """Axes in pixels of a frame, at (left, bottom, width, height) of the figure."""
+    """Axes that show a frame, with its pixels as coordinates.
+
+    Args:
+        figure: in which they are.
+        place: left, bottom, width, height, in parts of the figure.
+        frame: the picture.
+    """
     axes = figure.add_axes(place)
     axes.imshow(frame, interpolation="antialiased")
     axes.set_axis_off()
@@ -94,7 +103,7 @@ def coordinates_figure() -> Figure:
 
 
 def modes_figure() -> Figure:
-    """The two modes and what leads from one to the other."""
+    """The two stance modes, and the events that lead from one to the other."""
     params = THESIS_PHYSICAL.replace(pendulum_length=0.17)
     figure = plt.figure(figsize=(13, 4.3), dpi=100)
     over = figure.add_axes((0, 0, 1, 1))

@@ -1,4 +1,4 @@
-"""The thesis's printed equations against the right ones."""
+"""The thesis's printed equations compared with the right ones."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Array = NDArray[np.float64]
 
 
 def single_inertia(params: WheelParams) -> WheelParams:
-    """The printed map with I1 counted once, as in its closed form (3.85-3.87).
+    """A machine under the printed map with I1 counted once, as in its closed form (3.85-3.87).
 
-    The wheel's mass enters (3.75-3.82) through Je1 alone, so that taking I1 from Je1 is enough.
+    The wheel's mass enters (3.75-3.82) only through Je1, so it is enough to subtract I1 from Je1.
     """
     spare = params.wheel_inertia / params.leg_length**2
     return params.replace(impact_law="thesis", wheel_mass=max(params.wheel_mass - spare, 0.0))
 
 
 def pre_impact_states(count: int) -> tuple[Array, Array, Array]:
-    """(theta, phi', theta'), uniform in [-pi, pi], [0, 4] rad/s and [-8, 8] rad/s."""
+    """Random (theta, phi', theta'), in [-pi, pi], [0, 4] rad/s and [-8, 8] rad/s."""
     rng = np.random.default_rng(0)
     return (
         rng.uniform(-math.pi, math.pi, count),
@@ -35,7 +35,7 @@ def pre_impact_states(count: int) -> tuple[Array, Array, Array]:
 
 
 def printed_impact(count: int = 200_000) -> dict[str, Any]:
-    """What the map (3.82) does, as printed, beside the plastic one."""
+    """What the printed map (3.82) does, beside the plastic one."""
     states = pre_impact_states(count)
     shares = {}
     machines = PRESETS | {
@@ -69,8 +69,8 @@ def printed_impact(count: int = 200_000) -> dict[str, Any]:
 def new_foot_momentum(count: int = 100_000) -> dict[str, float]:
     """Error of (3.66), the momentum about the new foot before impact, by number of legs.
 
-    Root mean square over random states, relative to that of the momentum itself. The printed one
-    is that of a new leg at 90 degrees to the old one.
+    It is a root mean square over random states, relative to that of the momentum itself. The
+    printed equation would be right if the new leg stood at 90 degrees to the old one.
     """
     theta, dphi, dtheta = pre_impact_states(count)
 
@@ -87,10 +87,10 @@ def new_foot_momentum(count: int = 100_000) -> dict[str, float]:
 
 
 def generalised_force() -> dict[str, dict[str, float]]:
-    """Energy balance of one step at 20 V if f = (0, T) with the motor on the wheel, and right.
+    """Energy balance of one step at 20 V, with the printed force f = (0, T) and the right one.
 
-    A stator that does not turn but has the back-EMF of one on the wheel is mount `frame` at the
-    voltage less K phi'.
+    The printed force acts as if the stator did not turn (mount `frame`), but the back-EMF is that
+    of a stator on the wheel. The voltage reduced by K phi' gives the same.
     """
     wheel, volts = THESIS_PHYSICAL, 20.0
     p, start = wheel.constants, [THESIS_PHYSICAL.constants.a, 0.0, 4.0, 0.0]
@@ -124,7 +124,11 @@ def generalised_force() -> dict[str, dict[str, float]]:
 
 
 def rotor(jm: float = 1e-7) -> dict[str, Any]:
-    """A rotor of 1e-7 kg m^2 (a small DC motor's) as the hub feels it, right and as printed."""
+    """The inertia of a rotor at the hub, right and as printed.
+
+    Args:
+        jm: of the rotor (kg m^2); the default is that of a small DC motor.
+    """
     ratio = THESIS_PHYSICAL.gear_ratio
     table: dict[str, Any] = {"jm": jm, "factor": ratio**4}
     for name, params in PRESETS.items():

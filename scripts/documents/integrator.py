@@ -1,4 +1,4 @@
-"""The kernel's integrator by itself: its states with guards ignored, and its order."""
+"""The order of the kernel's integrator, measured on smooth motion without events."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from rimless_gym.params import PRESETS
 
 
 def convergence(count: int = 20) -> dict[str, dict[str, Any]]:
-    """Error of the integrator over halved steps (root mean square over starts), and its order."""
+    """Errors of the integrator with ever shorter steps, and its order.
+
+    Args:
+        count: starts, over which an error is a root mean square.
+    """
     table = {}
     for name, params in PRESETS.items():
         rng, squares = np.random.default_rng(3), np.zeros(7)

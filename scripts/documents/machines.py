@@ -1,4 +1,4 @@
-"""What the presets and their kin do: impacts, reach, coming to rest."""
+"""What the presets and similar machines do: impacts, reach, coming to rest."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def kappa_of_few_legs() -> dict[str, dict[str, list[float]]]:
 
 
 def reach_and_hub(params: WheelParams) -> list[float]:
-    """The rod's reach below the hub, and the hub's height on two feet (m)."""
+    """How far the rod reaches below the hub, and the hub's height on two feet (m)."""
     p = params.constants
     hub = float(eq.hub_position(p.a, p)[1])
     return [hub - float(eq.pendulum_clearance(p.a, 0.0, p)), hub]
 
 
 def coming_to_rest() -> dict[str, Any]:
-    """A Zeno sequence of touchdowns and its end in double stance."""
+    """A sequence of ever quicker touchdowns, which ends in double stance."""
     p = THESIS_PHYSICAL.constants
     motion = simulate(THESIS_PHYSICAL, [p.a + 0.05, 0.0, 0.0, 0.0], np.zeros(60), 0.6)
     falls = motion.touchdowns

@@ -1,4 +1,4 @@
-"""Motions of every kind, seeded, on which the kernel is compared with the reference simulator."""
+"""Random motions of several kinds, on which the kernel and the reference are compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,13 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A start, and voltages held for one control interval each."""
+    """A motion to simulate.
+
+    Attributes:
+        params: the machine.
+        start: hybrid state (STATE_SIZE,).
+        volts: voltages (V), each held for one control interval.
+    """
 
     params: WheelParams
     start: Array
@@ -35,7 +41,7 @@ def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int
 
 
 def walking(name: str, rng: np.random.Generator) -> Motion:
-    """The pendulum held ahead of the hub; downhill where the motor alone does not suffice."""
+    """The pendulum is held ahead of the hub. Machines with too weak a motor walk downhill."""
     slope = {"THESIS_PHYSICAL": 0.0, "THESIS_NOMINAL": 0.1, "PROTOTYPE": 0.45}[name]
     params, lean = PRESETS[name].replace(slope=slope), rng.uniform(1.0, 1.4)
     start = hybrid_state(params.constants.a, lean, rng.uniform(1.5, 2.5), 0.0)
@@ -48,14 +54,14 @@ def walking(name: str, rng: np.random.Generator) -> Motion:
 
 
 def falling_back(name: str, rng: np.random.Generator) -> Motion:
-    """Thrown backward from mid-stance, at random voltages."""
+    """The wheel falls backward from mid-stance, under random voltages."""
     params = PRESETS[name]
     start = hybrid_state(rng.uniform(1.2, 1.8), rng.uniform(-1, 1), rng.uniform(-4, -2), 0.0)
     return Motion(params, start, rng.uniform(-8, 8, 80))
 
 
 def rocking(name: str, rng: np.random.Generator) -> Motion:
-    """To and fro over two feet under an alternating voltage."""
+    """The wheel rocks on two feet under an alternating voltage."""
     params = PRESETS[name]
     volts = 20 * np.sin(rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6))
     start = hybrid_state(params.constants.a + 0.02, rng.uniform(-1.5, 1.5), 0.0, 0.0)
@@ -63,7 +69,7 @@ def rocking(name: str, rng: np.random.Generator) -> Motion:
 
 
 def resting(name: str, rng: np.random.Generator) -> Motion:
-    """Down to rest on two feet by a Zeno sequence, then off again by a full voltage."""
+    """The wheel comes to rest on two feet; then full voltage makes it lift off again."""
     params = PRESETS[name]
     start = hybrid_state(
         params.constants.a + rng.uniform(0.01, 0.05), rng.uniform(-0.3, 0.3), 0.0, 0.0
@@ -73,7 +79,7 @@ def resting(name: str, rng: np.random.Generator) -> Motion:
 
 
 def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
-    """Nearly at rest: three and more touchdowns in the first control interval."""
+    """Nearly at rest, with three or more touchdowns in the first control interval."""
     params, p = PRESETS[name], PRESETS[name].constants
     while True:
         start = hybrid_state(p.a, rng.uniform(-0.5, 0.5), rng.uniform(0.002, 0.04), 0.0)
@@ -84,9 +90,9 @@ def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
 
 
 def grazing(depth: float) -> Callable[[str, np.random.Generator], Motion]:
-    """The swing foot at `depth` (m) below the ground at the turning point of the leg's motion.
+    """Motions in which the leg turns back when the swing foot is `depth` (m) below the ground.
 
-    The turning point is drawn, and the start is 3 to 7 ms before it, by integrating backward.
+    The turning point is drawn. Integrating backward from it gives the start, 3 to 7 ms earlier.
     """
 
     def motion(name: str, rng: np.random.Generator) -> Motion:

@@ -1,4 +1,4 @@
-"""Plots of measured numbers, and writing figures."""
+"""Plots of the measured numbers, and how figures are written."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scripts.documents.machines import impact_ratios
 
 
 def convergence_figure(table: dict[str, dict[str, Any]]) -> Figure:
-    """Error against step, and a line of order 8."""
+    """The integrator's error over its step, with a line of order 8."""
     figure, axes = plt.subplots(figsize=(6.4, 4.2), dpi=110, layout="constrained")
     for (name, result), colour in zip(table.items(), (INK, TEAL, ORANGE), strict=True):
         axes.loglog(result["h"], result["error"], "o-", color=colour, ms=4, label=name)
@@ -32,7 +32,7 @@ def convergence_figure(table: dict[str, dict[str, Any]]) -> Figure:
 
 
 def rest_figure(rest: dict[str, Any]) -> Figure:
-    """Coming to rest: the leg's angle, and the speed at each touchdown."""
+    """The wheel comes to rest: the leg's angle, and the speed at each touchdown."""
     p = THESIS_PHYSICAL.constants
     motion = simulate(THESIS_PHYSICAL, [p.a + 0.05, 0.0, 0.0, 0.0], np.zeros(60), 0.13)
     t = np.linspace(0, 0.13, 2000)
@@ -57,7 +57,7 @@ def rest_figure(rest: dict[str, Any]) -> Figure:
 
 
 def impact_figure() -> Figure:
-    """The printed map beside the plastic one."""
+    """The printed impact map beside the plastic one."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.9), dpi=110, layout="constrained")
     theta = np.linspace(-math.pi, math.pi, 721)
     for law, colour, name in (
@@ -85,7 +85,7 @@ def impact_figure() -> Figure:
 
 
 def save(figure: Figure, path: Path, colours: int = 200) -> None:
-    """Write a PNG with a palette, which keeps it small."""
+    """Write a PNG with a palette of `colours`, which keeps the file small."""
     drawn = io.BytesIO()
     figure.savefig(drawn, dpi="figure")
     image = Image.open(drawn).convert("RGB")

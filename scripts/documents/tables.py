@@ -1,4 +1,4 @@
-"""The documents' tables in Markdown, as they stand there."""
+"""The documents' tables, in Markdown."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ Results = dict[str, Any]
 def table(head: list[str], rows: list[list[Any]]) -> str:
     """A Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    texts = [[str(cell).replace("|", r"\|") for cell in line] for line in lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in texts)
 
 
 def accuracy_table(results: Results) -> str:
-    """Kernel against reference, presets side by side."""
+    """The kernel against the reference simulator, with one figure for each preset."""
     head = ["case", "motions", "touchdowns", "state (rad, rad/s)", "start moved by 1e-13 rad"]
     rows = []
     for case in CASES:
@@ -39,7 +40,7 @@ def accuracy_table(results: Results) -> str:
 
 
 def typical_table(results: Results) -> str:
-    """The printed impact beside the right one, at a pendulum that does not turn."""
+    """The printed impact beside the right one, where the pendulum does not turn."""
     head = ["θ (rad)", "rate, plastic", "rate, (3.82)", "energy, plastic", "energy, (3.82)"]
     columns = ("plastic_rate", "thesis_rate", "plastic_energy", "thesis_energy", "closed_form_rate")
     rows = [
@@ -61,7 +62,7 @@ def force_table(results: Results) -> str:
 
 
 def rotor_table(results: Results) -> str:
-    """The rotor's inertia at the hub and what it does to the motor's pole."""
+    """The rotor's inertia at the hub, and how it changes the motor's pole."""
     head = ["", "$J_mN^2$ (kg m²)", "$J_m/N^2$", "pendulum's $J_{e2}$"]
     rotors = results["rotor"]
     rows = [
@@ -123,7 +124,7 @@ def tables(results: Results) -> dict[str, str]:
 
 
 def filled(page: str, results: Results) -> str:
-    """A document with every table of these that it holds, known by its head, as it is now."""
+    """A document with its tables, which are recognised by their heads, replaced by new ones."""
     for text in tables(results).values():
         head = re.escape(text.splitlines()[0])
         found = re.search(rf"^{head}\n(\|.*\n)*", page, flags=re.MULTILINE)

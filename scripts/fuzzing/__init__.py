@@ -1,1 +1,1 @@
-"""The compiled environment on random machines, under random voltages, checked at every step."""
+"""A fuzz: the compiled environment on random machines under random voltages, every step checked."""

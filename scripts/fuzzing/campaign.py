@@ -1,4 +1,4 @@
-"""Many trials, shared among processes that may lock up, die, or be interrupted."""
+"""Many trials, shared among processes that may lock up, crash or be interrupted."""
 
 from __future__ import annotations
 
@@ -18,13 +18,19 @@ from tqdm import tqdm
 from scripts.fuzzing.tally import Case, Tally
 from scripts.fuzzing.trial import Trial, warm_up
 
-#: Longest time that a trial may take (s), whatever else the machine does meanwhile.
+#: Longest time (s) that a trial may take, even on a busy machine.
 PATIENCE = 300.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """How far a campaign goes: so many steps, trials or seconds; one of them is given."""
+    """How long a campaign is. Exactly one of the attributes must be given.
+
+    Attributes:
+        steps: control intervals, of all rows together.
+        seeds: trials.
+        seconds: time.
+    """
 
     steps: int | None = None
     seeds: int | None = None
@@ -44,12 +50,18 @@ class Extent:
 
     @property
     def unit(self) -> str:
-        """Of `total`."""
+        """The unit of `total`."""
         return "step" if self.steps is not None else "trial" if self.seeds is not None else "s"
 
 
 class Worker:
-    """A process that runs trials; it ends with this one."""
+    """A process that runs trials. It ends when the calling process ends.
+
+    Attributes:
+        connection: on which it sends its results.
+        seed: of its trial.
+        since: when the trial began, by `time.monotonic`.
+    """
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -65,7 +77,7 @@ class Worker:
         self.connection.send(seed)
 
     def result(self) -> Tally:
-        """That of the trial, which has ended, be it with the process, or is overdue."""
+        """The tally of its trial, which has ended or is overdue, or whose process has ended."""
         if self.overdue and not self.connection.poll():
             self.kill()
             return self._without(f"it locked up: no result within {PATIENCE:.0f} s")
@@ -81,7 +93,7 @@ class Worker:
 
     @property
     def overdue(self) -> bool:
-        """Whether its trial takes for ever."""
+        """Whether its trial takes longer than `PATIENCE`."""
         return time.monotonic() - self.since > PATIENCE
 
     @property
@@ -105,7 +117,7 @@ def _serve(connection: Any) -> None:
 
 
 def outcome(seed: int) -> Tally:
-    """The tally of a trial; an error that nothing expects is a case too."""
+    """The tally of a trial. An unexpected exception is a failure too."""
     try:
         return Trial(seed).run()
     except Exception:
@@ -113,10 +125,15 @@ def outcome(seed: int) -> Tally:
 
 
 def campaign(first: int, extent: Extent, workers: int) -> tuple[Tally, bool]:
-    """Run trials from seed `first` on; print cases as they come.
+    """Run trials from seed `first` on, and print failures as they are found.
+
+    Args:
+        first: seed of the first trial.
+        extent: how long to go on.
+        workers: number of processes.
 
     Returns:
-        The sum of all trials that ended, and whether Ctrl-C ended the campaign.
+        The sum over all trials that ended, and whether Ctrl-C ended the campaign.
     """
     tally, interrupted, seeds = Tally(), False, itertools.count(first)
     running = [Worker() for _ in range(min(workers, extent.seeds or workers))]
@@ -153,6 +170,6 @@ def campaign(first: int, extent: Extent, workers: int) -> tuple[Tally, bool]:
 
 
 def _ready(running: list[Worker]) -> list[Worker]:
-    """Those that have a result, within a second."""
+    """The workers that have a result within a second, or whose trial is overdue."""
     ready = multiprocessing.connection.wait([worker.connection for worker in running], 1.0)
     return [worker for worker in running if worker.connection in ready or worker.overdue]

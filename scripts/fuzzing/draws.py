@@ -1,4 +1,4 @@
-"""What a fuzz throws at the environment: machines, starts, disturbances and voltages, all wide."""
+"""Random machines, starts, disturbances and voltages, all from as wide a range as is accepted."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import Disturbances, Pushes, SensorNoise, WheelParams
-from rimless_gym.envs.starts import draw_start
-from rimless_gym.equations import IMPACT_LAWS, MODE_NAMES, equations
+from rimless_gym.envs.starts import draw_start, normal_force
+from rimless_gym.equations import DOUBLE, IMPACT_LAWS, MODE_NAMES, SINGLE
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import MOTOR_MOUNTS, PRESETS, Constants
+from rimless_gym.params import MOTOR_MOUNTS, PRESETS
 
 Floats = NDArray[np.float64]
 Generator = np.random.Generator
 
-#: Numbers of a machine are drawn between these, evenly in their logarithm; with a small
-#: probability one is 0 instead where that is allowed.
+#: The range of each parameter, drawn evenly in its logarithm. Those of `_MAY_BE_ZERO` are sometimes
+#: 0 instead.
 _WIDE = {
     "wheel_mass": (1e-2, 1e2),
     "wheel_inertia": (1e-5, 1e2),
@@ -43,15 +43,20 @@ _MAY_BE_ZERO = (
     *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "pendulum_length"),
     *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
 )
-_MOST_STARTS = 64  # looked at for one row
-
-_eq = equations(np.sin, np.cos)
+_CANDIDATES = 64  # states drawn for the start of one row
 
 
 def machine(rng: Generator, laws: Sequence[str] = IMPACT_LAWS) -> WheelParams:
-    """A machine that the environment takes and finds starts for: like a preset, or like nothing."""
+    """A machine that the environment accepts and finds starts for.
+
+    Half of them are like a preset, and half have any parameters.
+
+    Args:
+        rng: of the draw.
+        laws: impact laws to choose from.
+    """
     while True:
-        fields = _like_a_preset(rng) if rng.random() < 0.5 else _like_nothing(rng)
+        fields = _like_a_preset(rng) if rng.random() < 0.5 else _like_none(rng)
         fields["impact_law"] = str(rng.choice(laws))
         try:
             params = WheelParams(**fields)
@@ -81,7 +86,7 @@ def _like_a_preset(rng: Generator) -> dict[str, Any]:
     return fields | _kinds(rng)
 
 
-def _like_nothing(rng: Generator) -> dict[str, Any]:
+def _like_none(rng: Generator) -> dict[str, Any]:
     fields = {name: _wide(rng, name) for name in _WIDE}
     for name in _MAY_BE_ZERO:
         if rng.random() < 0.15:
@@ -94,14 +99,14 @@ def _wide(rng: Generator, name: str) -> float:
 
 
 def ranges(rng: Generator, params: WheelParams) -> dict[str, tuple[float, float]]:
-    """A few ranges of parameters about those of a machine."""
+    """Ranges, 3 % to each side, of two parameters of a machine."""
     names = rng.choice(["wheel_mass", "pendulum_mass", "leg_length", "gravity", "friction"], 2)
     near = {str(name): getattr(params, name) for name in names}
     return {name: (0.97 * value, 1.03 * value) for name, value in near.items()}
 
 
 def disturbances(rng: Generator, params: WheelParams) -> Disturbances:
-    """Pushes as hard as the machine's own momentum, noise and delay, each there or not."""
+    """Pushes of up to a third of the machine's momentum; perhaps noise, and a delay."""
     momentum = params.total_mass * math.sqrt(params.gravity * params.leg_length)
     blow = float(momentum * rng.uniform(0.0, 0.3))
     delay = sorted(int(d) for d in rng.integers(0, 6, 2))
@@ -113,47 +118,39 @@ def disturbances(rng: Generator, params: WheelParams) -> Disturbances:
 
 
 def start(rng: Generator, params: WheelParams) -> dict[str, Any] | None:
-    """Reset options: a state in which the feet press, of any rate; None if few do."""
-    p, n = params.constants, _MOST_STARTS
+    """Reset options for a state in which the feet press, at any rates; None if none was found."""
+    p, n = params.constants, _CANDIDATES
     phi = np.where(rng.random(n) < 0.1, rng.choice([p.a, p.b], n), rng.uniform(p.a, p.b, n))
     theta = rng.uniform(-math.pi, math.pi, n)
     if rng.random() < 0.1:
         theta += 2 * math.pi * rng.integers(-15000, 15000, n)
     dphi = _rates(rng, 3 * math.sqrt(params.gravity / params.leg_length))
     dtheta = _rates(rng, MAX_RATE)
-    mode = int(rng.random() < 0.25)
-    if mode:
+    mode = DOUBLE if rng.random() < 0.25 else SINGLE
+    if mode == DOUBLE:
         phi, dphi = np.full(n, p.a), np.zeros(n)
-    fy = normal_force(mode, (phi, theta, dphi, dtheta), p)
-    pressing = np.flatnonzero(fy > 1e-6 * params.weight)
-    if not len(pressing):
-        return None
-    k = pressing[0]
-    state = [float(x[k]) for x in (phi, theta, dphi, dtheta)]
-    return {"state": state, "mode": MODE_NAMES[mode]}
-
-
-def normal_force(mode: int, x: Any, p: Constants) -> Any:
-    """Fy (N) without voltage; x and p may be of arrays."""
-    phi, theta, dphi, dtheta = x
-    if mode:
-        acc = 0.0, _eq.double_stance(phi, theta, dphi, dtheta, 0.0, p)
-    else:
-        acc = _eq.single_stance(phi, theta, dphi, dtheta, 0.0, p)
-    return _eq.ground_reaction(phi, theta, dphi, dtheta, *acc, p)[1]
+    for candidate in np.stack([phi, theta, dphi, dtheta], axis=1):
+        state = np.array([*candidate, mode, 0.0])  # on the first foot
+        if normal_force(params, state) > 1e-6 * params.weight:
+            return {"state": candidate.tolist(), "mode": MODE_NAMES[mode]}
+    return None
 
 
 def _rates(rng: Generator, scale: float) -> Floats:
     """Rates of any size up to a scale, in both directions."""
-    size = scale * 10 ** rng.uniform(-3, 0, _MOST_STARTS)
-    return np.clip(rng.choice([-1, 1], _MOST_STARTS) * size, -MAX_RATE, MAX_RATE)
+    size = scale * 10 ** rng.uniform(-3, 0, _CANDIDATES)
+    return np.clip(rng.choice([-1, 1], _CANDIDATES) * size, -MAX_RATE, MAX_RATE)
 
 
 class Voltages:
-    """Commands of rows over time, each row in a way of its own that changes now and then.
+    """The rows' commands over time. Each row has a way of commanding, which sometimes changes.
 
-    Held, white noise, full power to and fro, none, beyond the limits, or following the back-EMF,
-    so that the pendulum keeps its rate: whirling.
+    The ways are: a held voltage, white noise, full voltage of either sign, no voltage, noise beyond
+    the limits, and a voltage near the back-EMF, with which the pendulum keeps whirling.
+
+    Args:
+        rng: of the commands.
+        machines: of the rows.
     """
 
     def __init__(self, rng: Generator, machines: list[WheelParams]) -> None:

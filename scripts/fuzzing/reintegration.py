@@ -1,4 +1,4 @@
-"""An interval of the compiled environment against the reference simulator."""
+"""A control interval of the compiled environment, compared with the reference simulator."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from rimless_gym.kernel.stepping import FOOT, MODE
 
 Floats = NDArray[np.float64]
 
-#: Largest difference: of angles (rad), of rates and energies as a share of the greatest there are.
+#: Largest difference that passes: of angles (rad), of rates and energies relative to their size.
 DIFFERENCE = 1e-8
 
-#: Two motions whose starts are so near may take another turn: touch down or not, lift off or not.
+#: Relative distance between starts within which rounding may decide whether a foot touches down or
+#: lifts off, so that two motions have different events.
 NEARBY = 1e-8
-ALIKE = 1e-5  # the difference of such a motion from one that takes the same turn
+ALIKE = 1e-5  # largest difference between motions from such starts that have the same events
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +51,11 @@ class Interval:
 def difference(interval: Interval) -> tuple[float, bool]:
     """How far the reference simulator's motion is from the interval's, and if it is borderline.
 
-    NaN where the reference knows no motion, which diverges or chatters.
+    An interval is borderline if the reference agrees with it only from a start within `NEARBY`.
+
+    Returns:
+        The difference, infinite if the two have different events, NaN if the reference simulator
+        fails because the motion diverges or chatters; and whether the interval is borderline.
     """
     try:
         found = _from(interval, interval.before[:4], interval.voltage)
@@ -59,7 +64,7 @@ def difference(interval: Interval) -> tuple[float, bool]:
         for start, voltage in _nearby(interval):
             if _from(interval, start, voltage) <= ALIKE:
                 return found, True
-    except ValueError:  # there is no such state
+    except ValueError:  # the state before the interval is not possible
         return math.inf, False
     except RuntimeError:
         return math.nan, False
@@ -67,7 +72,7 @@ def difference(interval: Interval) -> tuple[float, bool]:
 
 
 def _from(interval: Interval, start: Floats, voltage: float) -> float:
-    """The difference from a reference motion of that start and voltage; infinite if not alike."""
+    """The difference from the reference's motion; infinite if the two have different events."""
     params, mode = interval.params, MODE_NAMES[int(interval.before[MODE])]
     motion = simulate(params, start, [voltage], CONTROL_PERIOD, mode=mode, pull=0.0)
     ledger = motion.ledger
@@ -86,12 +91,12 @@ def _from(interval: Interval, start: Floats, voltage: float) -> float:
         return math.inf
     scale = np.maximum(1.0, np.abs([1.0, 1.0, *interval.after[2:4]]))
     apart = np.abs(motion.x[-1] - interval.after[:4])
-    apart[1] /= max(1.0, abs(interval.before[1]))  # theta is rounded as it is large
+    apart[1] /= max(1.0, abs(interval.before[1]))  # a large theta has large rounding errors
     return max(float((apart / scale).max()), *other)
 
 
 def _nearby(interval: Interval) -> Iterator[tuple[Floats, float]]:
-    """Starts and voltages so near that rounding may take one for another."""
+    """Starts and voltages within `NEARBY` of the interval's."""
     p, standing = interval.params.constants, interval.before[MODE] == DOUBLE
     for i in (1, 3) if standing else range(4):
         for sign in (-1, 1):

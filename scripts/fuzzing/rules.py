@@ -1,4 +1,4 @@
-"""What must hold of every step, whatever the machine and the motion."""
+"""What must be true of every step, whatever the machine and the motion."""
 
 from __future__ import annotations
 
@@ -20,27 +20,31 @@ from rimless_gym.params import Constants
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Largest residual of a ledger, as a share of the energies in it: what the steps of
-#: `rimless_gym.kernel.attempt` leave of it on the most violent machines.
+#: Largest residual of a ledger, relative to the energies in it. The steps that
+#: `rimless_gym.kernel.attempt` chooses come this near to it on the most violent machines.
 RESIDUAL = 1e-7
 
-#: Farthest beyond its guard that a foot may be (rad).
+#: How far a leg may be beyond its touchdown angle (rad).
 BELOW_GROUND = 1e-12
 
-#: Terms that may be infinite, where nothing presses on the ground.
+#: Figures that are infinite if nothing presses on the ground.
 _INFINITE = ("min_normal_force", "friction_demand", "impulse_friction_demand")
 
 _eq = equations(np.sin, np.cos)
 
 
 def followed(params: WheelParams) -> bool:
-    """Whether the kernel's steps follow the machine's accelerations wherever they peak."""
+    """Whether the kernel's steps are short enough for the highest peaks of the accelerations."""
     with np.errstate(divide="ignore"):
         return bool(peak(params.constants) >= LEAST_PEAK)
 
 
 class Rules:
-    """The rules for rows of these machines."""
+    """The rules for the rows of a vector environment.
+
+    Args:
+        machines: of the rows.
+    """
 
     def __init__(self, machines: Sequence[WheelParams]) -> None:
         self._p = Constants(*np.stack([m.constants_array for m in machines], axis=1))
@@ -51,10 +55,10 @@ class Rules:
         self._dissipates = np.array([m.impact_law == "plastic" for m in machines])
 
     def residuals(self, before: Floats, info: Mapping[str, Any]) -> Floats:
-        """What the ledgers leave unexplained, as a share of the energies in them.
+        """The energy that each ledger leaves unexplained, relative to the energies in it, (N,).
 
-        The motor's at stall, over a radian, is one of them: angles are rounded. 0 for machines
-        whose accelerations the steps do not follow.
+        Because angles are rounded, the work of the motor's stall torque over a radian counts as one
+        of the energies. The residual is 0 for machines that are not `followed`.
         """
         p, (phi, theta, dphi, dtheta) = self._p, before[:, :4].T
         moving = _eq.kinetic_energy(phi, theta, dphi, dtheta, p)
@@ -72,15 +76,15 @@ class Rules:
         rewards: Floats,
         info: Mapping[str, Any],
     ) -> Iterator[tuple[str, Any]]:
-        """Each rule, in words, and the rows that break it.
+        """What breaks each rule, as a sentence, and which rows (N,) break it; often none does.
 
         Args:
             before: hybrid states before the step (N, STATE_SIZE).
-            after: those after it, of rows that are `running`.
-            running: rows whose episode goes on after the step.
-            observations: what is seen of the step.
-            rewards: of it.
-            info: of it.
+            after: hybrid states after it, valid in `running` rows.
+            running: whether a row's episode goes on after the step (N,).
+            observations: of the step (N, 6).
+            rewards: of the step (N,).
+            info: of the step.
         """
         p = self._p
         yield "an observation is not finite", ~np.isfinite(observations).all(axis=1)
@@ -97,7 +101,7 @@ class Rules:
         with np.errstate(invalid="ignore"):
             residuals = self.residuals(before, info)
         yield f"the ledger's residual is above {RESIDUAL:g}", ~(residuals <= RESIDUAL)
-        # Small losses in copper are differences of powers and work as at stall.
+        # A small copper loss is a difference of powers and works that are as large as at stall.
         scale = self._weight * p.L1 + self._stalled * CONTROL_PERIOD + self._torque
         scale = RESIDUAL * scale
         for name in (*LOSSES, "shaft", "electrical_positive", "idle"):

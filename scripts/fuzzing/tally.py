@@ -1,4 +1,4 @@
-"""What a fuzz has seen so far, and the cases in which something was wrong."""
+"""Counts and worst values of a fuzz, and the cases in which something was wrong."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Case:
     Attributes:
         seed: of the trial.
         trouble: what was wrong.
-        step: of the trial, from 0; None: of the trial as a whole.
+        step: of the trial, from 0; None if the trial as a whole failed.
         row: of the vector environment.
         params: the machine, fields of `WheelParams`.
         state: the hybrid state before the step.
@@ -35,18 +35,18 @@ class Case:
 
 @dataclasses.dataclass(frozen=True)
 class Tally:
-    """Counts and worst values; the sum of two is that of both.
+    """Counts and worst values. The sum of two tallies is the tally of both.
 
     Attributes:
         seeds: trials.
-        steps: control intervals, of all rows.
+        steps: control intervals, of all rows together.
         ends: episodes that ended early.
-        residual: the largest of a ledger, as a share of the energies in it.
-        reintegrated: intervals compared with the reference simulator.
-        borderline: those of them that go another way from a start next to theirs.
-        difference: the largest in those that are not, see `scripts.fuzzing.reintegration`.
-        twinned: steps of rows compared with the single environment.
-        cases: in which something was wrong.
+        residual: the largest residual of a ledger, relative to the energies in it.
+        reintegrated: intervals that were compared with the reference simulator.
+        borderline: how many of them were borderline, see `scripts.fuzzing.reintegration`.
+        difference: the largest difference of the others.
+        twinned: steps of rows that were compared with the single environment.
+        cases: the failures.
     """
 
     seeds: int = 0
@@ -73,8 +73,9 @@ class Tally:
         return (
             f"{self.steps:,} steps of {self.seeds:,} seeds, {self.ends:,} early ends: "
             f"worst residual {self.residual:.1e}, worst difference {self.difference:.1e} "
-            f"({self.reintegrated:,} intervals integrated anew, {self.borderline:,} borderline), "
-            f"{self.twinned:,} steps the same to the last bit alone, {len(self.cases):,} failures"
+            f"({self.reintegrated:,} intervals compared with the reference, "
+            f"{self.borderline:,} borderline), "
+            f"{self.twinned:,} steps equal to the single environment, {len(self.cases):,} failures"
         )
 
 

@@ -1,4 +1,4 @@
-"""One trial: all that follows from a seed."""
+"""One trial of a fuzz, which its seed determines."""
 
 from __future__ import annotations
 
@@ -10,30 +10,33 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from rimless_gym import RimlessWheelVectorEnv, WheelParams
+from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise, WheelParams
 from rimless_gym.equations import IMPACT_LAWS
 from scripts.fuzzing import draws
 from scripts.fuzzing.reintegration import DIFFERENCE, Interval, difference
 from scripts.fuzzing.rules import Rules, followed
 from scripts.fuzzing.tally import Case, Tally
-from scripts.fuzzing.twin import Twin
+from scripts.fuzzing.twin import OTHER_START, Twin
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 LENGTH = 250  # intervals
 ROWS = (1, 2, 7, 16, 64, 64, 64, 64, 64, 600)
-ANEW = 20  # intervals that are integrated anew
-MOST_CASES = 5  # that one trial tells of
+REINTEGRATED = 20  # intervals to compare with the reference simulator
+MOST_CASES = 5  # that one trial reports
 
-#: Processor time (s) that a step may take: of every row, and besides. Ten times what the stiffest
-#: machine needs that is admitted.
+#: Processor time (s) that a step may take: for each row, and for the call. It is ten times what the
+#: stiffest machine that the environment accepts needs.
 SLOWEST_ROW, SLOWEST_CALL = 0.01, 0.2
 
 
 def warm_up() -> None:
-    """Compile or load what a trial needs, so that its steps take their own time alone."""
-    envs = RimlessWheelVectorEnv(1)
+    """Compile or load what a trial needs, so that its steps are not timed with that."""
+    everything = Disturbances(
+        pushes=Pushes(rate=1.0, impulse=(0.0, 0.1)), sensor_noise=SensorNoise(leg_angle=0.1)
+    )
+    envs = RimlessWheelVectorEnv(1, disturbances=everything)
     envs.reset(seed=0)
     envs.step(np.zeros((1, 1), dtype=np.float32))
 
@@ -43,13 +46,13 @@ class Step:
     """One step of the vector environment.
 
     Attributes:
-        number: of the trial's.
+        number: of the step, from 0.
         machines: of the rows.
-        before: hybrid states (N, STATE_SIZE).
+        before: hybrid states before it (N, STATE_SIZE).
         actions: (N, 1).
         seen: what `step` returned.
-        after: hybrid states, of rows begun anew those of their new episodes.
-        begun: rows that did nothing but begin anew.
+        after: hybrid states after it; in rows that were reset, those of the new episodes.
+        begun: rows that were reset instead of stepped (N,).
     """
 
     number: int
@@ -62,7 +65,7 @@ class Step:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Of the step."""
+        """The `info` of the step."""
         info: dict[str, Any] = self.seen[4]
         return info
 
@@ -77,8 +80,8 @@ class Trial:
     """A vector environment of random machines under random voltages, checked at every step.
 
     Args:
-        seed: all that is random follows from it.
-        kind: the class of the environment.
+        seed: determines everything random.
+        kind: class of the environment.
     """
 
     def __init__(
@@ -102,15 +105,15 @@ class Trial:
         self._cases: list[Case] = []
 
     def _draw_machines(self, n: int) -> list[WheelParams]:
-        """One for all rows, or one each; of many rows, several have the same."""
+        """One machine for all rows, or up to 64 different ones."""
         one = self._rng.random() < 0.3
-        # The thesis's law ends all rows' step where one goes backward.
+        # Under the thesis's law a backward touchdown in one row stops the whole environment.
         laws = IMPACT_LAWS if one else ("plastic", "plastic", "plastic", "relabel")
         each = [draws.machine(self._rng, laws) for _ in range(1 if one else min(n, 64))]
         return [each[i % len(each)] for i in range(n)]
 
     def run(self) -> Tally:
-        """Step to the end, or until the environment cannot begin an episode."""
+        """Step to the end, or until the environment cannot find a start for an episode."""
         n = len(self._machines)
         one = all(machine is self._machines[0] for machine in self._machines)
         envs = self._kind(
@@ -130,11 +133,11 @@ class Trial:
         return self._tally + Tally(cases=tuple(self._cases))
 
     def _begin(self, envs: RimlessWheelVectorEnv) -> Twin:
-        """Begin all episodes, most of them in states of our own; one row gets a twin."""
+        """Begin all episodes, most of them in states drawn here. One row gets a twin."""
         rng, n = self._rng, envs.num_envs
         first, _ = envs.reset(seed=self._seed)
         starts: list[Any] = [None] * n
-        if not self._ranged:  # ranges draw other machines in every episode
+        if not self._ranged:  # ranges would draw other machines for the start
             starts = [draws.start(rng, m) if rng.random() < 0.7 else None for m in envs.params]
         given = np.array([start is not None for start in starts])
         if given.any():
@@ -145,7 +148,7 @@ class Trial:
         settings = self._settings | {"params": self._machines[row]}
         twin = Twin(self._mode, settings, row, self._seed, starts[row])
         if not np.array_equal(twin.first, first[row]):
-            self._note("the first observation is another alone", 0, row, envs.params[row])
+            self._note(OTHER_START, 0, row, envs.params[row])
         return twin
 
     def _step_through(self, envs: RimlessWheelVectorEnv, first_twin: Twin) -> None:
@@ -153,7 +156,9 @@ class Trial:
         twin: Twin | None = first_twin
         machines, begun = envs.params, np.zeros(n, dtype=np.bool_)
         voltages, rules = draws.Voltages(rng, list(machines)), Rules(machines)
-        anew = set(rng.choice(LENGTH, ANEW, replace=False).tolist()) if self._plain else set()
+        chosen = (
+            set(rng.choice(LENGTH, REINTEGRATED, replace=False).tolist()) if self._plain else set()
+        )
         for number in range(LENGTH):
             before = envs.states
             actions = voltages.next(before)
@@ -163,7 +168,7 @@ class Trial:
             except RuntimeError as error:
                 if "left the model's range" not in str(error):
                     raise
-                # The rows have been stepped, but nothing of it can be seen.
+                # The rows have been stepped, but there is nothing to check.
                 self._tally += Tally(steps=int(n - begun.sum()), ends=1)
                 envs.reset()
                 machines, begun, twin = envs.params, np.zeros(n, dtype=np.bool_), None
@@ -176,8 +181,8 @@ class Trial:
             self._check(step, rules)
             if twin is not None:
                 self._compare(step, twin)
-            if number in anew:
-                self._integrate_anew(step)
+            if number in chosen:
+                self._reintegrate(step)
             if self._mode is AutoresetMode.DISABLED and step.ended.any():
                 observations, _ = envs.reset(options={"reset_mask": step.ended})
                 if twin is not None and step.ended[twin.row]:
@@ -188,7 +193,7 @@ class Trial:
             begun = step.ended if self._mode is AutoresetMode.NEXT_STEP else np.zeros_like(begun)
 
     def _check(self, step: Step, rules: Rules) -> None:
-        """Look at the rules."""
+        """Note every rule that the step breaks."""
         stepped = ~step.begun
         observations, rewards, terminated, _, info = step.seen
         running = stepped & ~step.ended
@@ -207,8 +212,11 @@ class Trial:
         self._tell(twin.trouble(step.actions[twin.row], step.seen), step, twin.row)
         self._tally += Tally(twinned=1)
 
-    def _integrate_anew(self, step: Step) -> None:
-        """One row's interval: of a machine that steps follow, whose end is known."""
+    def _reintegrate(self, step: Step) -> None:
+        """Compare one row's interval with the reference simulator's.
+
+        The row's machine must be `followed`, and the state after the interval known.
+        """
         _, _, terminated, truncated, info = step.seen
         rows = ~step.begun & (info["elapsed"] > 0.0)
         rows &= [followed(machine) for machine in step.machines]
@@ -235,7 +243,7 @@ class Trial:
         )
 
     def _tell(self, trouble: str | None, step: Step, row: int) -> None:
-        """Note a trouble with a row, if there is one."""
+        """Note a trouble with a row, if it is not None."""
         if trouble is not None:
             state, voltage = step.before[row].tolist(), float(step.actions[row, 0])
             self._note(trouble, step.number, row, step.machines[row], state, voltage)

@@ -1,4 +1,4 @@
-"""A single environment beside a row of a vector environment, which must be it to the last bit."""
+"""A single environment that a row of a vector environment must equal to the last bit."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from rimless_gym.envs.layout import INFO_NAMES
 
 NUMBERS = [name for name in INFO_NAMES if name != "failure"]
 
+_DIFFERS = "differs from the single environment's"
+OTHER_START = f"the first observation {_DIFFERS}"
+
 
 class Twin:
-    """The single environment that row i is.
+    """The single environment that does what one row of a vector environment does.
 
     Args:
-        mode: of the vector environment's resets.
-        settings: what it was made with, `num_envs` apart, and the machine `params` of this row.
-        row: i.
+        mode: when the vector environment's rows reset themselves.
+        settings: arguments of `gym.make`: those of the vector environment, with the row's machine
+            as `params`.
+        row: number of the row.
         seed: of the vector environment.
-        start: reset options of the row's first episode, after a first reset without; or None.
+        start: options of a second reset, if the row had one; or None.
 
     Attributes:
         first: the first observation.
@@ -39,7 +43,7 @@ class Twin:
         self._ended = False
 
     def trouble(self, action: Any, seen: Any) -> str | None:
-        """Step along; what differs from the row's transition, if anything does.
+        """Take the same step. Says what differs from the row's transition, or None.
 
         Args:
             action: of the row.
@@ -47,35 +51,35 @@ class Twin:
         """
         observations, rewards, terminated, truncated, info = seen
         i = self.row
-        if self._ended:  # and the row is begun anew
+        if self._ended:  # the vector environment has reset the row in this step
             return self._begins_as(observations[i])
         observation, reward, *ends, one = self._env.step(action)
         ended = self._ended = any(ends)
         if [rewards[i], terminated[i], truncated[i]] != [reward, *ends]:
-            return "reward or end is another alone"
+            return f"the reward or an end {_DIFFERS}"
         where = info
         if ended and self._mode is AutoresetMode.SAME_STEP:
             if not np.array_equal(info["final_obs"][i], observation):
-                return "the last observation is another alone"
+                return f"the last observation {_DIFFERS}"
             where = info["final_info"]
             trouble = self._begins_as(observations[i])
             if trouble:
                 return trouble
         elif not np.array_equal(observations[i], observation):
-            return "the observation is another alone"
+            return f"the observation {_DIFFERS}"
         for name in NUMBERS:
             if not _same(where[name][i], one[name]):
-                return f"{name} is {where[name][i]!r} in the row, {one[name]!r} alone"
+                return f"{name} = {where[name][i]!r} in the row {_DIFFERS}: {one[name]!r}"
         return None
 
     def begin(self, observation: Any) -> str | None:
-        """The row was reset by hand: reset likewise."""
+        """Reset as the row was reset by hand. Says what differs, or None."""
         return self._begins_as(observation)
 
     def _begins_as(self, observation: Any) -> str | None:
         self._ended = False
         if not np.array_equal(self._env.reset()[0], observation):
-            return "the first observation is another alone"
+            return OTHER_START
         return None
 
 

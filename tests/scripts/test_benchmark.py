@@ -23,11 +23,13 @@ from scripts.benchmarks.page import page
 from scripts.benchmarks.quote import BLOCK, ROWS, quote, quoted
 from scripts.benchmarks.results import by_key, ratio
 from scripts.benchmarks.walks import WINDOW, Walks, record_walks
+from scripts.benchmarks.workers.ours_lanes import PACKAGE, copied
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 RATES = {"CartPole-v1": 200e3, "Acrobot-v1": 40e3, "InvertedDoublePendulum-v5": 20e3, "ours": 700e3}
 RATES |= {"ours-vector-1024": 12e6, "ours-vector-16384": 13e6, "envpool-acrobot": 1e6}
+RATES |= {"one-lane": 875e3, "one-lane-1024": 3e6, "one-lane-16384": 3.25e6}
 #: Seconds to build and to solve Kelly's cart-pole.
 SWING_UPS = {"ours": (0.02, 0.012), "bare": (0.03, 0.01), "dymos": (0.5, 40.0)}
 SWING_UPS |= {"rockit-collocation": (0.4, 0.02), "rockit-shooting": (0.3, 0.05)}
@@ -36,14 +38,15 @@ RATES |= {"cartpole-vector-1024": 16e6, "gymnax-acrobot-one": 5e6, "gymnax-acrob
 
 
 def made_up_run() -> dict[str, Any]:
-    """A run in which the machine halves its speed in every second round."""
+    """A run in which the machine is half as fast in every second round."""
     results = []
     for case in CASES:
         answers = []
         for turn in range(min(3, case.most)):
             speed = RATES.get(case.key, 1e3) / (1 + turn % 2)
             answer = {"round": turn, "steps": 1000, "seconds": 1000 / speed, "replay_error": 1e-9}
-            answer |= {"share": 0.02, "idle": 10.0, "idle_cpu": 0.1, "event_drift": 2e-12}
+            answer |= {"share": 0.02, "learning": 0.012, "logging": 0.003, "event_drift": 2e-12}
+            answer |= {"idle": 10.0, "idle_cpu": 0.1}
             answer |= {"state_error": 3e-11, "event_error": 4e-15}
             if case.group == OPTIMISATION:
                 times = SWING_UPS[case.key.removeprefix("swing-up-")]
@@ -77,16 +80,16 @@ def test_ratios_are_within_rounds_so_that_a_slow_round_does_not_matter() -> None
     assert ratio(found["ours"], found["CartPole-v1"]) == pytest.approx(3.5)
 
 
-def test_goals_read_the_rows_that_they_are_about() -> None:
+def test_goals_are_measured_on_their_own_rows() -> None:
     found = by_key(made_up_run()["results"])
     measured = {goal.title: goal.measured(found) for goal in GOALS}
     assert None not in measured.values()
     assert measured["`gym.make`, over CartPole-v1"] == pytest.approx(3.5)
     assert measured["`gym.make`, over InvertedDoublePendulum-v5"] == pytest.approx(35)
-    # gymnax at its faster setting, and each vector goal at its own size
+    # gymnax with its faster setting, and each vector goal at its own size
     assert [measured[g.title] for g in GOALS[3:6]] == pytest.approx([12, 0.75, 13 / 6])
-    # solving alone; then with building, rockit and Drake each at their faster setting; then
-    # building in the time of solving
+    # solving; building and solving, rockit and Drake with their faster settings; building in the
+    # time of solving
     begin = next(i for i, goal in enumerate(GOALS) if "bare script" in goal.title)
     figures = [measured[goal.title] for goal in GOALS[begin : begin + 6]]
     assert figures == pytest.approx([1.2, 32 / 40, 350 / 32, 153 / 32, 40.5 / 0.032, 20 / 12])
@@ -103,15 +106,26 @@ def test_the_page_says_what_was_reached_and_what_was_missed() -> None:
     assert row(text, "building and solving it, over rockit").endswith("| >= 4x | 10.9x | reached |")
 
 
-def test_times_stand_beside_those_of_the_bare_script() -> None:
+def test_the_share_of_a_training_is_shown_by_its_parts() -> None:
+    assert "| 2.0% | 2.0% to 2.0% | 1.2% | 0.3% | 0.5% |" in row(page(made_up_run()), "8 envir")
+
+
+def test_eight_lanes_are_compared_with_one_within_rounds() -> None:
+    text = page(made_up_run())
+    assert row(text, "one environment").endswith("| 700 k | 875 k | 0.8 |")
+    assert row(text, "1024 environments").endswith("| 12 M | 3 M | 4 |")
+    assert row(text, "16384 environments").endswith("| 13 M | 3.25 M | 4 |")
+
+
+def test_times_are_compared_with_those_of_the_bare_script() -> None:
     text = page(made_up_run())
     bare = "| 30 ms | 10 ms | 10 ms to 20 ms | 13 | 58.81 | 1 | 1 | Hermite-Simpson; IPOPT"
     assert bare in row(text, "a bare script")
-    # its only round is one in which the bare script took 10 ms
+    # dymos has only one round, in which the bare script took 10 ms
     assert "| 500 ms | 40 s | 40 s to 40 s | 13 | 58.81 | 4e+03 |" in row(text, "dymos")
 
 
-def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
+def test_the_row_of_a_peer_that_cannot_be_installed_says_so() -> None:
     run = made_up_run()
     fail(run, "envpool-acrobot", "cannot be installed here: no wheel")
     text = page(run)
@@ -120,7 +134,7 @@ def test_a_peer_that_cannot_be_had_is_a_row_that_says_so() -> None:
 
 
 @pytest.mark.parametrize("key", [case.key for case in CASES])
-def test_the_page_does_without_any_row(key: str) -> None:
+def test_the_page_can_do_without_any_row(key: str) -> None:
     run = made_up_run()
     fail(run, key, "went wrong")
     assert "went wrong" in page(run)
@@ -144,7 +158,7 @@ def test_the_readme_quotes_the_published_numbers() -> None:
     assert quoted(readme, run) == readme
 
 
-def test_the_quoted_rows_are_ours_beside_peers_with_ratios_within_rounds() -> None:
+def test_the_quoted_ratios_are_taken_within_rounds() -> None:
     run = made_up_run()
     text = quote(run)
     assert row(text, "Gymnasium CartPole-v1").endswith("| 3.5 |")
@@ -209,7 +223,7 @@ def test_a_worker_warms_up_and_answers_once_for_each_question(fake: Case, tmp_pa
         os.kill(worker.pid, 0)
 
 
-def test_a_worker_that_fails_leaves_the_others_their_turns(fake: Case, tmp_path: Path) -> None:
+def test_other_workers_go_on_after_one_has_failed(fake: Case, tmp_path: Path) -> None:
     broken = dataclasses.replace(fake, key="broken", settings={"broken": True})
     missing = dataclasses.replace(fake, key="missing", worker="nowhere")
     once = dataclasses.replace(fake, key="once", most=1)
@@ -236,7 +250,7 @@ def test_ctrl_c_keeps_what_was_measured(
     assert [len(result["answers"]) for result in results] == [1, 1]
 
 
-def test_a_peer_that_cannot_be_installed_is_measured_around(
+def test_other_rows_are_measured_where_a_peer_cannot_be_installed(
     fake: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def install(name: str, folder: Path, say: Any) -> Path:
@@ -307,9 +321,27 @@ def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
         many.check(many.ends + 1e-3)
 
 
+def test_a_copy_of_the_package_has_the_lanes_asked_for_and_is_kept(tmp_path: Path) -> None:
+    home = copied(PACKAGE, 4, tmp_path)
+    lanes = (home / "rimless_gym" / "kernel" / "lanes.py").read_text()
+    assert lanes == (PACKAGE / "kernel" / "lanes.py").read_text().replace("LANES = 8", "LANES = 4")
+    made = home.stat().st_ino
+    assert copied(PACKAGE, 4, tmp_path) == home
+    assert home.stat().st_ino == made
+    assert [path.name for path in tmp_path.iterdir()] == [home.name]
+
+
+def test_a_package_whose_number_of_lanes_is_not_found_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "kernel").mkdir()
+    (tmp_path / "kernel" / "lanes.py").write_text("LANES = 16\n")
+    with pytest.raises(RuntimeError, match="has 0 lines 'LANES = 8' to replace, not 1"):
+        copied(tmp_path, 1, tmp_path / "copies")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "key", ["ours", "kernel", "ours-vector-1024", "accuracy", "import", "gait"]
+    "key",
+    ["ours", "kernel", "ours-vector-1024", "one-lane", "accuracy", "import", "gait", "ppo-256"],
 )
 def test_our_workers_measure(key: str, tmp_path: Path) -> None:
     case = next(case for case in CASES if case.key == key)

@@ -1,4 +1,4 @@
-"""Command lines refuse what cannot work in one line on stderr, with status 2, before any work."""
+"""Command lines refuse mistakes with one line on stderr and status 2, before they begin to work."""
 
 from __future__ import annotations
 
@@ -11,31 +11,22 @@ from typing import Any
 
 import pytest
 
-from scripts import (
-    benchmark,
-    compare,
-    figures,
-    multi_start,
-    publish,
-    solve_gait,
-    textbook,
-    train,
-)
-from scripts.commandline import terminated_like_ctrl_c
-from scripts.thesis import command as thesis
+from scripts.commandline import terminated_like_ctrl_c, whole
 
-#: What each of them would begin with; it must not be reached.
-WORK: dict[str, tuple[Any, str]] = {
-    "benchmark": (benchmark, "measure_all"),
-    "compare": (compare.Comparison, "run"),
-    "evaluate": (None, "evaluate"),
-    "figures": (figures, "numbers"),
-    "multi_start": (multi_start, "multi_start"),
-    "publish": (publish.shutil, "copyfile"),
-    "solve_gait": (solve_gait, "periodic_gait"),
-    "textbook": (textbook, "solve"),
-    "thesis": (thesis, "run"),
-    "train": (train, "train"),
+#: The module of each command line, and what its work begins with, which must not be reached.
+WORK = {
+    "benchmark": ("scripts.benchmarks.command", "measure_all"),
+    "compare": ("scripts.compare", "Comparison.run"),
+    "evaluate": ("scripts.evaluate", "evaluate"),
+    "figures": ("scripts.documents.command", "numbers"),
+    "fuzz": ("scripts.fuzzing.command", "campaign"),
+    "multi_start": ("scripts.multi_start.command", "multi_start"),
+    "processors": ("scripts.processors.command", "subprocess.run"),
+    "publish": ("scripts.publish", "shutil.copyfile"),
+    "solve_gait": ("scripts.solve_gait", "periodic_gait"),
+    "textbook": ("scripts.textbook", "solve"),
+    "thesis": ("scripts.thesis.command", "experiments.campaign"),
+    "train": ("scripts.train", "train"),
 }
 
 
@@ -45,15 +36,13 @@ def work(*arguments: Any, **settings: Any) -> None:
 
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable:
-    """Run a command line in this process; the one line that it ends with."""
+    """Runs a command line in this process and returns the one line that it ends with."""
 
     def run(script: str, *arguments: object) -> str:
-        name = "thesis.command" if script == "thesis" else script
-        module = importlib.import_module(f"scripts.{name}")
-        owner, begun = WORK[script]
-        monkeypatch.setattr(owner or module, begun, work)
+        module, begun = WORK[script]
+        monkeypatch.setattr(f"{module}.{begun}", work)
         with pytest.raises(SystemExit) as ended:
-            module.main([str(argument) for argument in arguments])
+            importlib.import_module(module).main([str(argument) for argument in arguments])
         told = capsys.readouterr()
         assert ended.value.code == 2
         assert told.out == ""
@@ -146,6 +135,13 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("benchmark", ["--only", "x"], "invalid choice"),
         ("evaluate", ["none.zip"], "none.zip"),
         ("evaluate", ["--preset", "x", "none.zip"], "invalid choice"),
+        ("fuzz", ["--steps", "0"], "--steps: '0': must be an integer of at least 1"),
+        ("fuzz", ["--steps", "2.5e0"], "must be an integer of at least 1"),
+        ("fuzz", ["--seeds", "some"], "must be an integer of at least 1"),
+        ("fuzz", ["--minutes", "nan"], "must be a number greater than 0"),
+        ("fuzz", ["--seed", "-1"], "must be an integer of at least 0"),
+        ("fuzz", ["--steps", "5", "--seeds", "5"], "not allowed with"),
+        ("processors", ["Z80"], "unknown processor Z80: choose from ['Haswell',"),
         ("train", ["--ranges", "{"], "--ranges: '{': not JSON"),
         ("train", ["--ranges", "[1]"], "'[1]': must be a JSON object"),
         ("train", ["--ranges", '{"n_legs": [4, 5]}'], "'n_legs' cannot be drawn: choose from"),
@@ -157,10 +153,14 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("publish", ["--study", "nowhere"], "run make compare"),
     ],
 )
-def test_numbers_and_names_that_make_no_sense_are_refused(
+def test_values_that_make_no_sense_are_refused(
     refused: Callable, script: str, arguments: list[str], told: str
 ) -> None:
     assert told in refused(script, *arguments)
+
+
+def test_large_integers_may_be_written_as_powers_of_ten() -> None:
+    assert [whole(1)(text) for text in ("20", "2e7")] == [20, 20_000_000]
 
 
 @pytest.mark.parametrize(
@@ -172,20 +172,18 @@ def test_numbers_and_names_that_make_no_sense_are_refused(
         ("trajopt.ocp.textbook:gear_ratio", "gives float, not a trajopt.Problem"),
     ],
 )
-def test_what_is_no_problem_is_refused(
+def test_a_name_that_gives_no_problem_is_refused(
     refused: Callable, tmp_path: Path, problem: str, told: str
 ) -> None:
     assert told in refused("multi_start", problem, "--out", tmp_path)
 
 
-def test_a_search_that_is_damaged_or_of_another_kind_is_refused(
-    refused: Callable, tmp_path: Path
-) -> None:
+def test_a_damaged_search_is_refused(refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "search.npz").write_text("no archive")
     assert "search again" in refused("multi_start", "--out", tmp_path)
 
 
-def test_numbers_that_are_missing_or_damaged_are_refused(refused: Callable, tmp_path: Path) -> None:
+def test_missing_or_damaged_numbers_are_refused(refused: Callable, tmp_path: Path) -> None:
     assert "leave out" in refused("figures", "--keep-numbers", "--out", tmp_path)
     for text in ("no JSON", "{}", "[]"):
         (tmp_path / "numbers.json").write_text(text)
@@ -193,7 +191,7 @@ def test_numbers_that_are_missing_or_damaged_are_refused(refused: Callable, tmp_
 
 
 @pytest.mark.parametrize("heeded", [signal.default_int_handler, signal.SIG_IGN])
-def test_sigterm_does_what_ctrl_c_does_even_in_the_background_of_a_shell(heeded: Any) -> None:
+def test_sigterm_acts_like_ctrl_c_even_where_ctrl_c_is_ignored(heeded: Any) -> None:
     before = signal.signal(signal.SIGINT, heeded)
     try:
         with pytest.raises(KeyboardInterrupt), terminated_like_ctrl_c():
@@ -214,7 +212,9 @@ def test_a_page_without_marks_is_refused_with_the_marks_that_it_needs(
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\xff", "folder"])
-def test_a_page_that_is_none_is_refused(refused: Callable, tmp_path: Path, content: Any) -> None:
+def test_a_page_that_is_missing_or_not_text_is_refused(
+    refused: Callable, tmp_path: Path, content: Any
+) -> None:
     page = tmp_path / "page.md"
     if content == "folder":
         page.mkdir()
@@ -223,8 +223,6 @@ def test_a_page_that_is_none_is_refused(refused: Callable, tmp_path: Path, conte
     assert "page.md" in refused("thesis", "--out", tmp_path / "out", "--docs", page)
 
 
-def test_a_study_of_which_something_is_missing_changes_nothing(
-    refused: Callable, tmp_path: Path
-) -> None:
+def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "table.md").write_text("| table |\n")
     assert "imitation.gif is missing" in refused("publish", "--study", tmp_path)

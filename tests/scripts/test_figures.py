@@ -1,4 +1,4 @@
-"""The documents' numbers are those of numbers.json, and those are what the code gives."""
+"""The documents' numbers are those in numbers.json, and numbers.json holds what the code gives."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pytest
 
 from rimless_gym.params import PRESETS
 from scripts.documents import accuracy, errata, integrator, machines
+from scripts.documents.contents import DOCUMENTS
 from scripts.documents.motions import CASES
 from scripts.documents.tables import filled, tables
-from scripts.figures import DOCUMENTS
 
 ROOT = Path(__file__).parents[2]
 FIGURES = ROOT / "docs" / "figures"
@@ -90,7 +90,7 @@ def test_tables_are_written_where_their_heads_stand() -> None:
     assert filled(old, RECORDED) == page
 
 
-def test_the_text_quotes_the_recorded_numbers() -> None:
+def test_the_text_of_the_model_quotes_the_recorded_numbers() -> None:
     text = " ".join(PAGES["physics.md"].split())
     for low, high in RECORDED["kappa"].values():
         assert f"{low:.2f} to {high:.2f}" in text

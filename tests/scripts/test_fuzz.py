@@ -1,10 +1,11 @@
-"""The fuzz: short ones find nothing, and it notices whatever is wrong."""
+"""Short fuzzes find nothing, and environments that are wrong are noticed."""
 
 from __future__ import annotations
 
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,17 +17,16 @@ import numpy as np
 import pytest
 
 from rimless_gym import RimlessWheelVectorEnv
-from scripts import fuzz
 from scripts.fuzzing import trial
 from scripts.fuzzing.campaign import Worker
-from scripts.fuzzing.tally import Case, Tally
+from scripts.fuzzing.tally import Tally
 from scripts.fuzzing.trial import Trial
 
 ROOT = Path(__file__).parents[2]
-PLAIN = 6  # a seed without disturbances: 64 machines, reset by hand
+PLAIN = 6  # the seed of a trial of 64 machines without disturbances, reset by hand
 
 
-def command(*arguments: str) -> list[str]:
+def fuzz(*arguments: str) -> list[str]:
     return [sys.executable, str(ROOT / "scripts" / "fuzz.py"), *arguments]
 
 
@@ -46,13 +46,13 @@ def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
     assert 0.0 < tally.difference < 1e-8
 
 
-def test_a_trial_follows_from_its_seed() -> None:
+def test_the_seed_determines_a_trial() -> None:
     assert Trial(PLAIN).run() == Trial(PLAIN).run()
     assert Trial(PLAIN).run() != Trial(PLAIN + 1).run()
 
 
 class Biased(RimlessWheelVectorEnv):
-    """One whose steps are altered."""
+    """An environment that alters what its steps return."""
 
     def step(self, actions: Any) -> Any:
         seen = super().step(actions)
@@ -84,7 +84,7 @@ class Rounded(Biased):
 
 
 class Sunken(RimlessWheelVectorEnv):
-    """One whose feet are not where they should be."""
+    """An environment whose feet are below the ground."""
 
     @property
     def states(self) -> Any:
@@ -94,7 +94,7 @@ class Sunken(RimlessWheelVectorEnv):
 
 
 class Heavier(RimlessWheelVectorEnv):
-    """Its equations are those of machines in slightly stronger gravity than it says."""
+    """An environment with slightly stronger gravity than its parameters say."""
 
     def __init__(self, n: int, params: Any, **settings: Any) -> None:
         self.said = tuple(params if isinstance(params, list) else [params] * n)
@@ -112,34 +112,29 @@ class Heavier(RimlessWheelVectorEnv):
         (Overdrawn, "the ledger's residual"),
         (Undefined, "the reward is not finite"),
         (Outside, "outside its space"),
-        (Rounded, "clearance is .* alone"),
+        (Rounded, r"clearance = .* differs from the single environment's"),
         (Sunken, "a foot is below the ground"),
         (Heavier, "from the reference"),
-        (Heavier, "alone"),
+        (Heavier, "differs from the single environment's"),
     ],
 )
-def test_what_is_wrong_is_noticed(
+def test_an_environment_that_is_wrong_is_noticed(
     kind: type[RimlessWheelVectorEnv], trouble: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trial, "MOST_CASES", 1000)
     cases = Trial(PLAIN, kind).run().cases
-    assert any(_matches(trouble, case) for case in cases)
+    assert any(re.search(trouble, case.trouble) for case in cases)
     assert all(case.seed == PLAIN for case in cases)
     assert json.loads(str(cases[0]).removeprefix("FAILURE "))["seed"] == PLAIN
 
 
-def _matches(trouble: str, case: Case) -> bool:
-    first, _, last = trouble.partition(" .* ")
-    return first in case.trouble and case.trouble.endswith(last)
-
-
-def test_a_step_that_takes_for_ever_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_that_takes_too_long_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "SLOWEST_ROW", 0.0)
     monkeypatch.setattr(trial, "SLOWEST_CALL", 0.0)
     assert "a step took" in Trial(PLAIN).run().cases[0].trouble
 
 
-def test_a_process_that_dies_is_a_case_with_its_seed() -> None:
+def test_a_process_that_crashes_is_reported_with_its_seed() -> None:
     before = set(multiprocessing.active_children())
     worker = Worker()
     worker.start(7)
@@ -154,7 +149,7 @@ def test_a_process_that_dies_is_a_case_with_its_seed() -> None:
 
 def test_the_command_line_ends_with_a_summary() -> None:
     done = subprocess.run(
-        command("--seeds", "2", "--workers", "1"), capture_output=True, text=True, check=True
+        fuzz("--seeds", "2", "--workers", "1"), capture_output=True, text=True, check=True
     )
     [line] = done.stdout.splitlines()
     assert "2 seeds" in line
@@ -162,23 +157,10 @@ def test_the_command_line_ends_with_a_summary() -> None:
     assert "2.00/2.00" in done.stderr
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--seeds", "0"), ("--minutes", "nan"), ("--seed", "-1"), ("--steps", "5", "--seeds", "5")],
-)
-def test_arguments_that_make_no_sense_are_refused(
-    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["fuzz.py", *arguments])
-    with pytest.raises(SystemExit) as refusal:
-        fuzz.main()
-    assert refusal.value.code == 2
-
-
 @pytest.mark.slow
-def test_ctrl_c_prints_what_was_seen_so_far() -> None:
+def test_ctrl_c_prints_what_was_found_so_far() -> None:
     process = subprocess.Popen(
-        command("--minutes", "5", "--workers", "1"),
+        fuzz("--minutes", "5", "--workers", "1"),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

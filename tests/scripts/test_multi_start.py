@@ -1,3 +1,5 @@
+"""A search from many starts, run as scripts/multi_start.py runs it."""
+
 from __future__ import annotations
 
 import json
@@ -8,7 +10,7 @@ from typing import TypeAlias
 
 import pytest
 
-from scripts import multi_start
+from scripts.multi_start import command
 
 TROLLEY = """
 from trajopt.ocp.pose.phase import Phase
@@ -35,15 +37,13 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def run(problem: str, *options: str) -> int:
-        arguments = [problem, "--workers", "1", "--out", str(tmp_path / "out"), *options]
-        monkeypatch.setattr(sys, "argv", ["multi_start.py", *arguments])
-        return multi_start.main()
+        return command.main([problem, "--workers", "1", "--out", str(tmp_path / "out"), *options])
 
     yield run
     sys.modules.pop("trolleys", None)
 
 
-def test_the_best_is_reported_and_saved_with_its_picture(
+def test_the_best_optimum_is_reported_and_saved_with_its_picture(
     run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run("trolleys:trolley", "--starts", "4") == 0
@@ -54,7 +54,7 @@ def test_the_best_is_reported_and_saved_with_its_picture(
     assert figures["cost"] == pytest.approx(12.0)
 
 
-def test_the_same_command_goes_on_from_what_is_there(
+def test_the_same_command_goes_on_from_earlier_results(
     run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run("trolleys:trolley", "--starts", "2")
@@ -62,7 +62,7 @@ def test_the_same_command_goes_on_from_what_is_there(
     assert "3 starts in" in capsys.readouterr().out
 
 
-def test_where_nothing_is_found_the_exit_code_says_so(
+def test_the_exit_status_says_that_nothing_was_found(
     run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run("trolleys:too_far", "--starts", "2") == 2

@@ -1,4 +1,4 @@
-"""The tests can be run as other processors run them, and say which failed."""
+"""The tests can be run as other processors would run them; the processors that fail are named."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from pathlib import Path
 
 import pytest
 
-from scripts import processors
+from scripts.processors import command
+from scripts.processors.imitated import PROCESSORS
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """SkylakeX needs what no machine has."""
+    """SkylakeX needs instructions that no machine has."""
     changed = [
-        dataclasses.replace(p, needs=("magic",)) if p.name == "SkylakeX" else p
-        for p in processors.PROCESSORS
+        dataclasses.replace(p, needs=("magic",)) if p.name == "SkylakeX" else p for p in PROCESSORS
     ]
-    monkeypatch.setattr(processors, "PROCESSORS", tuple(changed))
+    monkeypatch.setattr(command, "PROCESSORS", tuple(changed))
 
 
 def which(names: str, code: str) -> int:
-    return processors.main([*names.split(), "--pytest", f"--co -q -p no:cacheprovider {code}"])
+    return command.main([*names.split(), "--pytest", f"--co -q -p no:cacheprovider {code}"])
 
 
-def test_every_processor_asked_for_is_run_or_said_to_be_skipped(
+def test_every_chosen_processor_is_run_or_reported_as_skipped(
     missing: None, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert which("Prescott SkylakeX", "tests/trajopt/ocp/test_ties.py") == 0
@@ -40,7 +40,7 @@ def test_every_processor_asked_for_is_run_or_said_to_be_skipped(
     assert "no magic" in summary[0]
 
 
-def test_a_failure_is_told_by_name_and_by_the_exit_status(
+def test_a_failure_is_reported_by_name_and_by_the_exit_status(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     assert which("x86-64-v2", "tests/nothing.py") == 1
@@ -48,19 +48,20 @@ def test_a_failure_is_told_by_name_and_by_the_exit_status(
 
 
 @pytest.mark.parametrize("name", ["x86-64-v2", "x86-64-v3"])
-def test_numba_compiles_for_the_target_alone(name: str, tmp_path: Path) -> None:
-    (processor,) = (p for p in processors.PROCESSORS if p.name == name)
+def test_numba_compiles_for_the_chosen_processor_only(name: str, tmp_path: Path) -> None:
+    (processor,) = (p for p in PROCESSORS if p.name == name)
     code = (
         "from numba.core.registry import cpu_target\n"
         "print(cpu_target.target_context.codegen().magic_tuple())"
     )
     environment = processor.environment | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    program = [sys.executable, "-c", code]
+    done = subprocess.run(program, capture_output=True, text=True, check=True, env=environment)
     assert name in done.stdout
     assert "avx512" not in done.stdout
 
 
 def test_unknown_processors_are_refused() -> None:
-    with pytest.raises(SystemExit):
-        processors.main(["Z80"])
+    with pytest.raises(SystemExit) as refusal:
+        command.main(["Z80"])
+    assert refusal.value.code == 2

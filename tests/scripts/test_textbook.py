@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,33 +12,24 @@ from scripts import textbook
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "optimal-control.md"
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["textbook.py", *arguments])
-    return textbook.main()
-
-
-def test_it_prints_a_row_for_each_problem_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, "gear", "least_effort_move", "--elements", "4") == 0
+def test_it_prints_a_row_for_each_named_problem(capsys: pytest.CaptureFixture[str]) -> None:
+    assert textbook.main(["gear", "least_effort_move", "--elements", "4"]) == 0
     rows = capsys.readouterr().out.splitlines()[2:]
     assert [row.split(" | ")[0] for row in rows] == ["| least effort move", "| gear"]
     assert all("4 of degree 4" in row for row in rows)
 
 
-def test_what_does_not_converge_says_so_and_fails(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_the_row_and_the_status_say_that_a_problem_did_not_converge(
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ("passive_wheel", "--scheme", "trapezoid", "--tolerance", "1e-12")
-    assert run(monkeypatch, *arguments) == 1
+    arguments = ["passive_wheel", "--scheme", "trapezoid", "--tolerance", "1e-12"]
+    assert textbook.main(arguments) == 1
     assert "mesh error" in capsys.readouterr().out
 
 
-def test_unknown_problems_are_refused_by_name(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unknown_problems_are_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        run(monkeypatch, "nonsense")
+        textbook.main(["nonsense"])
     assert "unknown problems: nonsense" in capsys.readouterr().err
 
 

@@ -21,6 +21,10 @@ from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 #: the speeds of gaits a whole number of steps apart are exact only to a solver's tolerance.
 SPEED_STEP, STRETCH = 0.025, 1e-6
 
+#: Shortest step (m/s). Shorter ones come a little nearer to where a family of gaits ends, and take
+#: several times as long to find out that it does.
+SHORTEST_STEP = SPEED_STEP / 2
+
 #: A gait of the same machine whose speed differs by less (m/s) is followed with a smaller barrier.
 #: (Not a round number, because differences of speeds are.)
 SAME_SPEED = 9e-4
@@ -71,6 +75,7 @@ def _followed(problem: Any, lead: Solution, speed: float, mesh: Mesh) -> Curve:
         [lead.speed, speed],
         mesh=mesh,
         step=SPEED_STEP,
+        shortest=SHORTEST_STEP,
         passes=0,
         verify=False,
         ladder=({},),

@@ -1,1 +1,1 @@
-"""Programs that each measure one simulator; those of peers run in the peers' own interpreters."""
+"""Programs that each measure one thing. Those of peers run in the peers' own environments."""

@@ -1,8 +1,8 @@
-"""The bare script that other tools are compared with: CasADi, IPOPT and MUMPS, by hand.
+"""The cart-pole by hand, with CasADi, IPOPT and MUMPS: the script that tools are compared with.
 
-Hermite-Simpson, separated: states and forces in the middles of segments are variables too. The
-equations of motion are mapped over all points at once and expanded into scalars, which makes
-derivatives several times as fast as without and building dearer.
+It uses separated Hermite-Simpson: states and forces in the middle of a segment are variables too.
+The equations of motion are mapped over all points at once and expanded into scalars. That makes
+derivatives several times as fast, and building slower.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OPTIONS: dict[str, Any] = {
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A repetition builds the solver and solves once."""
+    """Each repetition builds the solver and solves once."""
     return lambda seconds: cartpole.repeated(once, seconds), {
         "version": f"casadi {version('casadi')}"
     }
@@ -47,7 +47,7 @@ def once() -> dict[str, float]:
 
 
 def build() -> tuple[Any, dict[str, Any]]:
-    """The solver, and what to call it with."""
+    """The solver and its arguments."""
     points, h = 2 * cartpole.SEGMENTS + 1, cartpole.DURATION / cartpole.SEGMENTS
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     rates = ca.vertcat(*cartpole.derivative(ca.vertsplit(x), u, ca.sin, ca.cos))

@@ -1,6 +1,7 @@
 """Drake's direct collocation (Hermite-Simpson) on the cart-pole, with one of its solvers.
 
-The system is symbolic: several times as fast as Drake's multibody plant of the same machine.
+The system is symbolic, which is several times as fast as Drake's multibody plant of the same
+machine.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from scripts.benchmarks.protocol import Measure, serve
 
 SOLVERS = {"ipopt": IpoptSolver, "snopt": SnoptSolver}
 
-#: How their reports begin the line with the number of iterations.
+#: The line of their reports that has the number of iterations.
 ITERATIONS = r"(?:Number of Iterations\.+:|No\. of major iterations) *(\d+)"
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A repetition builds the program and solves it once."""
+    """Each repetition builds the program and solves it once."""
     solver = SOLVERS[settings["solver"]]()
     iterations = count(solver)
 
@@ -50,7 +51,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
 
 
 def build() -> DirectCollocation:
-    """The program."""
+    """The mathematical program."""
     x, u = [Variable(name) for name in ("q1", "q2", "v1", "v2")], Variable("u")
     system = SymbolicVectorSystem(
         state=x, input=[u], output=x, dynamics=cartpole.derivative(x, u, sin, cos)

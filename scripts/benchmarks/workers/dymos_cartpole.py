@@ -1,7 +1,8 @@
 """dymos on the cart-pole: its own example's equations, Gauss-Lobatto of order 3, SciPy's SLSQP.
 
-There are no wheels of pyOptSparse, with whose IPOPT or SNOPT dymos would be faster. One thread for
-linear algebra, because SLSQP on its small dense matrices is several times as slow with two.
+With IPOPT or SNOPT from pyOptSparse dymos would be faster, but pip cannot install pyOptSparse
+without compiling it. Linear algebra runs on one thread, because SLSQP on small dense matrices is
+several times as slow on two.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dymos.examples.cart_pole.cartpole_dynamics import (  # type: ignore[import-
 from scripts.benchmarks import cartpole
 from scripts.benchmarks.protocol import Measure, serve
 
-#: Names of the states as in `cartpole.START`, of their rates, and units.
+#: Names of the states (in the order of `cartpole.START`) and of their rates, and units.
 STATES = (
     ("x", "x_dot", "m"),
     ("theta", "theta_dot", "rad"),
@@ -34,7 +35,7 @@ STATES = (
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A repetition builds the problem and solves it once; it leaves files behind."""
+    """Each repetition builds the problem and solves it once, in a folder for dymos's files."""
 
     def measure(seconds: float) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
@@ -52,7 +53,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
 
 
 def once() -> dict[str, float]:
-    """Build, with the colouring of the derivatives, and solve."""
+    """Build, which includes the colouring of the derivatives, and solve."""
     begin = time.perf_counter()
     problem = build()
     built = time.perf_counter()

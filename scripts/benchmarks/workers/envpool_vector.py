@@ -1,4 +1,4 @@
-"""EnvPool at the best of many settings, which each worker finds for itself before it serves."""
+"""EnvPool with the fastest of many settings, which are tried beforehand."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import numpy as np
 
 from scripts.benchmarks.protocol import Measure, serve, timed
 
-#: (environments, batch): asynchronous where the batch is smaller.
+#: (environments, batch); asynchronous if the batch is smaller.
 SIZES = ((64, 64), (256, 256), (1024, 1024), (4096, 4096), (64, 32), (256, 128), (2048, 1024))
 
-#: Rounds over all settings, and how long each is tried (s).
+#: Rounds over all settings, and duration of each trial (s).
 TRIALS, TRIAL = 3, 0.25
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Try all settings round after round and keep the one with the best median."""
+    """Try all settings in several rounds, and keep the one with the best median."""
     cores = os.cpu_count() or 1
     tried = {
         (n, batch, threads): _measure(settings["env"], n, batch, threads)

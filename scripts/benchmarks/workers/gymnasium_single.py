@@ -14,7 +14,7 @@ N_ACTIONS = 4096
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Random actions, drawn beforehand; episodes begin anew outside the clock, as ours do."""
+    """Random actions are drawn beforehand. Resets are not timed, as in our own worker."""
     env = gym.make(settings["env"])
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(N_ACTIONS)]

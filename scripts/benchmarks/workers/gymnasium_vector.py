@@ -13,7 +13,7 @@ from scripts.benchmarks.protocol import Measure, serve, timed
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Random actions, drawn beforehand; it begins episodes anew by itself."""
+    """Random actions are drawn beforehand. The environment resets its rows by itself."""
     n = settings["n"]
     env = gym.make_vec(settings["env"], num_envs=n, vectorization_mode="vector_entry_point")
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""gymnax on the CPU: many steps under one `jit`, the best of some lengths of the scan."""
+"""gymnax on the CPU: many steps under one `jit`, with the fastest of some lengths of the scan."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TRIALS, TRIAL = 3, 0.5
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Try all lengths round after round and keep the one with the best median."""
+    """Try all lengths in several rounds, and keep the one with the best median."""
     env, params = gymnax.make(settings["env"])
     tried = {length: _measure(env, params, settings["n"], length) for length in LENGTHS}
     rates: dict[int, list[float]] = {length: [] for length in tried}
@@ -46,7 +46,7 @@ def _measure(env: Any, params: Any, n: int, length: int) -> Measure:
             observation, state, reward, done, *_ = step(
                 jax.random.split(draw, n), carry[1], action, params
             )
-            # What the caller gets must be computed, but need not all be kept.
+            # The sums force everything to be computed without keeping all of it.
             return (key, state), (observation.sum(), reward.sum(), done.sum())
 
         return jax.lax.scan(body, (key, state), actions)

@@ -1,4 +1,4 @@
-"""How far our stepping is from the reference simulator over 2 s of the walking gait."""
+"""How far our stepping kernel is from the reference simulator over 2 s of the walking gait."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scripts.benchmarks.walks import PARAMS, Floats, Walks, load_walks
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A measurement compares some pieces of walks and tells the largest errors."""
+    """Each measurement compares some pieces of walks, and gives the largest errors."""
     walks = load_walks(Path(settings["folder"]))
     pieces = count()
 
@@ -41,14 +41,14 @@ def compare(walk: Walks) -> dict[str, float]:
     """Largest errors of one piece of 2 s.
 
     Returns:
-        `state_error`: of the states (rad, rad/s) at the control instants, the two having known
-        nothing of each other since the start. `event_error`: of the touchdowns' times (s), each
-        from the reference's state at the start of its control interval. `event_drift`: of the
-        same times, but since the start like the states: a gait without its feedback turns
-        rounding errors at its start into touchdowns that are off, whoever locates them.
+        `state_error`: of the states (rad, rad/s) at the ends of the control intervals, where kernel
+        and reference have the same start and walk on their own. `event_error`: of the times of
+        touchdowns (s), where the kernel starts from the reference's state at the beginning of the
+        touchdown's control interval. `event_drift`: of the same times (s), where both walk on their
+        own; without feedback the gait magnifies rounding errors.
 
     Raises:
-        RuntimeError: the two see another number of touchdowns.
+        RuntimeError: the two have different numbers of touchdowns.
     """
     volts = PARAMS.voltage_limit * walk.actions[:, 0].astype(np.float64)
     mode = MODE_NAMES[walk.modes[0]]
@@ -78,7 +78,7 @@ def compare(walk: Walks) -> dict[str, float]:
 
 
 def touchdown_time(state: Floats, u: float, number: int) -> float:
-    """When in the interval the kernel sees its touchdown of that number: by bisection."""
+    """When in the interval the kernel finds its touchdown of that number (s), by bisection."""
     early, late = 0.0, CONTROL_PERIOD
     while early < (middle := (early + late) / 2) < late:
         rows = advance(PARAMS, state.copy(), np.array([u]), middle)

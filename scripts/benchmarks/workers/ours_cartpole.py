@@ -1,4 +1,4 @@
-"""Our engine on the cart-pole."""
+"""Our optimal control engine on the cart-pole."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trajopt.ocp.transcribe.nlp import Transcription
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A repetition builds the problem and solves it on one mesh."""
+    """Each repetition builds the problem and solves it on one mesh."""
     return lambda seconds: cartpole.repeated(once, seconds), {"version": "rimless-gym"}
 
 

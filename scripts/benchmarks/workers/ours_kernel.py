@@ -1,7 +1,7 @@
-"""Our stepping kernel alone, on a walking gait: no Gymnasium, no observation, no reward.
+"""Our stepping kernel without Gymnasium, observations and rewards, on a walking gait.
 
-All rows go to the compiled batch with one call from Python for each interval, whose own cost a
-single row feels.
+Python makes one compiled call for each control interval of all rows. For a single row the call
+itself takes a good part of the time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scripts.benchmarks.walks import PARAMS, WINDOW, Floats, Walks, load_walks
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Replay pieces of walks; putting the states in place is not timed."""
+    """Replay pieces of walks. Setting the states is not timed."""
     walks = load_walks(Path(settings["folder"]))
     replay = _replayer(walks.take(settings["n"]))
 
@@ -36,7 +36,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
 
 
 def _replayer(walks: Walks) -> Callable[[], tuple[int, float, float]]:
-    """What replays all pieces side by side and gives steps, seconds and the error at the end."""
+    """A function that replays all pieces side by side: steps, seconds, and the error at the end."""
     constants, work = PARAMS.constants_array[:, None].copy(), scratch()
     poles = np.array([PARAMS.motor_pole])
     voltages = PARAMS.voltage_limit * walks.actions.astype(np.float64)

@@ -1,4 +1,4 @@
-"""What a fresh process pays: its imports, its first steps, and memory for each environment."""
+"""What a fresh process costs: imports, first steps, gaits, and memory for each environment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any
 
 from scripts.benchmarks.protocol import Measure, serve
 
-# The first make() compiles and loads what all share; tracing would add to what is resident.
+# The first make() compiles and loads what all environments share. Tracing comes last, because it
+# takes memory itself.
 _MEMORY = """
 import gc, json, resource, time, tracemalloc
 import gymnasium, rimless_gym
@@ -36,7 +37,7 @@ print(json.dumps({{
 }}))
 """
 
-# What is imported is not counted, but anything compiled or loaded later is.
+# Imports are not counted, but anything that is compiled or loaded later is.
 _GAIT = """
 import json, time
 from rimless_gym import THESIS_PHYSICAL
@@ -47,7 +48,7 @@ assert gait.verification.passed
 print(json.dumps({{"steps": 1, "seconds": time.perf_counter() - begin}}))
 """
 
-#: Each prints a JSON object. `seconds` counts from the first import of ours, but for gaits.
+#: Each prints a JSON object. Except for gaits, `seconds` includes the imports.
 PROGRAMS = {
     "import": """
 import json, time
@@ -98,7 +99,7 @@ print(json.dumps({"steps": 1, "seconds": time.perf_counter() - begin}))
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A measurement is one fresh process, however long it takes."""
+    """Each measurement is one fresh process, however long it takes."""
     program = PROGRAMS[settings["program"]]
 
     def measure(seconds: float) -> dict[str, Any]:

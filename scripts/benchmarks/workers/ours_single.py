@@ -1,7 +1,7 @@
 """Our environment, exactly as `gym.make` gives it, on a walking gait.
 
-Its info is made when it is first read. Nobody reads the peers', so ours is read only on request:
-`read_info`.
+Its info is made when it is first read. The peers' info is not read, so ours is read only with the
+setting `read_info`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scripts.benchmarks.walks import PARAMS, load_walks
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Replay one piece of a walk after the other; each is put in place outside the clock."""
+    """Replay one piece of a walk after the other. Resets are not timed."""
     walks = load_walks(Path(settings["folder"]))
     env = gym.make("RimlessWheel-v0", params=PARAMS)
     play, replays = _play_reading if settings.get("read_info") else _play, count()

@@ -1,63 +1,113 @@
-"""The share of PPO's training time that goes into our environments and their adapter."""
+"""The share of a training by `agents.train` that goes into our environments, logs included.
+
+A measurement is a tenth of a training: roll-outs of PPO with its updates, figures of walking logged
+at every step, and at the end one evaluation of the policy and one saved state.
+"""
 
 from __future__ import annotations
 
+import tempfile
 import time
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
-
+from agents import learners
 from agents.conditions import Conditions
-from agents.sb3.training_env import training_env
+from agents.interrupts import StopRequest
+from agents.protocol import SHORT_PROTOCOL
+from agents.sb3.callbacks import LogWalking
+from agents.sb3.hyperparameters import Hyperparameters
+from agents.session import EVALUATIONS, Plan, Session, Standing
+from agents.train import reward_per_second
+from agents.training import SCRATCH, Training
+from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.envs.task import Task
 from scripts.benchmarks.protocol import Measure, serve
 from scripts.benchmarks.walks import PARAMS
 
+#: Control intervals of a whole training.
+TOTAL = 500_000
 
-class Stopwatch(VecEnvWrapper):
-    """Adds up the time that a learner waits for its environments."""
+#: Steps after which a session would evaluate by itself, as it does at its end: never.
+NEVER = 10**18
 
-    def __init__(self, venv: VecEnv) -> None:
-        super().__init__(venv)
+
+class Stopwatch:
+    """Adds up the time that is spent in some functions, which may call each other."""
+
+    def __init__(self) -> None:
         self.seconds = 0.0
-        self.begin = 0.0
+        self._running = False
 
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        begin = time.perf_counter()
-        observations = self.venv.reset()
-        self.seconds += time.perf_counter() - begin
-        return observations
+    def watch(self, owner: Any, name: str) -> None:
+        """Time all calls of a function of an object, or of a class, from now on."""
+        function = getattr(owner, name)
 
-    def step_async(self, actions: Any) -> None:
-        """The clock runs from here to the end of `step_wait`: nothing happens in between."""
-        self.begin = time.perf_counter()
-        self.venv.step_async(actions)
+        def timed(*arguments: Any, **settings: Any) -> Any:
+            if self._running:
+                return function(*arguments, **settings)
+            self._running, begin = True, time.perf_counter()
+            try:
+                return function(*arguments, **settings)
+            finally:
+                self.seconds += time.perf_counter() - begin
+                self._running = False
 
-    def step_wait(self) -> VecEnvStepReturn:
-        """What the environments give."""
-        answer = self.venv.step_wait()
-        self.seconds += time.perf_counter() - self.begin
-        return answer
+        setattr(owner, name, timed)
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A measurement is one `learn` of one rollout, however long it takes."""
-    torch.set_num_threads(1)
-    n, arguments = settings["n"], settings["ppo"]
-    env = Stopwatch(training_env(n, Conditions(PARAMS), Task(), seed=0))
-    model = PPO("MlpPolicy", env, seed=0, device="cpu", **arguments)
+    """Train with PPO on one thread, however long a measurement takes.
+
+    An answer has the `share` of all of it, and of that the parts in `learning` and in `logging`;
+    the rest is in evaluations.
+    """
+    hyperparameters = Hyperparameters(
+        n_timesteps=TOTAL,
+        n_envs=settings["n"],
+        reward_scale=1.0,
+        algorithm={"policy": "MlpPolicy", **settings["ppo"]},
+        entry={},
+    )
+    conditions, seed = Conditions(PARAMS), 0
+    training = Training("ppo", SCRATCH, seed, conditions, Task(), hyperparameters)
+    learner: Any = learners.learner("ppo")(training)
+    watches = {name: Stopwatch() for name in ("learning", "logging", "share")}
+    watches["learning"].watch(learner.model.env, "step")  # the adapter included
+    watches["logging"].watch(LogWalking, "on_step")
+    for owner, name in (
+        (learner.model.env, "step"),
+        (LogWalking, "on_step"),
+        (RimlessWheelVectorEnv, "reset"),  # this one and the next for evaluations
+        (RimlessWheelVectorEnv, "step"),
+    ):
+        watches["share"].watch(owner, name)
 
     def measure(seconds: float) -> dict[str, Any]:
-        before, begin = env.seconds, time.perf_counter()
-        steps = model.n_steps * n
-        model.learn(steps, reset_num_timesteps=False)
+        before = {name: watch.seconds for name, watch in watches.items()}
+        steps, begin = learner.steps, time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            plan = Plan(
+                training=training,
+                out=Path(folder),
+                total=steps + TOTAL // EVALUATIONS,
+                score=reward_per_second,
+                protocol=SHORT_PROTOCOL,
+                progress=False,
+            )
+            stop = StopRequest("never", "nothing")
+            session = Session(plan, learner, Standing(due=NEVER), stop)
+            try:
+                session.run()
+            finally:
+                session.close()
         elapsed = time.perf_counter() - begin
-        return {"steps": steps, "seconds": elapsed, "share": (env.seconds - before) / elapsed}
+        return {
+            "steps": learner.steps - steps,
+            "seconds": elapsed,
+            **{name: (watch.seconds - before[name]) / elapsed for name, watch in watches.items()},
+        }
 
     return measure, {"version": f"stable-baselines3 {version('stable_baselines3')}"}
 

@@ -1,4 +1,4 @@
-"""Our native vector environment on a walking gait: observations, rewards, infos and all."""
+"""Our native vector environment on a walking gait, with observations, rewards and infos."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scripts.benchmarks.walks import PARAMS, load_walks
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """Replay pieces of walks, one in each row; they are put in place outside the clock."""
+    """Replay pieces of walks, one in each row. Resets are not timed."""
     n = settings["n"]
     walks = load_walks(Path(settings["folder"])).take(n)
     env = gym.make_vec("RimlessWheel-v0", num_envs=n, params=PARAMS)

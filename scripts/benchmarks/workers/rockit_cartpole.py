@@ -1,4 +1,4 @@
-"""rockit on the cart-pole, with the settings that solve it fastest."""
+"""rockit on the cart-pole, with the settings with which it is fastest."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ OPTIONS |= {"detect_simple_bounds": True}
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
-    """A repetition builds an `Ocp` and solves it twice.
+    """Each repetition builds an `Ocp` and solves it twice.
 
-    rockit makes its solver within the first solve: what that takes longer than the second counts
-    as building.
+    rockit makes its solver within the first solve. The time by which that takes longer than the
+    second solve counts as building.
     """
     method = settings["method"]
 
@@ -47,7 +47,7 @@ def once(method: str) -> dict[str, float]:
 
 
 def build(method: str) -> tuple[Any, Any]:
-    """The problem, and its cost; the force is linear within a segment."""
+    """The problem and its cost. The force is linear within a segment."""
     ocp = Ocp(T=cartpole.DURATION)
     x, u = ocp.state(4), ocp.control(order=1)
     ocp.set_der(x, ca.vertcat(*cartpole.derivative(ca.vertsplit(x), u, ca.sin, ca.cos)))

@@ -27,7 +27,7 @@ from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.nlp import Transcription
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: The shortest step that is tried, as a fraction of the whole way.
+#: The shortest step that is tried by default, as a fraction of the whole way.
 SHORTEST = 2.0**-8
 
 #: By what a step is multiplied when it succeeds.
@@ -48,6 +48,7 @@ def continued(
     *,
     mesh: Mesh | None = None,
     step: float | None = None,
+    shortest: float | None = None,
     leap: float = 0.3,
     progress: bool = False,
     **settings: Any,
@@ -64,6 +65,7 @@ def continued(
             are met exactly; the last is the goal.
         mesh: to begin with; that of `start` by default, if it has one.
         step: the longest; by default as far as the next value.
+        shortest: the shortest that is tried; by default 1/256 of the whole way.
         leap: a step whose solution is farther than this (`distance`) from its extrapolation has
             leapt to another solution.
         progress: whether to show a bar.
@@ -85,13 +87,15 @@ def continued(
         raise ValueError(f"values = {values}: give a start and a goal, or more, all different")
     if step is not None:
         step = positive("step", step)
+    length = sum(abs(b - a) for a, b in pairwise(values))
+    shortest = SHORTEST * length if shortest is None else positive("shortest", shortest)
     leap, progress = positive("leap", leap), flag("progress", progress)
     if mesh is not None:
         require_kind("mesh", mesh, Mesh)
     follower = _Follower(problem_at, start, mesh, leap, settings)
     with tqdm(total=100, desc="continuation", unit="%", disable=not progress) as bar:
         try:
-            obstacle = follower.follow(values, step or math.inf, bar)
+            obstacle = follower.follow(values, step or math.inf, shortest, bar)
         except KeyboardInterrupt:
             raise Interrupted(follower.curve(values[-1])) from None
     return follower.curve(values[-1], obstacle)
@@ -161,7 +165,9 @@ class _Follower:
         values, solutions = zip(*self.found, strict=True) if self.found else ((), ())
         return Curve(goal, values, solutions, obstacle)
 
-    def follow(self, values: Sequence[float], longest: float, bar: tqdm) -> Obstacle | None:
+    def follow(
+        self, values: Sequence[float], longest: float, shortest: float, bar: tqdm
+    ) -> Obstacle | None:
         """Go from the first of the values to the last; what is in the way, if anything."""
         length, step = sum(abs(b - a) for a, b in pairwise(values)), longest
         obstacle = self._solve(values[0])
@@ -176,7 +182,7 @@ class _Follower:
                     step = min(GROWTH * step, longest)
                     bar.set_postfix_str(f"at {value:.6g}", refresh=False)
                     bar.update(100 * abs(value - reached) / length)
-                elif step / 2 > (1 - SHORT_OF) * SHORTEST * length:
+                elif step / 2 > (1 - SHORT_OF) * shortest:
                     step, obstacle = step / 2, None
         return obstacle
 

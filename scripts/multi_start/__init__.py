@@ -1,0 +1,1 @@
+"""Local optima of a problem, searched for from many starts."""

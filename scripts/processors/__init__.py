@@ -1,0 +1,1 @@
+"""The tests as other processors would run them."""
