@@ -102,6 +102,12 @@ def test_a_curve_that_ends_early_says_why(start: Extremal) -> None:
     assert list(curve.values) == sorted(curve.values, reverse=True)
 
 
+def test_no_step_is_tried_that_is_shorter_than_the_shortest_allowed(start: Extremal) -> None:
+    curve = continued(slower_than, start, (3.0, 0.5), shortest=0.5, verify=False, passes=0)
+    assert curve.obstacle is not None
+    assert 0.5 <= curve.values[-1] - curve.obstacle.value < 1.0
+
+
 def test_bounds_that_contradict_each_other_are_an_obstacle(start: Extremal) -> None:
     def away(far: float) -> Problem:
         return changed(bounds={"x": (0.0, 1.5)}, end={"x": far})
