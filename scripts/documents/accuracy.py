@@ -105,16 +105,15 @@ class Accuracy:
         if ours.same_events(len(theirs), mode, int(reference.foot[-1])):
             errors = np.abs(ours.states[:, :4] - reference.state(ends, side="left"))
             self.state = max(self.state, float(errors.max()))
-            energies = [
-                dataclasses.astuple(ledger)
-                for ledger in (Ledger.from_rows(ours.total, motion.params), reference.ledger)
-            ]
-            self.energy = max(self.energy, float(np.abs(np.subtract(*energies)).max()))
+            energies = Ledger.from_rows(ours.total, motion.params).to_dict()
+            known = reference.ledger.to_dict()
+            apart = [abs(energies[name] - known[name]) for name in known if name != "residual"]
+            self.energy = max(self.energy, *apart)
         else:
             self.disagreements += 1
         if ours.same_events(moved.touchdowns, *moved.states[-1, MODE:]):
-            apart = np.abs(ours.states[:, :4] - moved.states[:, :4])
-            self.nudged = max(self.nudged, float(apart.max()))
+            errors = np.abs(ours.states[:, :4] - moved.states[:, :4])
+            self.nudged = max(self.nudged, float(errors.max()))
         self.height = max([self.height, *heights])
 
 
