@@ -5,6 +5,8 @@ import pytest
 
 from agents.walking_figures import WalkingFigures
 from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.energy import CHANNELS
+from rimless_gym.envs.task import TERM_NAMES
 from tests.agents.runs import run, scalars
 
 
@@ -19,8 +21,8 @@ def test_tensorboard_shows_return_cost_of_transport_speed_steps_and_energies(tmp
 
 
 def test_what_is_logged_are_ratios_of_sums_of_the_infos():
-    names = ("copper", "friction", "drag", "collision", "shaft", "idle", "electrical")
-    info = {name: np.zeros(2) for name in (*names, "reward_end", "failure")}
+    names = [channel.name for channel in CHANNELS]
+    info = {name: np.zeros(2) for name in (*names, *TERM_NAMES, "failure")}
     info |= {"steps": np.ones(2), "elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}
     info |= {"electrical_positive": np.array([1.0, 0.2]), "reward_energy": np.full(2, -0.1)}
     info |= {"reward_distance": 0.5 * info["distance"]}
@@ -39,4 +41,5 @@ def test_what_is_logged_are_ratios_of_sums_of_the_infos():
     assert seen["walk/cot"] == pytest.approx(1.2 / (THESIS_PHYSICAL.weight * 0.04))
     assert seen["walk/speed"] == pytest.approx(2.0)
     assert seen["walk/steps"] == 4
+    assert sum(seen[f"walk/{name}"] for name in TERM_NAMES) == pytest.approx(seen["walk/return"])
     assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)
