@@ -62,7 +62,8 @@ class Cloning:
     held_out: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "expert_starts", "starts", "gait_starts", "batch_size"):
+        integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out
+        for name in ("rounds", "starts", "gait_starts", "batch_size"):
             integer(name, getattr(self, name), 1)
         for name in ("labels", "gait_labels", "gradient_steps"):
             integer(name, getattr(self, name), 0)
@@ -74,8 +75,8 @@ class Cloning:
                 f"{2 * CONTROL_PERIOD} s"
             )
         real("log_std", self.log_std)
-        if not 0 < real("held_out", self.held_out) < 1:
-            raise ValueError(f"held_out = {self.held_out}: must lie strictly between 0 and 1")
+        if not 0 < real("held_out", self.held_out) <= 0.5:
+            raise ValueError(f"held_out = {self.held_out}: must be greater than 0, at most 0.5")
 
 
 @dataclasses.dataclass(frozen=True)

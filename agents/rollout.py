@@ -89,7 +89,6 @@ class Rollout:
     ) -> None:
         starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
         modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]
-        # A walk that has ended is reset and goes on unseen: it must not stop the others.
         self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
         self._seen, _ = self._envs.reset(
             seed=seed, options={"state": starts[:, :4].copy(), "mode": modes}
@@ -113,6 +112,8 @@ class Rollout:
             own = {name: values[running] for name, values in info.items()}
             yield Interval(running, now, seen, actions, own, states[running])
             running = running[~fell[running]]
+            if fell.any():  # a walk that has ended rests from then on, and does not stop the others
+                envs.reset(options={"mode": "double_stance", "reset_mask": fell})
 
     def _actions(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
         given = states.copy()  # a policy may write into what it is given

@@ -157,8 +157,10 @@ class Session:
         self.evaluations.append((steps, result))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
             self.log.record(f"eval/{name}", getattr(result, name))
-        score = plan.score(result)
-        if score > self._standing.best:
+        score = float(plan.score(result))
+        if math.isnan(score):  # such as the cost of transport of a policy that does not walk
+            score = -math.inf
+        if score > self._standing.best or not (plan.out / BEST).exists():
             self._standing.best = score
             notes = {"score": score, "evaluation": result.to_dict()}
             save_policy(plan.out / BEST, plan.training, self._learner, **notes)

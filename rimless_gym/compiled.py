@@ -6,6 +6,8 @@ need together, because every compiled function costs a new process some tenths o
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym import hybrid
@@ -22,7 +24,7 @@ def rates(mode, phi, theta, dphi, dtheta, u, constants):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
     dpsi = hybrid.relative_rate(dphi, dtheta, p)
-    electrical, shaft = hybrid.electrical_power(dpsi, u, p), hybrid.motor_torque(dpsi, u, p) * dpsi
+    electrical, shaft = hybrid.electrical_power(dpsi, u, p), hybrid.shaft_power(dpsi, u, p)
     motion = dphi, dtheta, ddphi, ddtheta, electrical, shaft
     return motion, hybrid.losses(dphi, dpsi, u, p)
 
@@ -34,6 +36,26 @@ def guards(mode, phi, theta, dphi, dtheta, u, pull, constants):
     return hybrid.guards(mode, phi, theta, dphi, dtheta, u, pull, p)
 
 
+class Measured(NamedTuple):
+    """What is known of a state at a voltage.
+
+    Attributes:
+        force: (Fx, Fy) on the foot, or on both (N).
+        demand: the friction coefficient that it needs.
+        energy: mechanical, measured from the stance foot (J).
+        momentum: (x, y) of the machine (N s).
+        hub: its x from the stance foot (m).
+        clearance: of the pendulum's end (m).
+    """
+
+    force: Any
+    demand: Any
+    energy: Any
+    momentum: Any
+    hub: Any
+    clearance: Any
+
+
 @kept()
 def measured(mode, phi, theta, dphi, dtheta, u, constants):
     """(Fx, Fy), mechanical energy, momentum, the hub's x and the pendulum's clearance."""
@@ -43,7 +65,8 @@ def measured(mode, phi, theta, dphi, dtheta, u, constants):
     energy = hybrid.mechanical_energy(phi, theta, dphi, dtheta, p)
     momentum = hybrid.linear_momentum(phi, theta, dphi, dtheta, p)
     hub, clearance = hybrid.hub_position(phi, p)[0], hybrid.pendulum_clearance(phi, theta, p)
-    return force, energy, momentum, hub, clearance
+    demand = hybrid.friction_demand(force[0], force[1])
+    return Measured(force, demand, energy, momentum, hub, clearance)
 
 
 @kept()
@@ -55,6 +78,6 @@ def after_touchdown(direction, theta, dphi, dtheta, u, constants):
 
 @kept()
 def after_lift_off(theta, dtheta, u, constants):
-    """`hybrid.after_lift_off`."""
+    """See `Measured`."""
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     return hybrid.after_lift_off(theta, dtheta, u, p)

@@ -28,7 +28,7 @@ SINGLE, DOUBLE = range(len(MODE_NAMES))
 
 #: Names of the impact laws; `impact` has what each does.
 IMPACT_LAWS = ("plastic", "relabel", "thesis")
-PLASTIC, RELABEL, THESIS = range(len(IMPACT_LAWS))
+PLASTIC, RELABEL, THESIS = range(3)
 
 #: The losses of smooth motion, each with its power. A new loss is an entry here, its power in
 #: `losses` and its torque in `hub_friction` or `forces`: the ledger, the simulators, `info`, the
@@ -174,6 +174,11 @@ def equations(
         return motor_torque(dpsi, u, p) - hub_friction(dpsi, p)
 
     @compiled
+    def shaft_power(dpsi, u, p):
+        """What the motor does to wheel and pendulum (W): electrical power less the copper loss."""
+        return motor_torque(dpsi, u, p) * dpsi
+
+    @compiled
     def air_drag(dphi, p):
         """Torque about the foot of the air drag on the hub (N m), against phi'."""
         return p.Cd * abs(dphi) * dphi
@@ -243,6 +248,11 @@ def equations(
         return max(leading, -trailing)
 
     @compiled
+    def crosses_kink(dphi, dphi_end, p):
+        """Whether a loss has a kink between two rates of the leg; integration steps end there."""
+        return p.Cd > 0.0 and dphi * dphi_end < 0.0
+
+    @compiled
     def contact_guard(fy, pull):
         """How far the pull that the feet need (N) exceeds `pull`, the most the ground can exert."""
         return -pull - fy
@@ -303,6 +313,12 @@ def equations(
         return (m11 * m22 - m12 * m12) / (m11 * m22)
 
     @compiled
+    def least_regularity(p):
+        """The least `regularity` over all poses, with and without the rotor's part in M11, M12."""
+        without = (p.Je1 - p.Je3 * p.Je3 * p.mobility) / p.Je1
+        return min(regularity(-0.5 * math.pi, p), regularity(0.5 * math.pi, p), without)
+
+    @compiled
     def psi_mobility(angle, p):
         """psi'' per motor torque (1 / (kg m^2)) at phi + theta = `angle`.
 
@@ -324,7 +340,8 @@ def equations(
     @compiled
     def drag_pole(dphi, p):
         """Largest rate (1/s) at which air drag damps phi', over all poses."""
-        return 2 * p.Cd * abs(dphi) / (p.Je1 - p.Je3 * p.Je3 * p.mobility)
+        m12 = p.Je3 + p.Jr * p.d1  # its largest: phi is most mobile there
+        return 2 * p.Cd * abs(dphi) / (p.Je1 + p.Jr * p.d1 - m12 * m12 * p.mobility)
 
     # -- ground ---------------------------------------------------------------------------------
 
@@ -343,6 +360,16 @@ def equations(
         fx = p.S1 * leg_x + p.S2 * rod_x - mass * p.gx + air * sin(phi)
         fy = p.S1 * leg_y + p.S2 * rod_y + mass * p.gy + air * cos(phi)
         return fx, fy
+
+    @compiled
+    def friction_demand(fx, fy):
+        """|Fx| / Fy: the friction coefficient that a force or an impulse needs."""
+        return abs(fx) / fy if fy > 0.0 else math.inf
+
+    @compiled
+    def descent(p):
+        """Potential energy that every step down the slope takes off the foot's height (J)."""
+        return (p.m1 + p.m2) * p.gx * p.chord
 
     @compiled
     def linear_momentum(phi, theta, dphi, dtheta, p):

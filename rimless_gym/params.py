@@ -183,12 +183,7 @@ class WheelParams:
         pendulum = self.pendulum_mass * self.pendulum_length**2 + self.pendulum_inertia
         if pendulum + self.rotor_inertia * self.gear_ratio**2 < SMALLEST**4:
             return True
-        c = self.constants
-        if c.Je1 - c.Je3**2 * c.mobility <= LEAST_REGULARITY * c.Je1:
-            return True
-        return any(
-            _eq.regularity(angle, c) <= LEAST_REGULARITY for angle in (-math.pi / 2, math.pi / 2)
-        )
+        return bool(_eq.least_regularity(self.constants) <= LEAST_REGULARITY)
 
     @property
     def total_mass(self) -> float:

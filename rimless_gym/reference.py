@@ -23,6 +23,7 @@ from rimless_gym.energy import Ledger
 from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
+from rimless_gym.records import places, record
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
@@ -30,8 +31,9 @@ RECORDED = 4  # samples per step, from which extreme forces and the clearance ar
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
-# Integrals that follow the state, in the order of `compiled.rates`: electrical, shaft, losses.
-ELECTRICAL, SHAFT, LOST = 4, 5, slice(6, 6 + len(LOSSES))
+#: The integrals that follow the state, in the order of `compiled.rates`: work and losses (J).
+Integrals = record("Integrals", ("electrical", "shaft", *LOSSES), __name__)
+INTEGRALS = places(Integrals)
 
 Control = Callable[[float, NDArray[np.float64]], float]
 
@@ -49,6 +51,11 @@ class _Motion:
     collision: float = 0.0
     electrical_positive: float = 0.0
     shaft: float = 0.0
+
+    @property
+    def integrals(self) -> Any:
+        """The `Integrals` so far."""
+        return Integrals(*self.y[4:].tolist())
 
 
 def simulate(
@@ -91,7 +98,7 @@ def simulate(
             raise ValueError(f"{name} = {tolerance}: must be finite and greater than 0")
     start, mode_index = validated_start(params, x0, mode)
     law, knots = _control_law(control, duration, breakpoints)
-    motion = _Motion(np.concatenate([start, np.zeros(LOST.stop - 4)]), mode_index, 0)
+    motion = _Motion(np.concatenate([start, np.zeros(len(Integrals._fields))]), mode_index, 0)
     failure = None
     for t0, t1 in itertools.pairwise(knots):
         failure = _advance(params, motion, law, t0, t1, pull, rtol, atol)
@@ -208,7 +215,8 @@ def _add_work(motion: _Motion, params: WheelParams, voltage: Control, arc: Arc) 
         return np.array([u, hybrid.motor_current(rate, u, p), rate])
 
     times = with_zeros(factors, np.linspace(arc.start, arc.end, SAMPLES + 1))
-    work = np.diff([arc.dense(t)[[ELECTRICAL, SHAFT]] for t in times], axis=0)
+    which = [INTEGRALS.electrical, INTEGRALS.shaft]
+    work = np.diff([arc.dense(t)[4:][which] for t in times], axis=0)
     motion.electrical_positive += float(np.maximum(work[:, 0], 0.0).sum())
     motion.shaft += float(np.abs(work[:, 1]).sum())
 
@@ -245,16 +253,14 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
         return False
     after = np.array([landing.phi, before[1], landing.dphi, landing.dtheta])
     motion.y[:4], motion.mode, motion.foot = after, landing.mode, motion.foot + landing.shift
-    descent = params.weight * params.step_length * math.sin(params.slope) * landing.shift
-    (_, energy0, momentum0, _, _), (_, energy1, momentum1, _, _) = (
-        compiled.measured(SINGLE, *x, u, constants) for x in (before, after)
-    )
-    motion.collision += energy0 - energy1 + descent
-    impulse = np.subtract(momentum1, momentum0)
+    old, new = (compiled.measured(SINGLE, *x, u, constants) for x in (before, after))
+    lost = old.energy - new.energy + hybrid.descent(p) * landing.shift
+    motion.collision += lost
+    impulse = np.subtract(new.momentum, old.momentum)
     motion.events.append(
         Event(
             *("touchdown", t, direction, before, after, MODE_NAMES[landing.mode]),
-            float(energy0 - energy1 + descent),
+            float(lost),
             impulse=(float(impulse[0]), float(impulse[1])),
         )
     )
@@ -268,25 +274,19 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         compiled.measured(int(m), *s, v, params.constants_array)
         for s, m, v in zip(x, mode, u, strict=True)
     ]
-    forces = np.array([force for force, _, _, _, _ in found])
-    energies = [
-        found[i][1] - foot[i] * params.weight * params.step_length * math.sin(params.slope)
-        for i in (0, -1)
-    ]
-    hubs = [found[i][3] + foot[i] * params.step_length for i in (0, -1)]
+    descent = hybrid.descent(params.constants)
+    energies = [found[i].energy - foot[i] * descent for i in (0, -1)]
+    hubs = [found[i].hub + foot[i] * params.step_length for i in (0, -1)]
     ledger = Ledger(
         time=float(t[-1]),
         distance=float(hubs[1] - hubs[0]),
-        electrical=float(motion.y[ELECTRICAL]),
+        electrical=motion.integrals.electrical,
         electrical_positive=motion.electrical_positive,
-        losses=Losses(*motion.y[LOST].tolist()),
+        losses=Losses(*(getattr(motion.integrals, name) for name in LOSSES)),
         collision=float(motion.collision),
         shaft=motion.shaft,
         mechanical_change=float(energies[1] - energies[0]),
         idle=params.idle_power * float(t[-1]),
-    )
-    demand = np.where(
-        forces[:, 1] > 0, np.abs(forces[:, 0]) / np.maximum(forces[:, 1], 1e-300), np.inf
     )
     impulses = [event.impulse for event in motion.events if event.kind == "touchdown"]
     return Trajectory(
@@ -299,11 +299,11 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         events=tuple(motion.events),
         arcs=tuple(motion.arcs),
         ledger=ledger,
-        min_normal_force=float(forces[:, 1].min()),
-        friction_demand=float(demand.max()),
+        min_normal_force=min(float(one.force[1]) for one in found),
+        friction_demand=max(float(one.demand) for one in found),
         impulse_friction_demand=max(
-            (abs(jx) / jy if jy > 0 else math.inf for jx, jy in impulses), default=0.0
+            (hybrid.friction_demand(jx, jy) for jx, jy in impulses), default=0.0
         ),
-        clearance=float(min(clearance for _, _, _, _, clearance in found)),
+        clearance=min(float(one.clearance) for one in found),
         failure=failure,
     )

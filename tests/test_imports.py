@@ -59,6 +59,24 @@ def test_no_file_imports_itself_by_way_of_others() -> None:
         pytest.fail(f"a circle of imports: {' <- '.join(error.args[1])}")
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [
+        ("rimless_gym.kernel", "rimless_gym.envs"),
+        ("rimless_gym.envs", "rimless_gym.reference"),
+        ("trajopt.ocp", "rimless_gym"),
+        ("trajopt.ocp", "trajopt.gaits"),
+        ("trajopt.gaits", "trajopt.feedback"),
+        ("agents", "agents.comparison"),
+    ],
+)
+def test_what_is_built_on_does_not_import_what_is_built_on_it(lower: str, upper: str) -> None:
+    inside = {m for m in graph() if m == upper or m.startswith(f"{upper}.")}
+    for module, imported in graph().items():
+        if (module == lower or module.startswith(f"{lower}.")) and module not in inside:
+            assert not imported & inside, f"{module} imports {imported & inside}"
+
+
 def test_packages_import_only_those_below_them() -> None:
     for module, imported in graph().items():
         rank = PACKAGES.index(module.partition(".")[0])

@@ -155,7 +155,8 @@ class Ranges:
         for end in (0, 1):
             for name, bounds in self.bounds.items():
                 require_steppable(params.replace(**{name: bounds[end]}))
-            params.replace(**{name: bounds[end] for name, bounds in self.bounds.items()})
+            together = {name: bounds[end] for name, bounds in self.bounds.items()}
+            require_steppable(params.replace(**together))
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:

@@ -39,7 +39,7 @@ from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
 _REWARD = BLOCK.reward
-_BOUND = ("_advance", "_held", "_values")
+_BOUND = ("_advance", "_action", "_values")
 _PARTS = ("fleet", "generators")  # of a snapshot
 _NO_FAILURE = {"failure": 0}
 
@@ -250,7 +250,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if number.__class__ is not float or number != number:
             number = _as_number(action)
         info = LazyInfo(_NO_FAILURE)
-        self._held[0] = number
+        self._action[0] = number
         if self._advance():
             info["failure"] = self._end()
         info.source = entries, self._values.tobytes()
@@ -275,7 +275,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _bind(self) -> None:
         """Look up what `step` needs from the fleet; call this after every change of the fleet."""
         self._advance = self._fleet.stepper(self._block, self._observation)
-        self._held: Any = memoryview(self._fleet.memory[MEMORY.action].data)
+        self._action: Any = memoryview(self._fleet.memory[MEMORY.action].data)
         self._values: Any = memoryview(self._block[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:

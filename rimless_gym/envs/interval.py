@@ -93,7 +93,7 @@ def _mark(block, memory, limit, first, last):
         bits[MARK.terminated, i] = ends_episode(failure)
     for i in range(first, last):
         demand = max(block[BLOCK.friction_demand, i], block[BLOCK.impulse_friction_demand, i])
-        bits[MARK.slips, i] = demand > memory[MEMORY.friction, i]
+        bits[MARK.slips, i] = demand > memory[MEMORY.mu, i]
     for i in range(first, last):
         bits[MARK.mode, i] = int(memory[MEMORY.mode, i])
     for i in range(first, last):

@@ -28,7 +28,7 @@ class Machine(NamedTuple):
     Attributes:
         voltage_limit: V.
         idle_power: W.
-        friction: coefficient of the ground.
+        mu: friction coefficient of the ground.
         weight: N.
         slope: rad.
         leg_scale: scale of the observed leg angle, 2 / alpha (1/rad).
@@ -36,7 +36,7 @@ class Machine(NamedTuple):
 
     voltage_limit: Any
     idle_power: Any
-    friction: Any
+    mu: Any
     weight: Any
     slope: Any
     leg_scale: Any
@@ -120,9 +120,9 @@ def writer(kind: type[Any], first: int) -> Any:
 
 
 constants_of = reader(Constants, 0)  # of (N_CONSTANTS, N)
-machine_of = reader(Machine, MEMORY.voltage_limit)
+machine_of = reader(Machine, getattr(MEMORY, Machine._fields[0]))
 prices_of = reader(Prices, getattr(MEMORY, Prices._fields[0]))
-set_machine = writer(Machine, MEMORY.voltage_limit)
+set_machine = writer(Machine, getattr(MEMORY, Machine._fields[0]))
 set_prices = writer(Prices, getattr(MEMORY, Prices._fields[0]))
 
 

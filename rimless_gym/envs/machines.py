@@ -8,6 +8,7 @@ import math
 from rimless_gym import hybrid
 from rimless_gym.envs.layout import Machine, reader, set_machine, set_prices
 from rimless_gym.envs.randomness import between
+from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import MAX_POLE
 from rimless_gym.params import (
@@ -42,7 +43,7 @@ def _set_terms(numbers, prices, memory, i):
     machine = Machine(
         voltage_limit=f.voltage_limit,
         idle_power=f.idle_power,
-        friction=f.friction,
+        mu=f.friction,
         weight=weight_of(f),
         slope=f.slope,
         leg_scale=2 / leg_angle_of(f),
@@ -53,11 +54,14 @@ def _set_terms(numbers, prices, memory, i):
 
 @inner
 def _pole(p):
-    """The motor's pole (1/s); beyond `MAX_POLE` where the mass matrix is singular."""
-    for angle in (-0.5 * math.pi, 0.5 * math.pi):
-        if hybrid.regularity(angle, p) <= LEAST_REGULARITY:
-            return 2 * MAX_POLE
-    return hybrid.hub_pole(p)
+    """The motor's pole (1/s); beyond `MAX_POLE` where the machine cannot be stepped.
+
+    See `rimless_gym.kernel.stepping.require_steppable`.
+    """
+    regular = hybrid.least_regularity(p) > LEAST_REGULARITY
+    if regular and hybrid.drag_pole(MAX_RATE, p) <= MAX_POLE:
+        return hybrid.hub_pole(p)
+    return 2 * MAX_POLE
 
 
 @kept()

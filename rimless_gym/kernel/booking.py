@@ -18,6 +18,9 @@ from rimless_gym.hybrid import (
     accelerations_turned,
     both_feet_press,
     contact_guard,
+    crosses_kink,
+    descent,
+    friction_demand,
     linear_momentum,
     mechanical_energy,
     motor_charge,
@@ -58,8 +61,7 @@ def _evaluate(tile, lane, angles, dphi, dtheta):
     mode, u = tile[of.MODE + lane], tile[of.VOLTAGE + lane]
     acc = accelerations_turned(mode, phi, theta, dphi, dtheta, u, p)
     fx, fy = _ground_reaction(phi, theta, dphi, dtheta, acc[0], acc[1], p)
-    demand = abs(fx) / fy
-    contact = fx, fy, demand if fy > 0.0 else np.inf, _pendulum_clearance(phi, theta, p)
+    contact = fx, fy, friction_demand(fx, fy), _pendulum_clearance(phi, theta, p)
     energy = _mechanical_energy(phi, theta, dphi, dtheta, p)
     return acc, contact, energy, _hub_position(phi, p)[0]
 
@@ -126,11 +128,10 @@ def close(tile, lane, duration):
     steps = tile[of.FOOT + lane] - tile[of.FOOT_BEFORE + lane]
     travel = tile[of.HUB + lane] - tile[of.HUB_BEFORE + lane] + steps * p.chord
     change = tile[of.ENERGY + lane] - tile[of.ENERGY_BEFORE + lane]
-    descent = (p.m1 + p.m2) * p.gx * p.chord
     set_booked(tile, ROW.elapsed, lane, duration - tile[of.LEFT + lane])
     set_booked(tile, ROW.distance, lane, travel)
     set_booked(tile, ROW.steps, lane, steps)
-    set_booked(tile, ROW.mechanical_change, lane, change - steps * descent)
+    set_booked(tile, ROW.mechanical_change, lane, change - steps * descent(p))
     set_booked(tile, ROW.failure, lane, tile[of.FAILURE + lane])
 
 
@@ -180,7 +181,7 @@ def measure(tile, pull):
         roll = y.dphi * y.dphi + end.dphi * end.dphi + abs(acc.ddphi) + abs(acc_end.ddphi)
         pressed = min(fy, booked(tile, ROW.force_y, lane)) + pull
         light = pressed < DIP * (p.S2 * swing + p.S1 * roll)
-        kink = p.Cd > 0.0 and y.dphi * end.dphi < 0.0
+        kink = crosses_kink(y.dphi, end.dphi, p)
         sane = max(abs(end.dphi), abs(end.dtheta)) <= MAX_RATE
         sane = sane and tile[of.FAR + lane] <= MAX_TURN * MAX_TURN
         common = sane and not (near or light or kink or mode == DOUBLE)
@@ -279,14 +280,12 @@ def restart(tile, lane, mode, foot, y, pull):
 def book_touchdown(tile, lane, y0, y1, shift, time):
     """Add a touchdown's loss, and the friction that its impulse demands."""
     p = machine(tile, lane)
-    descent = (p.m1 + p.m2) * p.gx * p.chord
     before = mechanical_energy(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
-    after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent
+    after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent(p)
     book(tile, ROW.collision, lane, before - after)
     book(tile, ROW.touchdowns, lane, 1.0)
     x0, z0 = linear_momentum(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
     x1, z1 = linear_momentum(y1.phi, y1.theta, y1.dphi, y1.dtheta, p)
-    demand = abs(x1 - x0) / (z1 - z0) if z1 > z0 else np.inf
-    most = max(booked(tile, ROW.impulse_friction_demand, lane), demand)
+    most = max(booked(tile, ROW.impulse_friction_demand, lane), friction_demand(x1 - x0, z1 - z0))
     set_booked(tile, ROW.impulse_friction_demand, lane, most)
     set_booked(tile, ROW.touchdown_time, lane, time)

@@ -15,6 +15,7 @@ from rimless_gym.hybrid import (
     MAX_RATE,
     accelerations,
     contact_guard,
+    crosses_kink,
     ground_reaction,
     lift_off_guard,
     touchdown_guard,
@@ -139,7 +140,7 @@ def judge(tile, lane, pull):
         if tile[of.FAR + lane] > MAX_TURN * MAX_TURN:  # its sines are not accurate that far
             tile[of.ATTEMPT + lane] = 0.5 * h
             return False
-        if p.Cd > 0.0 and y.dphi * end.dphi < 0.0 and not cut:  # air drag has a kink: end there
+        if crosses_kink(y.dphi, end.dphi, p) and not cut:  # air drag has a kink: end there
             tile[of.CUT + lane] = _AT_REVERSAL
             s = reversal(y, acc, end, acc_end, h)
             if s > _HERE:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rimless_gym import WheelParams
 from rimless_gym.energy import balance
 from rimless_gym.envs.observation import OBSERVATION_BOUND
+from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import DOUBLE, LOSSES, equations
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 from rimless_gym.kernel.attempt import LEAST_PEAK, peak
@@ -91,7 +92,7 @@ class Rules:
         outside = np.abs(observations) > OBSERVATION_BOUND
         yield "an observation is outside its space", outside.any(axis=1)
         yield "the reward is not finite", ~np.isfinite(rewards)
-        terms = info["reward_distance"] + info["reward_energy"] + info["reward_end"]
+        terms = sum(info[name] for name in TERM_NAMES)
         yield "the reward is not the sum of its terms", rewards != terms
         for name, values in info.items():
             if name.startswith(("_", "final")):

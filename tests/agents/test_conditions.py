@@ -124,3 +124,11 @@ def test_ranges_that_are_not_valid_for_the_machine_are_refused():
         Conditions.of(PROTOTYPE, {"pendulum_mass": (-1.0, 1.0)}, None)
     with pytest.raises(TypeError, match="params = None"):
         Conditions.of(None, None, None)
+
+
+def test_a_walk_that_has_ended_does_not_stop_the_others() -> None:
+    machine = THESIS_PHYSICAL.replace(impact_law="thesis")  # backward touchdowns are errors
+    starts = draw_starts(machine, 40, 3)
+    starts = starts[(starts[:, 0] > np.pi / 2) & (starts[:, 2] > 0.5)]
+    walks = list(Rollout(Conditions(machine), lambda x, seen: np.ones(len(x)), starts, 40))
+    assert 0 < len(walks[-1].running) < len(starts)

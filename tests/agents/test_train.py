@@ -29,6 +29,13 @@ def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     assert read_record(result.best)["timesteps"] == result.evaluations[1][0]
 
 
+def test_a_score_that_is_undefined_or_an_integer_does_not_stop_a_training(tmp_path):
+    for name, score in (("nan", lambda evaluation: np.nan), ("integer", lambda evaluation: 3)):
+        first = run(tmp_path / name, timesteps=256, score=score)
+        assert first.best.exists()
+        assert run(tmp_path / name, timesteps=512, score=score).timesteps == 512
+
+
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing, algo):
     monkeypatch.setattr(sb3, "CRITIC_WARM_UP", 10.0)

@@ -53,7 +53,7 @@ def energy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> float:
         h = phase.element_durations
         times = phase.edges[:-1, None] + 0.5 * h[:, None] * (1 + nodes)
         rate, volts = _motor(params, phase, times.ravel())
-        power = np.abs(_eq.motor_torque(rate, volts, params.constants) * rate)
+        power = np.abs(_eq.shaft_power(rate, volts, params.constants))
         total += float(0.5 * h @ (power.reshape(times.shape) @ weights))
     return total
 

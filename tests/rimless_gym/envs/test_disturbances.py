@@ -342,9 +342,10 @@ def test_invalid_disturbances_and_ranges_are_refused_by_name(given: Any, error: 
     "ranges",
     [
         {"armature_resistance": (1e-6, 1e-5)},
+        {"drag": (540.0, 550.0), "wheel_mass": (0.2, 0.3)},
         dict.fromkeys(("wheel_mass", "wheel_inertia", "pendulum_inertia"), (0.0, 0.0)),
     ],
-    ids=["too stiff", "singular"],
+    ids=["too stiff", "too much drag", "singular"],
 )
 def test_a_drawn_machine_that_cannot_be_stepped_is_named_in_the_error(ranges: dict):
     fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())

@@ -135,6 +135,24 @@ def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
     assert max(rates) == pytest.approx(params.motor_pole, rel=5e-3)
 
 
+@pytest.mark.parametrize("mount", ["wheel", "frame"])
+@pytest.mark.parametrize("rotor_inertia", [0.0, 1e-6, 1e-4])
+def test_the_drag_pole_is_a_tight_bound_on_how_fast_the_air_brakes(
+    mount: str, rotor_inertia: float
+) -> None:
+    params = THESIS_PHYSICAL.replace(motor_mount=mount, rotor_inertia=rotor_inertia, drag=1.0)
+    p, without = params.constants, params.replace(drag=0.0).constants
+    rates, dphi, nudge = [], 2.0, 1e-6
+    for phi, theta in np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (4000, 2)):
+        slopes = [
+            np.diff([hybrid.accelerations(0, phi, theta, v, 0.0, 0.0, c)[0] for v in at])[0] / nudge
+            for c, at in ((without, (dphi, dphi + nudge)), (p, (dphi, dphi + nudge)))
+        ]
+        rates.append(slopes[0] - slopes[1])
+    assert max(rates) <= hybrid.drag_pole(dphi, p) * (1 + 1e-3)
+    assert max(rates) == pytest.approx(hybrid.drag_pole(dphi, p), rel=5e-3)
+
+
 def test_energy_balances_with_stiff_hub_friction() -> None:
     rng = np.random.default_rng(11)
     for damping in (1.0, 30.0, 300.0):
