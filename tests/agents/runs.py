@@ -46,7 +46,7 @@ def weights(path):
 
 
 def assert_same_policies(one, other):
-    """Of two results of `train`."""
+    """Check that two results of `train` have the same best and last policies."""
     for policy in ("best", "last"):
         np.testing.assert_array_equal(*(weights(getattr(each, policy)) for each in (one, other)))
 

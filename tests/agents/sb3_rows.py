@@ -18,14 +18,14 @@ def native(n, **settings):
 
 
 def both(n, seed=0, **settings):
-    """Ours and stable-baselines3's, made alike, seeded and not yet reset."""
+    """Our Sb3VecEnv and a DummyVecEnv, made and seeded alike, not yet reset."""
     return [
         make_vec_env(ID, n, seed, vec_env_cls=kind, **settings) for kind in (Sb3VecEnv, DummyVecEnv)
     ]
 
 
 def whirling(n, k):
-    """Full voltage, now this way, now that: the wheel soon falls. (n, 1)"""
+    """Full voltage that changes sign slowly, so that wheels soon fall; shape (n, 1)."""
     return np.sign(np.sin(k / 20 + np.arange(n)))[:, None].astype(np.float32)
 
 

@@ -120,7 +120,7 @@ def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     assert table.splitlines()[2] == "| scratch | - | - | - | 0% |"
 
 
-def test_the_gap_is_taken_at_the_learned_speed_and_nowhere_off_the_front() -> None:
+def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() -> None:
     gaits = [gait for gait in shipped() if gait.steps == 1]
     slow, fast = min(gaits, key=lambda g: g.speed), max(gaits, key=lambda g: g.speed)
     front = CotFront((slow, fast))

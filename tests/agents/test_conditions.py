@@ -36,14 +36,14 @@ def after(intervals):
 
 
 @pytest.mark.parametrize("disturbances", [PUSHES, NOISE, {"actuator_delay": 3}])
-def test_disturbances_change_a_walk_and_one_seed_gives_one_walk(disturbances):
+def test_disturbances_change_a_walk_and_the_same_seed_repeats_it(disturbances):
     rough = after(intervals(disturbances=disturbances))
     np.testing.assert_array_equal(rough, after(intervals(disturbances=disturbances)))
     calm = after(intervals())
     assert len(rough) != len(calm) or not np.array_equal(rough, calm)
 
 
-def test_a_law_walks_on_what_noisy_sensors_measure():
+def test_a_law_is_given_the_state_that_noisy_sensors_measure():
     seen = []
 
     def law(x, mode):
@@ -63,7 +63,7 @@ def test_a_law_walks_on_what_noisy_sensors_measure():
         assert np.abs(errors[:, 3]).max() < 1e-5  # this rate is measured exactly
 
 
-def test_what_is_measured_without_noise_is_the_state_modulo_a_turn():
+def test_without_noise_the_measured_state_is_exact_up_to_whole_turns():
     for interval in intervals():
         x = measured(interval.observations, THESIS_PHYSICAL.leg_angle)
         states = interval.states[:, :4].copy()
@@ -71,7 +71,7 @@ def test_what_is_measured_without_noise_is_the_state_modulo_a_turn():
         np.testing.assert_allclose(x, states, atol=1e-5)
 
 
-def test_every_walk_has_the_machine_that_was_drawn_for_it():
+def test_every_walk_has_a_machine_of_its_own_drawn_from_the_ranges():
     ranges = {"pendulum_mass": (2.0, 2.4), "hub_damping": (0.0, 0.02)}
     conditions = Conditions.of(THESIS_PHYSICAL, ranges, None)
     starts = draw_starts(THESIS_PHYSICAL, 12, 1)
@@ -81,7 +81,7 @@ def test_every_walk_has_the_machine_that_was_drawn_for_it():
     assert all(2.0 <= mass <= 2.4 for mass in masses)
 
 
-def test_costs_of_transport_are_per_weight_of_the_machines_drawn():
+def test_cost_of_transport_uses_the_weights_of_the_drawn_machines():
     exact = evaluate(roll, protocol=SMALL)
     point = THESIS_PHYSICAL.pendulum_mass
     same = evaluate(roll, protocol=SMALL, ranges={"pendulum_mass": (point, point)})
@@ -95,7 +95,7 @@ def test_costs_of_transport_are_per_weight_of_the_machines_drawn():
     np.testing.assert_allclose(drawn.cots, one.cots, rtol=1e-9)
 
 
-def test_pushes_and_noise_are_felt_in_an_evaluation():
+def test_pushes_and_noise_change_an_evaluation_reproducibly():
     calm = evaluate(roll, protocol=SMALL)
     for disturbances in (PUSHES, NOISE):
         rough = evaluate(roll, protocol=SMALL, disturbances=disturbances)
@@ -105,7 +105,7 @@ def test_pushes_and_noise_are_felt_in_an_evaluation():
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_a_training_with_ranges_and_disturbances_is_another(tmp_path, algo):
+def test_ranges_and_disturbances_change_a_training_and_are_recorded_with_it(tmp_path, algo):
     rough = {"ranges": {"pendulum_mass": (2.0, 2.4)}, "disturbances": PUSHES | NOISE}
     steps = {"ppo": 256, "sac": 160}[algo]
     calm = run(tmp_path / "calm", algo, timesteps=steps)

@@ -19,7 +19,7 @@ SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
 
 
 def push(states, observations):
-    """Some walk for a while under it, some fall, some rest."""
+    """A policy under which some starts walk for a while, some fall and some rest."""
     return np.clip(0.4 * observations[:, 3] - 0.6 * observations[:, 1], -1, 1).astype(float)
 
 
@@ -27,7 +27,7 @@ def rest(states, observations):
     return np.zeros(len(states))
 
 
-def test_the_published_protocol_is_that_of_the_design():
+def test_the_published_protocol_has_the_documented_numbers():
     assert dataclasses.astuple(PROTOCOL)[0] == 128
     assert (PROTOCOL.duration, PROTOCOL.window, PROTOCOL.alive) == (50.0, 30.0, 10.0)
     assert 0 < (draw_starts(THESIS_PHYSICAL, 128, PROTOCOL.seed)[:, MODE] == 1).mean() < 1
@@ -38,7 +38,7 @@ def test_an_evaluation_is_deterministic():
     assert first == second
 
 
-def test_a_start_fares_alike_in_any_batch_and_order():
+def test_a_start_gives_the_same_result_in_any_batch_and_order():
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     together = evaluate(push, protocol=SMALL)
     order = np.random.default_rng(0).permutation(len(starts))[:9]
@@ -58,7 +58,7 @@ def test_a_policy_of_zeros_rests_and_its_cost_of_transport_is_nan():
     assert result.objective <= 0.0
 
 
-def test_figures_are_ratios_of_sums_over_the_walks_window():
+def test_figures_are_ratios_of_sums_over_the_measured_window():
     result = evaluate(push, protocol=SMALL)
     assert 0 < result.walking.sum() < SMALL.starts
     walking = np.flatnonzero(result.walking)
@@ -100,7 +100,7 @@ def topple(states, observations):
     return np.ones(len(states))
 
 
-def test_the_objective_is_the_reward_per_second_falls_included():
+def test_the_objective_is_the_reward_per_second_including_falls():
     task = Task(value_of_distance=3.5, fall_distance=2.0)
     result = evaluate(topple, protocol=SMALL, task=task)
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
@@ -125,7 +125,7 @@ def rolling(*rates):
     return starts
 
 
-def test_net_backward_steps_do_not_count_as_walking():
+def test_walking_backward_does_not_count_as_walking():
     starts = rolling(3.0, -3.0)
     protocol = Protocol(starts=2, seed=0, duration=0.6, window=0.6, alive=0.6)
     steps = np.zeros(2)
@@ -170,7 +170,7 @@ def test_a_walk_that_repeats_after_some_steps_has_that_period(period):
     assert steps_per_period(np.tile(cycle, (8, 1)) + scatter) == period
 
 
-def test_a_walk_that_never_repeats_has_period_none():
+def test_a_walk_that_never_repeats_has_period_zero():
     assert steps_per_period(np.random.default_rng(0).normal(size=(60, 4))) == 0
     assert steps_per_period(np.zeros((0, 4))) == 0
 
@@ -213,7 +213,7 @@ def test_a_protocol_whose_window_is_longer_than_its_walks_is_refused():
         ({"alive": 1e-3}, ValueError, "alive = 0.001 s: must be at least 0.01 s"),
     ],
 )
-def test_protocols_of_other_numbers_are_refused(settings, error, message):
+def test_invalid_protocols_are_refused_by_name(settings, error, message):
     with pytest.raises(error, match=message):
         Protocol(**settings)
 
@@ -235,6 +235,6 @@ def test_protocols_of_other_numbers_are_refused(settings, error, message):
         ({"disturbances": 3}, TypeError, "disturbances = 3"),
     ],
 )
-def test_evaluations_of_other_things_are_refused(arguments, error, message):
+def test_invalid_arguments_of_an_evaluation_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
         evaluate(**({"policy": lambda states, observations: np.zeros(len(states))} | arguments))

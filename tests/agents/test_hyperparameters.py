@@ -16,7 +16,7 @@ def read(folder, **changes):
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.parametrize("imitation", [False, True])
-def test_policy_kwargs_are_what_rl_zoo3_makes_of_them(algo, imitation):
+def test_policy_kwargs_are_read_as_rl_zoo3_reads_them(algo, imitation):
     settings = hyperparameters(f"{algo}.yml", imitation)
     text = settings.written["policy_kwargs"]
     assert isinstance(text, str)  # rl-zoo3 evaluates text only, and so knows activations
@@ -25,7 +25,7 @@ def test_policy_kwargs_are_what_rl_zoo3_makes_of_them(algo, imitation):
     assert settings.reward_scale == 100.0
 
 
-def test_policy_kwargs_hold_plain_values_at_any_depth(tmp_path):
+def test_policy_kwargs_may_nest_plain_values(tmp_path):
     text = "dict(a=dict(b=[1, -2.5], c=None), activation_fn=nn.SiLU, d='x')"
     kwargs = read(tmp_path, policy_kwargs=text).algorithm["policy_kwargs"]
     assert kwargs == {"a": {"b": [1, -2.5], "c": None}, "activation_fn": nn.SiLU, "d": "x"}
@@ -38,7 +38,7 @@ def test_policy_kwargs_hold_plain_values_at_any_depth(tmp_path):
         *("dict([('a', 1)])", "dict(activation_fn=tanh)", {"activation_fn": "tanh"}),
     ],
 )
-def test_policy_kwargs_that_are_anything_else_are_not_evaluated(tmp_path, text):
+def test_other_expressions_in_policy_kwargs_are_refused(tmp_path, text):
     with pytest.raises(ValueError, match=r"ppo\.yml: policy_kwargs .*write dict.*nn\.Tanh"):
         read(tmp_path, policy_kwargs=text)
 

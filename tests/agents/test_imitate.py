@@ -48,7 +48,7 @@ def weights(actor):
 
 
 def error(actor, controller):
-    """Root-mean-square, on walks of the controller that nobody learned from."""
+    """Root-mean-square error on walks of the controller that were not used for training."""
     label = controller_policy(THESIS_PHYSICAL, controller)
     seen = walk(Conditions(), label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
     return np.sqrt(np.mean((actor.act(seen.observations) - seen.actions) ** 2))
@@ -64,7 +64,7 @@ def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_acto
     assert 0 < report.samples <= 10 * 150 + 800
 
 
-def test_cloning_with_one_seed_gives_one_policy_and_with_another_another(new_actor, swing):
+def test_cloning_gives_the_same_policy_for_the_same_seed_only(new_actor, swing):
     actors = [new_actor() for _ in range(3)]
     for actor, seed in zip(actors, (5, 5, 6), strict=True):
         teach(actor, swing, seed=seed)
@@ -102,7 +102,7 @@ def test_the_differentiable_action_is_the_one_that_the_model_takes(new_actor, al
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_exploration_noise_is_set_in_all_states(new_actor, algo):
+def test_exploration_noise_can_be_set(new_actor, algo):
     actor = new_actor(algo)
     actor.set_noise(-5.0)
     x = np.zeros((4000, 6), dtype=np.float32)
@@ -146,7 +146,7 @@ def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_actor, swing, 
     np.testing.assert_array_equal(weights(resumed), weights(whole))
 
 
-def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_actor, swing, tmp_path):
+def test_kept_rounds_that_are_damaged_or_of_another_cloning_are_refused(new_actor, swing, tmp_path):
     kept = tmp_path / "cloning.npz"
     kept.write_bytes(b"garbage")
     with pytest.raises(CloningError, match=r"cloning\.npz: damaged.*delete it"):
@@ -170,6 +170,6 @@ def test_rounds_of_another_cloning_or_damaged_ones_are_refused(new_actor, swing,
         ({"huber": "x"}, TypeError, "huber = 'x'"),
     ],
 )
-def test_clonings_of_other_numbers_are_refused(settings: dict, error: type, message: str) -> None:
+def test_invalid_settings_are_refused_by_name(settings: dict, error: type, message: str) -> None:
     with pytest.raises(error, match=message):
         Cloning(**settings)

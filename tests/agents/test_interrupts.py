@@ -19,7 +19,7 @@ def test_two_requests_are_noted_and_the_third_stops_at_once(capfd, number):
     assert "once more to stop at once, which loses a minute" in said
 
 
-def test_nothing_interrupts_what_is_held_off_but_what_was_asked_comes_after_it():
+def test_a_request_made_while_held_off_interrupts_afterwards():
     written = []
 
     def write(stop):
@@ -33,7 +33,7 @@ def test_nothing_interrupts_what_is_held_off_but_what_was_asked_comes_after_it()
     assert len(written) == 5
 
 
-def test_signals_mean_afterwards_what_they_meant_before():
+def test_signal_handlers_are_restored_afterwards():
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     with requests("", ""):
         pass

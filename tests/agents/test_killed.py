@@ -1,4 +1,4 @@
-"""Work that is killed at random moments goes on with the same command, to the same end."""
+"""After a kill at a random moment, the same command goes on and ends with the same result."""
 
 import functools
 import json
@@ -26,7 +26,7 @@ QUICK = Cloning(rounds=2, expert_starts=10, seconds=0.5, gradient_steps=50, gait
 
 @pytest.fixture(autouse=True)
 def often(monkeypatch):
-    """A state after each roll-out: kills often meet one being written."""
+    """Save after each roll-out, so that kills often happen while a state is being written."""
     monkeypatch.setattr(session, "SAVE_INTERVAL", 0.0)
 
 

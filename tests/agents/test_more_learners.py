@@ -1,4 +1,4 @@
-"""A learner that is one new file: neither gradients nor stable-baselines3, and no other change."""
+"""A new learner is one file: here one without gradients and without stable-baselines3."""
 
 import dataclasses
 import signal
@@ -26,7 +26,7 @@ FOLDER = Path(__file__).parent / "more_learners"
 
 @pytest.fixture(autouse=True)
 def one_more(monkeypatch):
-    """Put the file's folder where the others are."""
+    """Let learners be found in this folder too."""
     monkeypatch.setattr(learners, "__path__", [*learners.__path__, str(FOLDER)])
 
 
@@ -38,7 +38,7 @@ def mean(path):
     return load_policy(path).parts.weights["mean"]
 
 
-def test_it_is_found_by_its_file():
+def test_a_learner_is_found_by_the_name_of_its_file():
     assert learners.names() == ["cem", "ppo", "sac"]
 
 
@@ -55,7 +55,7 @@ def test_it_trains_saves_loads_and_is_evaluated(tmp_path):
         _ = loaded.model
 
 
-def test_a_training_of_it_that_was_stopped_or_killed_ends_with_the_same_policy(
+def test_its_training_ends_with_the_same_policy_after_being_stopped_or_killed(
     tmp_path, monkeypatch
 ):
     whole = run(tmp_path / "whole")
@@ -80,7 +80,7 @@ def test_a_training_of_it_that_was_stopped_or_killed_ends_with_the_same_policy(
         np.testing.assert_array_equal(mean(getattr(resumed, name)), mean(getattr(whole, name)))
 
 
-def test_it_starts_from_a_policy_of_its_own_but_not_from_another_and_cannot_imitate(tmp_path):
+def test_it_starts_only_from_its_own_policies_and_refuses_to_imitate(tmp_path):
     first = run(tmp_path / "a", timesteps=1000)
     second = run(tmp_path / "b", init=first.last, timesteps=0)
     np.testing.assert_array_equal(mean(second.last), mean(first.last))
@@ -97,7 +97,7 @@ def test_its_settings_identify_its_training(tmp_path):
         run(tmp_path, settings=settings, timesteps=1000)
 
 
-def test_a_policy_of_it_whose_weights_are_missing_is_refused(tmp_path):
+def test_its_policy_without_weights_is_refused(tmp_path):
     result = run(tmp_path, timesteps=0)
     record, _ = read_arrays(result.last, FORMAT, ValueError, "")
     write_arrays(result.last, FORMAT, record, {})

@@ -49,7 +49,7 @@ def with_weights(path, target, **changes):
 
 
 class Trap:
-    """Unpickling it leaves a file behind, as it could do anything else."""
+    """An object whose unpickling runs code: it leaves a file behind."""
 
     def __init__(self, mark):
         self.mark = mark
@@ -136,7 +136,7 @@ def signed(arrays):
     return file.getvalue()
 
 
-def test_a_policy_that_holds_more_than_arrays_is_refused_though_it_is_signed(tmp_path, new_policy):
+def test_a_policy_that_holds_more_than_arrays_is_refused_even_if_signed(tmp_path, new_policy):
     path = new_policy("ppo")
     with np.load(path) as data:
         arrays = {name: data[name] for name in data.files if name != DIGEST}
@@ -180,7 +180,7 @@ def test_a_policy_cannot_name_a_class_to_be_built(tmp_path, saved):
         load_policy(bad)
 
 
-def test_a_file_that_is_no_archive_is_refused(tmp_path):
+def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
     (tmp_path / "bad.zip").write_bytes(b"not a zip")
     with pytest.raises(CheckpointError, match="damaged"):
         load_policy(tmp_path / "bad.zip")
@@ -226,7 +226,7 @@ def saved(tmp_path, new_policy):
 
 
 @pytest.mark.parametrize("text", ["[]", "null", "3", "not JSON", "", "[" * 100_000])
-def test_a_record_that_is_no_object_is_refused(tmp_path, saved, text):
+def test_a_record_that_is_not_an_object_is_refused(tmp_path, saved, text):
     arrays = {HEADER: np.array(text)}
     (tmp_path / "bad.zip").write_bytes(signed(arrays))
     for load in (read_record, load_policy):
@@ -255,7 +255,7 @@ def test_a_record_with_an_invalid_entry_is_refused(tmp_path, saved, changes):
 
 
 @pytest.mark.parametrize(("algo", "other"), [("ppo", "sac"), ("sac", "ppo")])
-def test_a_relabelled_algorithm_is_refused(tmp_path, new_policy, algo, other):
+def test_a_policy_labelled_with_another_algorithm_is_refused(tmp_path, new_policy, algo, other):
     path = new_policy(algo)
     bad = with_record(path, tmp_path / "bad.zip", algo=other)
     with pytest.raises(CheckpointError, match=rf"bad\.zip: its record says {other}.*again"):

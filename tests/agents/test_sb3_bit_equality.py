@@ -19,7 +19,7 @@ from tests.agents.sb3_rows import ID, assert_same, both, whirling
 
 @pytest.mark.parametrize("n", [1, 5])
 @pytest.mark.parametrize("limit", [40, 2000])
-def test_it_gives_what_single_environments_give_bit_for_bit_over_many_episodes(n, limit):
+def test_rows_equal_single_environments_bit_for_bit_over_many_episodes(n, limit):
     task, machine = Task(value_of_distance=0.8), THESIS_PHYSICAL.replace(hub_damping=0.1)
     ours, theirs = both(
         n,
@@ -43,7 +43,7 @@ def test_it_gives_what_single_environments_give_bit_for_bit_over_many_episodes(n
     assert ("time" if limit == 40 else "fall") in ends
 
 
-def test_rows_may_be_different_machines_each_as_on_its_own():
+def test_rows_of_different_machines_equal_single_environments():
     machines = (THESIS_NOMINAL, THESIS_PHYSICAL, PROTOTYPE)
     makers = [lambda params=params: gym.make(ID, params=params) for params in machines]
     ours, theirs = Sb3VecEnv(makers), DummyVecEnv(makers)
@@ -57,7 +57,7 @@ def test_rows_may_be_different_machines_each_as_on_its_own():
     assert ours.get_attr("params") == list(machines)
 
 
-def test_randomised_and_disturbed_environments_are_as_random_and_disturbed_in_rows():
+def test_randomised_and_disturbed_rows_equal_single_environments():
     settings = {
         "ranges": {"pendulum_mass": (2.0, 2.4), "slope": (-0.02, 0.02)},
         "disturbances": Disturbances(
@@ -79,7 +79,7 @@ def test_randomised_and_disturbed_environments_are_as_random_and_disturbed_in_ro
 
 
 @pytest.mark.parametrize("algorithm", [PPO, SAC])
-def test_a_policy_learns_the_very_same_in_it(algorithm):
+def test_a_policy_learns_the_same_weights_as_in_single_environments(algorithm):
     settings = {PPO: {"n_steps": 64, "batch_size": 64}, SAC: {"learning_starts": 50}}[algorithm]
     learned = []
     for env in both(4, seed=1, env_kwargs={"max_episode_steps": 15}):

@@ -10,7 +10,7 @@ from tests.agents.sb3_rows import native, whirling
 
 
 class Recorded(VecEnvWrapper):
-    """Keeps all rewards, and what its rows said of their ends."""
+    """Keeps all rewards, and how the episodes of its rows ended."""
 
     def __init__(self, venv):
         super().__init__(venv)
@@ -27,7 +27,7 @@ class Recorded(VecEnvWrapper):
         return observations, rewards, dones, infos
 
 
-def test_ppo_goes_on_valuing_a_row_that_ran_out_of_time_but_not_one_that_fell():
+def test_ppo_adds_the_value_of_the_last_state_after_a_timeout_but_not_after_a_fall():
     env = Recorded(Sb3VecEnv(native(8, max_episode_steps=30)))
     model = PPO("MlpPolicy", env, seed=0, device="cpu", n_steps=128, batch_size=64, n_epochs=1)
     with torch.no_grad():

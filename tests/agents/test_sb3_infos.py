@@ -38,7 +38,7 @@ READERS = {
 
 @pytest.fixture
 def unread():
-    """A row's info of a step that nobody has looked at, and what it should hold."""
+    """The info of a row that has not been read yet, and what it should hold."""
     ours, theirs = both(2)
     for env in (ours, theirs):
         env.reset()
@@ -47,7 +47,7 @@ def unread():
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_an_info_reads_as_if_it_had_been_there_all_along(unread, reader):
+def test_every_way_of_reading_an_unread_info_gives_all_its_entries(unread, reader):
     info, wanted = unread
     got = READERS[reader](info, list(wanted))
     assert got == wanted
@@ -62,7 +62,7 @@ def test_an_unread_info_equals_what_it_should_hold(unread):
     assert isinstance(info, dict)
 
 
-def test_what_an_info_does_not_hold_is_missing_and_what_is_written_stays(unread):
+def test_an_info_keeps_what_is_written_and_lacks_every_other_name(unread):
     info, wanted = unread
     info["distance"], info["mine"] = "other", 1
     assert info == wanted | {"distance": "other", "mine": 1}
@@ -74,7 +74,7 @@ def test_what_an_info_does_not_hold_is_missing_and_what_is_written_stays(unread)
         info["nothing"]
 
 
-def test_infos_read_late_are_those_of_their_step():
+def test_an_info_read_late_is_still_that_of_its_step():
     ours, theirs = both(3)
     for env in (ours, theirs):
         env.reset()

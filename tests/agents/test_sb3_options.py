@@ -13,7 +13,7 @@ from rimless_gym.equations import DOUBLE
 from tests.agents.sb3_rows import ID, REST, native
 
 
-def test_options_reach_their_rows_once_and_seeds_count_once():
+def test_options_and_seeds_apply_to_one_reset_only():
     states = [(1.5, 0.1 * i, 1.0, 0.0) for i in range(3)]
     options = [{"state": x} for x in states] + [REST, {}, {"params": PROTOTYPE}]
     env, alone = Sb3VecEnv(native(6)), [gym.make(ID) for _ in range(6)]
@@ -30,7 +30,7 @@ def test_options_reach_their_rows_once_and_seeds_count_once():
     assert [info["mode"] for info in env.reset_infos] == [DOUBLE] * 6
 
 
-def test_options_that_fit_no_row_are_refused():
+def test_too_few_options_and_unknown_ones_are_refused():
     env = Sb3VecEnv(native(2))
     env.set_options([{}])
     with pytest.raises(ValueError, match="1 options for 2 rows"):
@@ -75,12 +75,12 @@ class Halved(gym.RewardWrapper):
         (lambda env: Monitor(env, allow_early_resets=False), "wrapper Monitor: .*early"),
     ],
 )
-def test_wrappers_whose_part_rows_cannot_play_are_refused_by_name(wrap, message):
+def test_unsupported_wrappers_are_refused_by_name(wrap, message):
     with pytest.raises(ValueError, match=message):
         make_vec_env(ID, 2, wrapper_class=wrap, vec_env_cls=Sb3VecEnv)
 
 
-def test_what_are_no_native_rows_is_refused_with_the_remedy():
+def test_unsuitable_environments_are_refused_with_the_remedy():
     with pytest.raises(TypeError, match=r"CartPole.*must be a RimlessWheelEnv.*DummyVecEnv"):
         make_vec_env("CartPole-v1", 2, vec_env_cls=Sb3VecEnv)
     with pytest.raises(TypeError, match=r"without wrappers.*VecMonitor"):

@@ -14,7 +14,7 @@ from agents import Sb3VecEnv
 from tests.agents.sb3_rows import ID, assert_same, both, native, whirling
 
 
-def test_vec_monitor_counts_episodes_as_monitors_do(tmp_path):
+def test_vec_monitor_reports_the_same_episodes_as_single_monitors(tmp_path):
     limit = {"max_episode_steps": 50}
     ours = VecMonitor(Sb3VecEnv(native(3, **limit)), str(tmp_path), info_keywords=("distance",))
     theirs = make_vec_env(ID, 3, env_kwargs=limit, monitor_kwargs={"info_keywords": ("distance",)})
@@ -61,7 +61,7 @@ def test_monitors_of_single_environments_write_their_files(tmp_path):
     assert len(rewards[0]) == len(lengths[1])
 
 
-def test_vec_normalize_sees_the_same_and_is_saved_and_loaded(tmp_path):
+def test_vec_normalize_gives_the_same_numbers_and_can_be_saved_and_loaded(tmp_path):
     ours, theirs = (VecNormalize(env) for env in both(3, env_kwargs={"max_episode_steps": 40}))
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     for k in range(100):
@@ -76,7 +76,7 @@ def test_vec_normalize_sees_the_same_and_is_saved_and_loaded(tmp_path):
     np.testing.assert_array_equal(loaded.normalize_obs(raw), ours.normalize_obs(raw))
 
 
-def test_stable_baselines3_finds_nothing_amiss(recwarn):
+def test_the_checkers_of_stable_baselines3_pass_without_warnings(recwarn):
     check_env(gym.make(ID))
     env = VecCheckNan(Sb3VecEnv(native(2)), raise_exception=True)
     env.reset()

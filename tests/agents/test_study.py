@@ -22,7 +22,7 @@ from agents.comparison.study import Study
         ({"front": 0.5}, TypeError, "front = 0.5"),
     ],
 )
-def test_studies_of_other_values_are_refused(
+def test_invalid_settings_are_refused_by_name(
     settings: dict, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):

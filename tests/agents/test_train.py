@@ -1,4 +1,4 @@
-"""Training: one seed, one policy; what it begins from; what it refuses."""
+"""Training: the same seed gives the same policy; what it starts from; what it refuses."""
 
 import json
 
@@ -58,7 +58,7 @@ def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
         run(tmp_path / "d", init=tmp_path / "none.zip")
 
 
-def test_a_seed_of_numpy_is_as_good(tmp_path, finished):
+def test_numpy_integers_are_accepted_as_seed_and_number_of_steps(tmp_path, finished):
     run(tmp_path, seed=np.int64(0), timesteps=np.int32(128))
     assert json.loads((tmp_path / "train.json").read_text())["seed"] == 0
     np.testing.assert_array_equal(weights(tmp_path / "last.zip"), weights(finished / "last.zip"))
@@ -87,7 +87,7 @@ def test_seeds_and_numbers_of_steps_out_of_range_are_refused(tmp_path, changes, 
     assert not (tmp_path / "out").exists()
 
 
-def test_unknown_learners_are_refused_with_the_choice(tmp_path):
+def test_an_unknown_learner_is_refused_with_the_names_of_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match=r"algo = 'td3': choose from \['ppo', 'sac'\]"):
         train("td3", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()

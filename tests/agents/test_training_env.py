@@ -21,7 +21,7 @@ def test_rewards_are_scaled_for_the_learner_only():
 
 
 @pytest.mark.parametrize("voltage", [0.0, 1.0])
-def test_an_episodes_last_observation_and_the_reason_of_its_end_reach_the_learner(voltage):
+def test_the_learner_gets_an_episodes_last_observation_and_the_reason_for_its_end(voltage):
     # At rest time runs out, and under full voltage the wheel falls: compared with the plain
     # environment, which no vector environment resets.
     vector = training_env(3, Conditions(), Task(), 4)

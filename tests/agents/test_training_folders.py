@@ -1,4 +1,4 @@
-"""Whose folder it is: other trainings, damaged files and other processes are refused."""
+"""A folder belongs to one training: other trainings, processes and damaged files are refused."""
 
 import json
 import shutil
@@ -69,7 +69,7 @@ def test_a_damaged_state_is_named_with_the_remedy(folder, content):
         ("policy_kwargs", {"net_arch": "wide"}, "remove .* to train anew"),
     ],
 )
-def test_a_signed_state_of_other_parts_is_refused(folder, part, content, message):
+def test_a_signed_state_with_other_parts_is_refused(folder, part, content, message):
     state = read_state(folder / "state.npz")
     state["learner"][part] = content
     write_state(folder / "state.npz", state)
@@ -101,7 +101,7 @@ def test_a_signed_state_of_the_wrong_kind_is_named(folder, standing):
         run(folder, timesteps=256)
 
 
-def test_a_policy_to_start_from_is_known_by_its_weights(tmp_path, swing):
+def test_the_policy_that_a_training_starts_from_is_identified_by_its_weights(tmp_path, swing):
     first = run(tmp_path / "a", init="imitation", expert=swing, cloning=QUICK, timesteps=0)
     run(tmp_path / "b", init=first.clone, timesteps=0)
     record, arrays = read_arrays(first.clone, POLICY, ValueError, "")
@@ -111,7 +111,7 @@ def test_a_policy_to_start_from_is_known_by_its_weights(tmp_path, swing):
         run(tmp_path / "b", timesteps=0)
 
 
-def test_a_record_with_an_entry_missing_is_another_training(folder):
+def test_a_record_with_an_entry_missing_counts_as_another_training(folder):
     notes = json.loads((folder / "train.json").read_text())
     del notes["task"]
     (folder / "train.json").write_text(json.dumps(notes))

@@ -20,7 +20,7 @@ def test_tensorboard_shows_return_cost_of_transport_speed_steps_and_energies(tmp
     assert all(np.isfinite(event.value) for tag in wanted for event in shown[tag])
 
 
-def test_what_is_logged_are_ratios_of_sums_of_the_infos():
+def test_logged_figures_are_ratios_of_sums_over_the_infos():
     names = [channel.name for channel in CHANNELS]
     info = {name: np.zeros(2) for name in (*names, *TERM_NAMES, "failure")}
     info |= {"steps": np.ones(2), "elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}

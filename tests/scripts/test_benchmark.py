@@ -134,7 +134,7 @@ def test_the_row_of_a_peer_that_cannot_be_installed_says_so() -> None:
 
 
 @pytest.mark.parametrize("key", [case.key for case in CASES])
-def test_the_page_can_do_without_any_row(key: str) -> None:
+def test_the_page_can_be_written_without_any_one_row(key: str) -> None:
     run = made_up_run()
     fail(run, key, "went wrong")
     assert "went wrong" in page(run)

@@ -153,7 +153,7 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("publish", ["--study", "nowhere"], "run make compare"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(
+def test_invalid_options_are_refused_by_name(
     refused: Callable, script: str, arguments: list[str], told: str
 ) -> None:
     assert told in refused(script, *arguments)
@@ -172,7 +172,7 @@ def test_large_integers_may_be_written_as_powers_of_ten() -> None:
         ("trajopt.ocp.textbook:gear_ratio", "gives float, not a trajopt.Problem"),
     ],
 )
-def test_a_name_that_gives_no_problem_is_refused(
+def test_a_name_that_is_not_a_problem_is_refused(
     refused: Callable, tmp_path: Path, problem: str, told: str
 ) -> None:
     assert told in refused("multi_start", problem, "--out", tmp_path)

@@ -77,7 +77,7 @@ def test_the_chain_is_simulated_from_its_first_step(elastic_chain):
     )
 
 
-def test_results_have_their_keys(elastic_chain):
+def test_results_have_every_key_with_a_value_of_its_type(elastic_chain):
     for solution in elastic_chain:
         for row in solution.rows():
             for key, kind in KEYS.items():
@@ -117,7 +117,7 @@ def everything():
 
 
 @pytest.mark.slow
-def test_every_case_converges_again_and_again(everything):
+def test_every_case_converges_from_more_than_one_start(everything):
     assert set(everything) == {case.key for case in every_case()}
     for key, solution in everything.items():
         assert solution.converged, key
@@ -145,7 +145,7 @@ def test_a_chain_aimed_at_an_optimum_costs_as_much(everything):
 
 
 @pytest.mark.slow
-def test_the_mass_seeks_its_bound_unless_walking_is_to_be_cheap(everything):
+def test_the_mass_goes_to_its_bound_unless_the_cost_is_that_of_transport(everything):
     for key, solution in everything.items():
         names = list(solution.extremal.problem.parameters)
         if key[0] == 3 and names == ["m2"] and "periodic" not in key[1]:
@@ -156,7 +156,7 @@ def test_the_mass_seeks_its_bound_unless_walking_is_to_be_cheap(everything):
 
 
 @pytest.mark.slow
-def test_a_floor_that_can_but_push_bears_no_collisionless_step(everything):
+def test_a_collisionless_step_needs_a_floor_that_pulls(everything):
     assert everything[2, "least pull of the foot"].extremal.parameters[0] > 3
     for key, solution in everything.items():
         if "not held down" in key[1]:
@@ -182,7 +182,7 @@ def test_a_coarse_mesh_gives_what_experiment_2_printed(everything):
     assert fine.cost == pytest.approx(1.267271, abs=1e-6)
 
 
-def test_guesses_last_as_long_as_they_are_asked_to():
+def test_guesses_have_durations_in_the_given_range():
     problem = experiment_1()[1].problem(None)
     family = WaypointStarts(problem, durations=(0.3, 0.5))
     for index in range(5):
@@ -196,7 +196,7 @@ def test_a_case_that_does_not_converge_says_so(elastic_chain):
     assert not dataclasses.replace(solution, simulated=off).converged
 
 
-def test_the_energy_is_the_shafts_of_the_reference_simulation(elastic_chain):
+def test_the_energy_is_the_shaft_work_of_the_reference_simulation(elastic_chain):
     solution = elastic_chain[1]
     duration = sum(phase.duration for phase in solution.motion)
     shaft = played(solution.machine, solution.motion, duration).ledger.shaft

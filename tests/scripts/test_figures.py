@@ -66,7 +66,7 @@ def test_the_integrator_converges_at_the_recorded_order() -> None:
         assert measured["order"] == pytest.approx(RECORDED["convergence"][name]["order"], abs=0.1)
 
 
-def test_the_recorded_accuracy_keeps_its_targets() -> None:
+def test_the_recorded_accuracy_meets_its_targets() -> None:
     for name in PRESETS:
         assert RECORDED["missed_dips"][name]["unlike"] == 0
         for case in CASES:
@@ -83,7 +83,7 @@ def test_the_documents_hold_the_tables_of_the_recorded_numbers() -> None:
         assert table in pages, f"table {name}: run scripts/figures.py --keep-numbers"
 
 
-def test_tables_are_written_where_their_heads_stand() -> None:
+def test_tables_are_replaced_where_their_headings_are() -> None:
     page = PAGES["physics.md"]
     old = page.replace("| walking | 30 |", "| walking | 31 |").replace("| rocking", "| rolling")
     assert old != page
@@ -106,7 +106,7 @@ def test_the_text_of_the_model_quotes_the_recorded_numbers() -> None:
         assert f"{reach:.2f} m against {hub:.2f} m" in text
 
 
-def test_every_figure_is_shown_and_small() -> None:
+def test_every_figure_is_shown_and_its_file_is_small() -> None:
     shown = {name for page in PAGES.values() for name in re.findall(r"figures/(\w+\.png)", page)}
     assert shown == {path.name for path in FIGURES.glob("*.png")}
     assert all((FIGURES / name).stat().st_size < 150_000 for name in shown)

@@ -1,4 +1,4 @@
-"""Short fuzzes find nothing, and environments that are wrong are noticed."""
+"""Short fuzzes find nothing in our environments, and find what is wrong in broken ones."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Heavier(RimlessWheelVectorEnv):
         (Heavier, "differs from the single environment's"),
     ],
 )
-def test_an_environment_that_is_wrong_is_noticed(
+def test_a_fuzz_finds_an_environment_that_is_wrong(
     kind: type[RimlessWheelVectorEnv], trouble: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trial, "MOST_CASES", 1000)
@@ -128,7 +128,7 @@ def test_an_environment_that_is_wrong_is_noticed(
     assert json.loads(str(cases[0]).removeprefix("FAILURE "))["seed"] == PLAIN
 
 
-def test_a_step_that_takes_too_long_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fuzz_finds_a_step_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "SLOWEST_ROW", 0.0)
     monkeypatch.setattr(trial, "SLOWEST_CALL", 0.0)
     assert "a step took" in Trial(PLAIN).run().cases[0].trouble

@@ -1,4 +1,4 @@
-"""The tests can be run as other processors would run them; the processors that fail are named."""
+"""The tests can be run as on other processors, and the report names those that fail."""
 
 from __future__ import annotations
 

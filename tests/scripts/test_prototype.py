@@ -1,4 +1,4 @@
-"""Whether the machine as built can walk: the study's machines, its files, and what it published."""
+"""The study of the machine as built: its machines, its files, its published results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def slow_whirl() -> Solution:
     return next(g for g in shipped() if g.steps == 1 and abs(g.speed - 0.5) < 1e-6)
 
 
-def test_the_ends_of_the_scales_are_the_machine_simulated_and_the_machine_built() -> None:
+def test_the_scales_run_from_the_machine_simulated_to_the_machine_built() -> None:
     assert SCALES[0] == 4.0
     assert SCALES[-1] == 1.0
     assert STOCK.machine(1.0, 1.0) == PROTOTYPE
@@ -48,7 +48,7 @@ def test_more_voltage_or_another_gear_admits_the_stock_supplys_gaits_not_the_rev
     assert not GEARED.admits(STRONG)
 
 
-def test_random_starts_turn_as_often_as_they_say() -> None:
+def test_random_starts_make_the_turns_that_they_are_labelled_with() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         (phase,), turns = whirling(STOCK.params, rng)
@@ -64,7 +64,7 @@ def test_known_gaits_are_the_first_starts_with_their_own_turns_and_gear() -> Non
     assert np.array_equal(start.parameters, [3.5, 1.0])
 
 
-def test_a_gait_led_to_a_smaller_pendulum_still_satisfies_its_own_cost() -> None:
+def test_a_gait_can_be_led_to_a_smaller_pendulum() -> None:
     curve = followed(STOCK, slow_whirl(), 3.9)
     assert curve.reached
     assert curve.values[0] == 4.0
@@ -81,7 +81,7 @@ def test_limits_that_a_gait_reaches_are_named_with_their_share_of_time() -> None
     assert (shares["voltage"] > 0.0) == (v.peak_voltage > 0.999 * 20.0)
 
 
-def test_points_in_the_folder_are_not_looked_for_again(tmp_path: Path) -> None:
+def test_points_in_the_folder_are_not_solved_again(tmp_path: Path) -> None:
     found = Point(STOCK, 4.0, slow_whirl())
     missing = Point(STOCK, 2.0, None, "nothing leads there")
     for point in (found, missing):
@@ -95,7 +95,7 @@ def test_points_in_the_folder_are_not_looked_for_again(tmp_path: Path) -> None:
     ]
 
 
-def test_a_supply_takes_the_gait_of_a_lesser_one_where_it_has_none() -> None:
+def test_a_supply_without_a_gait_takes_that_of_a_weaker_supply() -> None:
     points = [Point(v, 4.0, slow_whirl() if v == STOCK else None, "none") for v in VARIANTS]
     stock, strong, geared = shared(points)
     assert stock.gait is not None

@@ -29,13 +29,13 @@ def press(number: signal.Signals) -> None:
 
 @pytest.fixture(scope="module")
 def one() -> Solved:
-    """A case, solved."""
+    """A solved case."""
     return solved(experiment_1()[1])
 
 
 @pytest.fixture
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The variants that were begun, each with two starts alone."""
+    """Names of the variants begun; each is solved from two starts only."""
     variants = list[str]()
 
     def noted(case: Case, before: Solved | None = None) -> Solved:
@@ -102,14 +102,14 @@ def test_every_case_has_a_file_of_its_own(tmp_path: Path) -> None:
     assert len(places) == len(every_case())
 
 
-def test_cases_that_others_continue_are_needed_too() -> None:
+def test_the_cases_that_a_wanted_case_continues_are_solved_too() -> None:
     keys = [case.key for case in needed([6])]
     assert keys[0] == (1, "cost 4.4")
     for case in needed([6]):
         assert case.after is None or case.after.key in keys[: keys.index(case.key)]
 
 
-def test_an_interrupted_prototype_says_so(
+def test_an_interrupted_prototype_study_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(folder: Path, workers: int) -> Iterator[Any]:

@@ -14,7 +14,7 @@ SIZE = 7  # six observations and a constant
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CemSettings(Settings):
-    """Policies tried per generation, those kept, control intervals of a trial, first spread."""
+    """Policies tried and kept per generation, control intervals per trial, and first spread."""
 
     n_timesteps: int = 4000
     population: int = 20

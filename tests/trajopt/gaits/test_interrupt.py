@@ -21,7 +21,7 @@ def solve_fronts() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.7, 1.1, 1.6])
-def test_an_interrupted_front_is_no_front_with_a_hole(delay: float) -> None:
+def test_an_interrupted_front_is_not_returned_with_gaits_missing(delay: float) -> None:
     timer = threading.Timer(delay, press_ctrl_c)
     timer.start()
     with pytest.raises(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Saved gaits: what is refused on loading, and whether the shipped ones are what they say."""
+"""Saved gaits: what is refused on loading, and whether the shipped ones pass verification."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_header_with_parts_missing_or_wrong_is_refused(path, change):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "null", "3", "{}", "not JSON", "\ud7ff"])
-def test_a_header_that_is_no_object_is_refused(path, text):
+def test_a_header_that_is_not_an_object_is_refused(path, text):
     rewrite(path, signed=True, header=lambda _: text)
     refused(path, "not a file of format 'rimless-gym gait")
 
@@ -137,7 +137,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", ARRAYS)
-def test_arrays_that_do_not_fit_are_refused_by_name_whoever_signed_them(path, name, change):
+def test_arrays_that_do_not_fit_are_refused_by_name_even_if_signed(path, name, change):
     with np.load(path) as data:
         changed = CHANGES[change](data[f"phase0_{name}"])
     rewrite(path, signed=True, **{f"phase0_{name}": changed})
@@ -145,7 +145,7 @@ def test_arrays_that_do_not_fit_are_refused_by_name_whoever_signed_them(path, na
     refused(path, "no phases" if missing else r"phase0.*(shape|type|finite|missing|increase|end)")
 
 
-def test_a_stride_cut_short_as_a_whole_is_refused(path):
+def test_a_stride_with_its_last_element_cut_off_is_refused(path):
     with np.load(path) as data:
         cut = {f"phase0_{name}": data[f"phase0_{name}"][:-1] for name in ("edges", "states")}
         cut["phase0_controls"] = data["phase0_controls"][:-1]
@@ -153,7 +153,7 @@ def test_a_stride_cut_short_as_a_whole_is_refused(path):
     refused(path, "its time is .* was verified")
 
 
-def test_states_that_jump_and_arrays_that_nobody_knows_are_refused(path):
+def test_states_that_jump_and_unknown_arrays_are_refused(path):
     content = path.read_bytes()
     with np.load(path) as data:
         swapped = data["phase0_states"][::-1]
@@ -189,7 +189,7 @@ def test_damage_anywhere_is_refused_or_harmless(path):
         refused(path, "not a file of format 'rimless-gym gait")
 
 
-def test_a_folder_and_an_array_are_refused(tmp_path):
+def test_a_folder_and_a_bare_array_are_refused(tmp_path):
     with pytest.raises(GaitFileError, match="a folder"):
         Solution.load(tmp_path)
     with (tmp_path / "array.npz").open("wb") as file:
@@ -206,8 +206,8 @@ def check_from_scratch(name):
     assert found.failures == gait.verification.failures == ()
     assert found.state_error < 1e-6
     sums, extremes = ("electrical_positive", "electrical"), ("min_normal_force", "clearance")
-    # Extremes are sampled. Those stored are of the ends of the simulator's steps alone, which moved
-    # when it ceased to crowd them round changes of sign: 3.8e-4 m of a clearance are theirs.
+    # Extremes are sampled. Those in the files were sampled only at the ends of the simulator's
+    # steps, at other times than today's. That alone changes a clearance by up to 3.8e-4 m.
     for figure in (*sums, *extremes):
         stored = getattr(gait.verification, figure)
         close = pytest.approx(stored, rel=1e-5 if figure in sums else 2e-3, abs=1e-6)
@@ -217,17 +217,17 @@ def check_from_scratch(name):
 @pytest.mark.parametrize(
     "name", ["thesis_physical_1_steps_k-1_0.500.npz", "thesis_physical_2_steps_k0_0.500.npz"]
 )
-def test_the_shipped_gaits_of_half_a_metre_per_second_pass_from_scratch(name):
+def test_the_shipped_gaits_at_half_a_metre_per_second_pass_verification_again(name):
     check_from_scratch(name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_gait_passes_from_scratch(name):
+def test_every_shipped_gait_passes_verification_again(name):
     check_from_scratch(name)
 
 
-def test_verification_from_scratch_sees_a_changed_machine():
+def test_verification_fails_on_a_changed_machine():
     gait = next(s for s in shipped() if s.steps == 1 and abs(s.speed - 0.5) < 1e-9)
     other = gait.params.replace(wheel_mass=1.01 * gait.params.wheel_mass)
     assert not verify(other, gait.phases, gait.theta_turns).passed
@@ -261,12 +261,12 @@ def test_verification_from_scratch_sees_a_changed_machine():
         ({"progress": 1}, TypeError, "progress = 1: must be True or False"),
     ],
 )
-def test_arguments_of_the_wrong_kind_are_named(arguments, error, message):
+def test_invalid_arguments_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
         periodic_gait(**({"params": THESIS_PHYSICAL} | arguments))
 
 
-def test_numbers_of_other_types_are_as_good():
+def test_numpy_numbers_are_accepted_as_arguments():
     one = next(s for s in shipped() if s.steps == 1 and abs(s.speed - 0.5) < 1e-9)
     gait = periodic_gait(
         THESIS_PHYSICAL, np.float32(0.5), np.int8(1), guess=one, starts=np.int64(0)

@@ -22,7 +22,7 @@ def test_the_cycle_is_found_whatever_the_number_of_legs(legs: int, slope: float)
     ("scheme", "tolerance", "accuracy"),
     [("hermite-simpson", 1e-7, 2e-5), ("trapezoid", 1e-5, 3e-3)],
 )
-def test_other_schemes_find_it_as_far_as_their_order_reaches(
+def test_other_schemes_find_the_cycle_as_accurately_as_their_order_allows(
     scheme: str, tolerance: float, accuracy: float
 ) -> None:
     problem = passive_wheel()

@@ -113,7 +113,7 @@ def test_foreign_and_missing_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
-def test_impossible_speeds_are_named(speed):
+def test_impossible_speeds_are_refused_by_name(speed):
     with pytest.raises(ValueError, match=r"speed = .*: must be (finite|greater than 0)"):
         periodic_gait(THESIS_PHYSICAL, speed)
 
@@ -126,17 +126,17 @@ def test_a_gait_is_led_to_a_far_speed_in_several_steps(one_step):
     assert slower.cot > one_step.cot
 
 
-def test_a_lead_that_ends_before_the_speed_says_how_far_it_came(one_step):
+def test_leading_a_gait_too_far_reports_the_speed_that_was_reached(one_step):
     with pytest.raises(NoGaitError, match=r"; 0\.60\d m/s was reached"):
         periodic_gait(THESIS_PHYSICAL, 0.63, 1, guess=one_step)
 
 
-def test_a_speed_beyond_reach_says_so_and_what_binds():
+def test_the_error_for_a_speed_beyond_reach_names_the_limits_that_bind():
     with pytest.raises(NoGaitError, match=r"3\.0 m/s(.|\n)*violated(.|\n)*reached"):
         periodic_gait(THESIS_PHYSICAL, 3.0, steps=1)
 
 
-def test_a_failed_verification_is_prominent(one_step):
+def test_the_report_shows_a_failed_verification(one_step):
     phases = [dataclasses.replace(p, controls=p.controls + 0.1) for p in one_step.phases]
     spoilt = verify(THESIS_PHYSICAL, phases, one_step.theta_turns)
     assert not spoilt.passed
@@ -201,7 +201,7 @@ def test_every_shipped_gait_was_verified():
     assert all(s.verification.passed for s in shipped())
 
 
-def test_random_guesses_depend_on_the_seed_alone():
+def test_random_guesses_depend_on_nothing_but_the_seed():
     first, second = (
         random_guess(THESIS_PHYSICAL, 2, 1.7, np.random.default_rng([3, 4])) for _ in range(2)
     )
@@ -210,7 +210,7 @@ def test_random_guesses_depend_on_the_seed_alone():
         assert np.array_equal(mine.states, theirs.states)
 
 
-def test_the_same_optimum_found_twice_counts_twice(gait):
+def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
     shifted = gait.phases[1:] + gait.phases[:1]
     starts = [(gait.phases, 1.0), (shifted, 1.0), (gait.phases, 2.0)]
     outcomes = [
@@ -231,7 +231,7 @@ def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate():
         front(5.0)
 
 
-def test_of_gaits_as_good_the_front_takes_the_first(gait):
+def test_among_equally_good_gaits_the_front_takes_the_first(gait):
     v, hair = gait.verification, 1 + 1e-9
     for factor in (hair, 1.0, 1 / hair):
         other = dataclasses.replace(
@@ -243,21 +243,22 @@ def test_of_gaits_as_good_the_front_takes_the_first(gait):
 
 
 @pytest.mark.parametrize("rounding", [-1e-10, 0.0, 1e-10])
-def test_a_lead_is_chosen_by_more_than_rounding(rounding):
-    """0.05 m/s are two and a half times `NEAR`; 0.45 and 0.55 m/s are as near to 0.5 m/s."""
+def test_rounding_does_not_change_which_gait_leads(rounding):
+    # Gaits at 0.45 and 0.55 m/s are equally near to 0.5 m/s, and 0.05 m/s is 2.5 times `NEAR`:
+    # both their order and the rounding to `NEAR` could depend on the last bits.
     leads = [s for s in shipped() if s.steps == 2 and s.params == THESIS_PHYSICAL]
     leads = by_promise(leads, THESIS_PHYSICAL, 0.5)
     again = by_promise(leads[::-1], THESIS_PHYSICAL, 0.5 + rounding)
     assert [s.speed for s in again] == [s.speed for s in leads]
 
 
-def test_of_a_family_the_gait_nearest_in_speed_leads_though_slower_ones_cost_less():
+def test_the_gait_nearest_in_speed_leads_its_family_even_if_slower_ones_cost_less():
     family = [s for s in shipped() if s.steps == 1 and s.theta_turns == -1]
     assert min(family, key=lambda s: s.cot).speed < 0.59
     assert by_promise(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
 
 
-def test_gaits_of_a_front_and_reasons_for_none_are_read_as_they_were_kept(tmp_path, monkeypatch):
+def test_a_folder_keeps_the_gaits_of_a_front_and_why_others_are_missing(tmp_path, monkeypatch):
     gait = next(s for s in shipped() if s.steps == 1)
     speeds = [gait.speed, 20.0]
     front = cot_front(THESIS_PHYSICAL, speeds, steps=(1,), folder=tmp_path)
@@ -287,7 +288,7 @@ def test_the_front_is_solved_from_shipped_gaits():
     assert front(0.5) == pytest.approx(best, rel=1e-12)
 
 
-def test_a_gait_draws_its_states_and_its_voltage(one_step, tmp_path):
+def test_the_plot_of_a_gait_shows_its_states_and_voltage(one_step, tmp_path):
     figure = one_step.plot(tmp_path / "gait.png")
     assert (tmp_path / "gait.png").stat().st_size > 10_000
     labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]

@@ -30,7 +30,7 @@ def test_phases_of_different_control_degrees_are_played_one_after_the_other() ->
         assert law(first.duration + t, None) == pytest.approx(expected, abs=1e-9)
 
 
-def test_as_much_time_is_added_as_the_last_touchdown_takes() -> None:
+def test_playback_is_extended_just_far_enough_for_the_last_touchdown() -> None:
     early, late, later = -1e-6, 1e-6, 1e-3
     assert played(GAIT.params, GAIT.phases, GAIT.duration + early).steps == 1
     run = played_to_last_touchdown(GAIT.params, GAIT.phases, (early, late, later))

@@ -9,7 +9,7 @@ from rimless_gym.envs.starts import normal_force
 from trajopt.gaits.shipped import shipped
 
 
-def test_every_state_of_the_shipped_gaits_is_taken_as_a_start() -> None:
+def test_an_episode_can_start_in_every_state_of_the_shipped_gaits() -> None:
     pulled = 0
     for gait in shipped():
         env = RimlessWheelEnv(gait.params)

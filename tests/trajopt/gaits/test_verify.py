@@ -37,7 +37,7 @@ def sloped(request: pytest.FixtureRequest) -> Solution:
 
 
 @pytest.mark.parametrize("phases", [disturbed(0.1), slowed(1.002)], ids=["voltage", "time"])
-def test_the_energy_audit_is_the_energy_that_a_stride_fails_to_give_back(phases: list) -> None:
+def test_the_energy_audit_measures_the_energy_missing_over_a_stride(phases: list) -> None:
     found = verify(P, phases, ONE.theta_turns)
     run = played(P, phases, sum(p.duration for p in phases) + 1e-8)
     start, end = (hybrid.mechanical_energy(*x, P.constants) for x in (run.x[0], run.x[-1]))
@@ -46,7 +46,7 @@ def test_the_energy_audit_is_the_energy_that_a_stride_fails_to_give_back(phases:
     assert "the energy balance does not close" in found.failures
 
 
-def test_the_energy_audit_closes_with_the_work_of_the_slope_in_it(sloped: Solution) -> None:
+def test_the_energy_audit_closes_on_a_slope(sloped: Solution) -> None:
     v, p = sloped.verification, sloped.params
     work = p.weight * math.sin(p.slope) * v.distance
     assert v.energy_audit < 1e-6 < 1e-2 < abs(work)
@@ -57,7 +57,7 @@ def test_downhill_is_cheaper_than_uphill(sloped: Solution) -> None:
     assert (sloped.cot < ONE.cot) == (sloped.params.slope > 0)
 
 
-def test_the_cost_under_a_hundred_hertz_hold_is_that_of_a_simulation_with_samples() -> None:
+def test_the_cost_at_a_hundred_hertz_hold_is_that_of_a_simulation_with_held_voltages() -> None:
     costs = []
     for gait in (ONE, nearest(P, 0.6, 1)[0]):
         ticks = 0.01 * np.arange(math.ceil(gait.duration / 0.01))
@@ -77,7 +77,7 @@ def test_the_cost_under_a_hundred_hertz_hold_is_that_of_a_simulation_with_sample
         ("friction", "max_friction_demand", "the stance foot slips"),
     ],
 )
-def test_a_gait_fails_by_name_exactly_the_limit_that_it_exceeds(
+def test_verification_names_exactly_the_limit_that_a_gait_exceeds(
     limit: str, figure: str, failure: str
 ) -> None:
     used = getattr(ONE.verification, figure)
@@ -85,7 +85,7 @@ def test_a_gait_fails_by_name_exactly_the_limit_that_it_exceeds(
     assert over.failures == (failure,)
 
 
-def test_a_gait_whose_touchdown_slips_fails_by_name() -> None:
+def test_verification_names_a_touchdown_that_slips() -> None:
     friction = 0.99 * ONE.verification.max_impulse_friction_demand
     over = verify(P.replace(friction=friction), ONE.phases, ONE.theta_turns)
     assert "a touchdown slips" in over.failures
