@@ -164,9 +164,14 @@ def equations(
         return u * motor_current(dpsi, u, p)
 
     @compiled
-    def hub_friction(dpsi, p):
-        """Friction torque at the hub (N m), against psi'."""
+    def viscous_friction(dpsi, p):
+        """Torque of viscous friction at the hub (N m), against psi'."""
         return p.damping * dpsi
+
+    @compiled
+    def hub_friction(dpsi, p):
+        """Torque of all friction at the hub (N m), against psi'."""
+        return viscous_friction(dpsi, p)
 
     @compiled
     def hub_torque(dpsi, u, p):
@@ -188,7 +193,7 @@ def equations(
         """Powers of the `LOSSES` (W)."""
         return Losses(
             copper=p.Rm * motor_current(dpsi, u, p) ** 2,
-            friction=hub_friction(dpsi, p) * dpsi,
+            friction=viscous_friction(dpsi, p) * dpsi,
             drag=air_drag(dphi, p) * dphi,
         )
 

@@ -17,6 +17,8 @@ from rimless_gym.equations import IMPACT_LAWS, equations
 MOTOR_MOUNTS = ("wheel", "frame")
 MOST_LEGS = 1_000_000  # the model still tells legs apart that are this close
 LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
+POSITIVE = ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit")
+SIGNED = ("slope", "n_legs")  # neither need be at least 0 here: they have limits of their own
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
 _eq = equations(np.sin, np.cos)
@@ -124,18 +126,14 @@ class WheelParams:
         for field in dataclasses.fields(self):
             if field.name not in CHOICES:
                 object.__setattr__(self, field.name, real(field.name, getattr(self, field.name)))
-        for name in ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit"):
+        for name in POSITIVE:
             if getattr(self, name) < SMALLEST:
                 raise ValueError(
                     f"{name} = {getattr(self, name)}: must be greater than 0, at least {SMALLEST:g}"
                 )
-        for name in (
-            *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia"),
-            *("pendulum_length", "motor_constant", "rotor_inertia", "hub_damping"),
-            *("drag", "idle_power", "friction"),
-        ):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be at least 0")
+        for field in dataclasses.fields(self):
+            if field.name not in (*CHOICES, *SIGNED) and getattr(self, field.name) < 0:
+                raise ValueError(f"{field.name} = {getattr(self, field.name)}: must be at least 0")
         if not (3 <= self.n_legs <= MOST_LEGS and self.n_legs == int(self.n_legs)):
             raise ValueError(
                 f"n_legs = {self.n_legs:.15g}: must be an integer of at least 3, and at most "

@@ -12,7 +12,8 @@ from trajopt.gaits.solution import Solution
 NOTES = """\
 CoT counts the energy drawn from the battery, E+; none is fed back. The gap is to the best periodic
 gait of 1 to 3 steps per stride at the row's own speed, interpolated. The front is steep: a little
-more speed means much less CoT. "Best kept" is best by reward, of which energy is only a part."""
+more speed means much less CoT. "Best kept" is best by reward, of which energy is only a part; it
+is the clone itself where no evaluation of the fine-tuning earned more."""
 
 
 def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:

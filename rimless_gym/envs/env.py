@@ -107,8 +107,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Arguments
     - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
       name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from the default.
-    - `task`: `rimless_gym.Task(value_of_distance=0.5, fall_distance=2.0, horizon=20.0)`, or a
-      dictionary of some of its fields.
+    - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields:
+      `{task}`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
       `gymnasium.utils.play.play(env)` lets you drive the wheel with the arrow keys.
     - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of

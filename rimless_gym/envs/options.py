@@ -78,7 +78,10 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
         kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
     elif "mode" in options:
         if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
-            raise ValueError("reset option 'mode' goes with 'state', unless it is 'double_stance'")
+            raise ValueError(
+                f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
+                "'double_stance'"
+            )
         kind = HANGING
     return Options(rows, None if same else params, ranges, disturbances, kind, given)
 

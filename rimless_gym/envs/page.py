@@ -6,7 +6,7 @@ import inspect
 from typing import TypeVar
 
 from rimless_gym.energy import CHANNELS
-from rimless_gym.envs.task import TERM_NAMES, TERMS
+from rimless_gym.envs.task import TERM_NAMES, TERMS, Task
 
 T = TypeVar("T", bound=type)
 
@@ -19,6 +19,7 @@ def completed(environment: T) -> T:
         for name, term in zip(TERM_NAMES, TERMS, strict=True)
     ]
     page = environment.__doc__ or ""
+    page = page.replace("{task}", repr(Task()))
     page = page.replace("{balance}", f"{' + '.join(into)} = {' + '.join(out_of)}")
     environment.__doc__ = page.replace("    {terms}", "\n".join(terms))
     return environment

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations, ground_reaction
 from rimless_gym.params import WheelParams
-from trajopt.feedback.law import Controller, Floats
+from trajopt.feedback.law import Controller, Floats, states_and_modes
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
 CONTACT_MARGIN = 0.1
@@ -35,15 +35,25 @@ class Guarded:
     controller: Controller
     margin: float = CONTACT_MARGIN
 
-    def __call__(self, x: Floats, mode: NDArray[np.int64]) -> Floats:
-        """Voltages (N,) for states (N, 4) and stance modes (N,)."""
-        volts = np.asarray(self.controller(x, mode), dtype=np.float64)
-        p = self.params
-        floor = self.margin * p.weight
-        guarded: Floats = _guard(
-            np.ascontiguousarray(x), mode, volts, floor, p.voltage_limit, p.constants
-        )
-        return guarded
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states.
+
+        Args:
+            x: states, shape (N, 4) or (4,).
+            mode: stance modes, shape (N,), or one for all states.
+
+        Returns:
+            Volts within the limit, shape (N,) or ().
+
+        Raises:
+            TypeError: the states or modes are not real numbers.
+            ValueError: they have another shape, or a mode is neither SINGLE nor DOUBLE.
+        """
+        states, modes = states_and_modes(x, mode)
+        volts = np.asarray(self.controller(states, modes), dtype=np.float64)
+        p, floor = self.params, self.margin * self.params.weight
+        guarded: Floats = _guard(states, modes, volts, floor, p.voltage_limit, p.constants)
+        return guarded if np.ndim(x) == 2 else guarded[0]
 
 
 @njit(error_model="numpy")

@@ -11,6 +11,7 @@ import numpy as np
 import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.layout import Interval
 from rimless_gym.envs.task import TERM_NAMES, TERMS
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import MAX_RATE
@@ -55,7 +56,7 @@ def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> No
     for idle_power in (0.0, 5.0):
         params = THESIS_PHYSICAL.replace(idle_power=idle_power)
         for task in (Task(), Task(value_of_distance=10.0), Task(horizon=100.0)):
-            nothing = SimpleNamespace(distance=0.0, electrical_positive=0.0, idle=0.0, failed=0.0)
+            nothing = SimpleNamespace(**dict.fromkeys(Interval._fields, 0.0))
             end, rest = copy.copy(nothing), copy.copy(nothing)
             end.failed, rest.idle = 1.0, idle_power * task.horizon
             rewards = [sum(term(x, params, task) for term in TERMS) for x in (end, rest)]
