@@ -64,7 +64,7 @@ def format_table(rows: list[dict[str, Any]]) -> str:
             row["policy"],
             figure(row["cot"], ".4f"),
             figure(row["speed"], ".3f"),
-            figure(row["gap"], "+.1%"),
+            figure(row["gap"], "+z.1%"),
             figure(row["walking_share"], ".0%"),
         )
         lines.append("| " + " | ".join(cells) + " |")

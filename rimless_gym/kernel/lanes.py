@@ -1,7 +1,7 @@
-"""How numbers lie in a tile: `LANES` wheels side by side, the numbers of one wheel `LANES` apart.
+"""How numbers lie in a tile: `LANES` wheels side by side, each of their quantities `LANES` apart.
 
-Eight lanes fill the widest registers. More are no faster, and slow down a tile with one wheel in
-it. docs/benchmark.md compares eight lanes with one.
+Eight lanes fill the widest registers there are. docs/benchmark.md has what they buy over one, and
+what they cost where there is only one wheel.
 """
 
 from __future__ import annotations

@@ -114,6 +114,11 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
     assert (row["policy"], row["walking_share"]) == ("at rest about the optimum", 0.0)
 
 
+def test_a_gap_that_rounds_to_nothing_has_no_minus_sign() -> None:
+    row = {"policy": "optimal", "cot": 0.03, "speed": 0.5, "gap": -3e-5, "walking_share": None}
+    assert "| +0.0% |" in format_table([row])
+
+
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
     table = format_table([row | {"walking_share": 0.0}])
