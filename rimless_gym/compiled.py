@@ -26,7 +26,7 @@ def rates(mode, phi, theta, dphi, dtheta, u, constants):
     dpsi = hybrid.relative_rate(dphi, dtheta, p)
     electrical, shaft = hybrid.electrical_power(dpsi, u, p), hybrid.shaft_power(dpsi, u, p)
     motion = dphi, dtheta, ddphi, ddtheta, electrical, shaft
-    return motion, hybrid.losses(dphi, dpsi, u, p)
+    return motion, hybrid.losses(dphi, dpsi, hybrid.relative_rate(ddphi, ddtheta, p), u, p)
 
 
 @kept(REFERENCE)

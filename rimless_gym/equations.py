@@ -1,6 +1,6 @@
 """The physics, written once.
 
-`equations(sin, cos, compiled)` returns plain functions of scalars. numba compiles these lines for
+`equations(sin, cos, ...)` returns plain functions of scalars. numba compiles these lines for
 stepping (`rimless_gym.hybrid`), and CasADi traces the same lines for optimisation
 (`rimless_gym.symbolic`). There is no other copy of an equation of motion, guard or impact map.
 
@@ -31,11 +31,13 @@ IMPACT_LAWS = ("plastic", "relabel", "thesis")
 PLASTIC, RELABEL, THESIS = range(3)
 
 #: The losses of smooth motion, each with its power. A new loss is an entry here, its power in
-#: `losses` and its torque in `hub_friction` or `forces`: the ledger, the simulators, `info`, the
-#: logs and the documents take their names and numbers from this table.
+#: `losses` and its torque in `hub_torque`, `dry_friction` or `forces`: the ledger, the simulators,
+#: `info`, the logs and the documents take their names and numbers from this table.
 LOSSES = {
     "copper": "i^2 Rm in the motor's windings",
-    "friction": "viscous friction at the hub",
+    "damping": "viscous friction at the hub",
+    "friction": "dry friction at the hub without load",
+    "gear": "what the gear loses besides, because it transmits a torque",
     "drag": "air drag on the hub",
 }
 Losses = record("Losses", LOSSES, __name__)  # powers (W), or energies (J)
@@ -65,6 +67,7 @@ def equations(
     sin: Callable[[Any], Any],
     cos: Callable[[Any], Any],
     compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = _interpreted,
+    sqrt: Callable[[Any], Any] = math.sqrt,
 ) -> SimpleNamespace:
     """Every equation of the model as a function of scalars.
 
@@ -72,6 +75,7 @@ def equations(
         sin: sine of one scalar, of the caller's number type.
         cos: cosine of one scalar, of the same type.
         compiled: decorator applied to each function, e.g. ``numba.njit``.
+        sqrt: square root of one scalar.
 
     Returns:
         A namespace of the functions defined below.
@@ -94,8 +98,8 @@ def equations(
 
     @compiled
     def pendulum_clearance(phi, theta, p):
-        """Height of the rod's far end, 2 L2 from the hub, above the ground (m)."""
-        return p.L1 * sin(phi) - 2 * p.L2 * cos(theta)
+        """Height of the pendulum's far end above the ground (m)."""
+        return p.L1 * sin(phi) - p.reach * cos(theta)
 
     @compiled
     def relative_rate(dphi, dtheta, p):
@@ -169,14 +173,9 @@ def equations(
         return p.damping * dpsi
 
     @compiled
-    def hub_friction(dpsi, p):
-        """Torque of all friction at the hub (N m), against psi'."""
-        return viscous_friction(dpsi, p)
-
-    @compiled
     def hub_torque(dpsi, u, p):
-        """Torque between wheel and pendulum (N m): the motor's less friction."""
-        return motor_torque(dpsi, u, p) - hub_friction(dpsi, p)
+        """Torque between wheel and pendulum (N m) but for `dry_friction`; affine in psi' and u."""
+        return motor_torque(dpsi, u, p) - viscous_friction(dpsi, p)
 
     @compiled
     def shaft_power(dpsi, u, p):
@@ -188,12 +187,53 @@ def equations(
         """Torque about the foot of the air drag on the hub (N m), against phi'."""
         return p.Cd * abs(dphi) * dphi
 
+    # -- dry friction of gear and bearings: F0 without load, the share c of a large load ----------
+
     @compiled
-    def losses(dphi, dpsi, u, p):
+    def slide(dpsi, p):
+        """The sign of psi', smooth where |psi'| is not large against the width w."""
+        return dpsi / sqrt(dpsi * dpsi + p.w * p.w)
+
+    @compiled
+    def gear_torque(dpsi, ddpsi, u, p):
+        """Torque that the gear transmits (N m): the motor's, less what turns the rotor itself."""
+        return motor_torque(dpsi, u, p) - p.Jr * ddpsi
+
+    @compiled
+    def friction_level(torque, p):
+        """Size of the dry friction (N m) while the gear transmits `torque`."""
+        return sqrt(p.F0 * p.F0 + (p.c * torque) ** 2)
+
+    @compiled
+    def dry_friction(dpsi, free, mobility, u, p):
+        """Torque of the dry friction at the hub (N m), against psi'.
+
+        The friction depends on the torque that the gear transmits, that on psi'', and psi'' on the
+        friction. The three equations make one quadratic, solved here.
+
+        Args:
+            dpsi: psi' (rad/s).
+            free: psi'' without dry friction (rad/s^2).
+            mobility: psi'' per torque at the hub (1 / (kg m^2)).
+            u: voltage (V).
+            p: the machine.
+        """
+        direction, loaded = slide(dpsi, p), p.c * gear_torque(dpsi, free, u, p)
+        feedback = p.c * p.Jr * mobility * direction
+        rest = 1 - feedback * feedback
+        level = (feedback * loaded + sqrt(loaded * loaded + rest * p.F0 * p.F0)) / rest
+        return direction * level
+
+    @compiled
+    def losses(dphi, dpsi, ddpsi, u, p):
         """Powers of the `LOSSES` (W)."""
+        sliding = slide(dpsi, p) * dpsi
+        level = friction_level(gear_torque(dpsi, ddpsi, u, p), p)
         return Losses(
             copper=p.Rm * motor_current(dpsi, u, p) ** 2,
-            friction=viscous_friction(dpsi, p) * dpsi,
+            damping=viscous_friction(dpsi, p) * dpsi,
+            friction=p.F0 * sliding,
+            gear=(level - p.F0) * sliding,
             drag=air_drag(dphi, p) * dphi,
         )
 
@@ -201,7 +241,7 @@ def equations(
 
     @compiled
     def forces(phi, theta, dphi, dtheta, u, p):
-        """Right-hand side of M v' = Q: motor, friction, drag, centrifugal forces and gravity."""
+        """Right-hand side of M v' = Q: motor, damping, drag, centrifugal forces and gravity."""
         dpsi = relative_rate(dphi, dtheta, p)
         hub = hub_torque(dpsi, u, p)
         c = p.Je3 * angle_sum(phi, theta)[1]
@@ -221,12 +261,18 @@ def equations(
         """Accelerations (phi'', theta'') on one foot."""
         q1, q2 = forces(phi, theta, dphi, dtheta, u, p)
         m11, m12, m22 = mass_matrix(phi, theta, p)
-        return solve(m11, m12, m22, q1, q2)
+        ddphi, ddtheta = solve(m11, m12, m22, q1, q2)
+        phi_gain, theta_gain = solve(m11, m12, m22, p.d1, 1.0)  # per torque at the hub
+        dpsi, free = relative_rate(dphi, dtheta, p), relative_rate(ddphi, ddtheta, p)
+        friction = dry_friction(dpsi, free, relative_rate(phi_gain, theta_gain, p), u, p)
+        return ddphi - phi_gain * friction, ddtheta - theta_gain * friction
 
     @compiled
     def double_stance(phi, theta, dphi, dtheta, u, p):
         """Acceleration theta'' with the wheel held at rest on two feet: dphi must be 0."""
-        return forces(phi, theta, dphi, dtheta, u, p)[1] * p.mobility
+        free = forces(phi, theta, dphi, dtheta, u, p)[1] * p.mobility
+        dpsi = relative_rate(dphi, dtheta, p)
+        return free - p.mobility * dry_friction(dpsi, free, p.mobility, u, p)
 
     @compiled
     def lift_off_guards(theta, dtheta, u, p):
@@ -334,13 +380,24 @@ def equations(
         return relative_rate(ddphi, ddtheta, p)
 
     @compiled
-    def hub_pole(p):
-        """Fastest rate (1/s) at which back-EMF and friction damp psi', over all poses.
+    def greatest_mobility(p):
+        """The largest `psi_mobility`: it is at one of the ends of M12's range."""
+        return max(psi_mobility(-0.5 * math.pi, p), psi_mobility(0.5 * math.pi, p))
 
-        psi is most mobile at one of the ends of M12's range.
-        """
+    @compiled
+    def hub_pole(p):
+        """Fastest rate (1/s) at which back-EMF and viscous friction damp psi', over all poses."""
         damping = hub_torque(0.0, 0.0, p) - hub_torque(1.0, 0.0, p)
-        return damping * max(psi_mobility(-0.5 * math.pi, p), psi_mobility(0.5 * math.pi, p))
+        return damping * greatest_mobility(p)
+
+    @compiled
+    def friction_pole(dpsi, torque, p):
+        """Rate (1/s) at which dry friction damps psi' near `dpsi`, over all poses.
+
+        `torque` is what the gear transmits (N m).
+        """
+        wide = dpsi * dpsi + p.w * p.w
+        return friction_level(torque, p) * greatest_mobility(p) * p.w * p.w / (wide * sqrt(wide))
 
     @compiled
     def drag_pole(dphi, p):
@@ -386,4 +443,4 @@ def equations(
     return SimpleNamespace(**{k: v for k, v in locals().items() if k not in _ARGUMENTS})
 
 
-_ARGUMENTS = ("sin", "cos", "compiled")
+_ARGUMENTS = ("sin", "cos", "compiled", "sqrt")

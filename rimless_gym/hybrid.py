@@ -101,6 +101,8 @@ linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
 regularity = eq.regularity
 hub_pole = eq.hub_pole
+gear_torque = eq.gear_torque
+friction_pole = eq.friction_pole
 drag_pole = eq.drag_pole
 
 

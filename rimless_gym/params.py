@@ -17,11 +17,15 @@ from rimless_gym.equations import IMPACT_LAWS, equations
 MOTOR_MOUNTS = ("wheel", "frame")
 MOST_LEGS = 1_000_000  # the model still tells legs apart that are this close
 LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
-POSITIVE = ("leg_length", "gear_ratio", "armature_resistance", "gravity", "voltage_limit")
+POSITIVE = (
+    *("leg_length", "gear_ratio", "armature_resistance", "friction_width"),
+    *("gravity", "voltage_limit"),
+)
 SIGNED = ("slope", "n_legs")  # neither need be at least 0 here: they have limits of their own
+OPTIONAL = "pendulum_reach"  # None: it follows from other fields
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
-_eq = equations(np.sin, np.cos)
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
 class Constants(NamedTuple):
@@ -30,8 +34,9 @@ class Constants(NamedTuple):
     It is a tuple of plain scalars, so that numba compiles functions of it and CasADi can put
     symbols in it. Not in the thesis: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
     m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
-    mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``Cd``
-    the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
+    mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``F0``,
+    ``c`` and ``w`` the dry friction at the hub, its share of the gear's torque and its width,
+    ``Cd`` the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
     ``chord`` the distance between feet, ``law`` the index of the impact law in `IMPACT_LAWS`.
     """
 
@@ -40,6 +45,7 @@ class Constants(NamedTuple):
     I1: Any
     L1: Any
     L2: Any
+    reach: Any
     S1: Any
     S2: Any
     Je1: Any
@@ -52,6 +58,9 @@ class Constants(NamedTuple):
     Rm: Any
     G: Any
     damping: Any
+    F0: Any
+    c: Any
+    w: Any
     Cd: Any
     gx: Any
     gy: Any
@@ -80,12 +89,18 @@ class WheelParams:
         n_legs: ``n``, an integer >= 3, at most a million.
         pendulum_mass: ``m2`` (kg), >= 0.
         pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0.
-        pendulum_length: ``L2``, pivot to centre of mass (m), >= 0; the rod reaches ``2 L2``.
+        pendulum_length: ``L2``, pivot to centre of mass (m), >= 0.
+        pendulum_reach: pivot to the pendulum's far end (m), >= 0; by default ``2 L2``, a rod.
         motor_constant: ``Km`` (N m/A), >= 0; 0 is a wheel without a motor.
         gear_ratio: ``N``, > 0.
         armature_resistance: ``Rm`` (ohm), > 0.
         rotor_inertia: ``Jm`` at the motor shaft (kg m^2), >= 0; the hub feels ``Jm N^2``.
         hub_damping: viscous friction torque per unit of psi' (N m s), >= 0.
+        hub_friction: dry friction of motor, gear and bearings at the hub without load (N m), >= 0.
+        gear_loss: share of a large transmitted torque that the gear loses, in [0, 1), one less
+            its efficiency. A gear that loses torque has friction without load too: hub_friction > 0.
+        friction_width: |psi'| up to which dry friction is nearly viscous (rad/s), > 0; at three
+            times this rate it has 95 % of its size.
         drag: air drag force per squared hub speed (N s^2/m^2), >= 0.
         idle_power: drawn from the battery at all times (W), >= 0.
         gravity: acceleration (m/s^2), > 0.
@@ -108,11 +123,15 @@ class WheelParams:
     pendulum_mass: float = 2.22
     pendulum_inertia: float = 2.22 * 0.34**2 / 3
     pendulum_length: float = 0.34
+    pendulum_reach: float | None = None
     motor_constant: float = 0.0048
     gear_ratio: float = 505.9
     armature_resistance: float = 5.0
     rotor_inertia: float = 0.0
     hub_damping: float = 0.0
+    hub_friction: float = 0.0
+    gear_loss: float = 0.0
+    friction_width: float = 0.1
     drag: float = 0.0
     idle_power: float = 0.0
     gravity: float = 9.81
@@ -124,7 +143,7 @@ class WheelParams:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            if field.name not in CHOICES:
+            if field.name not in CHOICES and not self._left_open(field.name):
                 object.__setattr__(self, field.name, real(field.name, getattr(self, field.name)))
         for name in POSITIVE:
             if getattr(self, name) < SMALLEST:
@@ -132,8 +151,18 @@ class WheelParams:
                     f"{name} = {getattr(self, name)}: must be greater than 0, at least {SMALLEST:g}"
                 )
         for field in dataclasses.fields(self):
-            if field.name not in (*CHOICES, *SIGNED) and getattr(self, field.name) < 0:
+            if field.name in (*CHOICES, *SIGNED) or self._left_open(field.name):
+                continue
+            if getattr(self, field.name) < 0:
                 raise ValueError(f"{field.name} = {getattr(self, field.name)}: must be at least 0")
+        if self.gear_loss >= 1:
+            raise ValueError(f"gear_loss = {self.gear_loss}: must be less than 1, a share of torque")
+        if self.gear_loss > 0 and self.hub_friction < SMALLEST:
+            raise ValueError(
+                f"hub_friction = {self.hub_friction}: must be greater than 0 with gear_loss = "
+                f"{self.gear_loss}, because a gear that loses torque under load also has friction "
+                "without load"
+            )
         if not (3 <= self.n_legs <= MOST_LEGS and self.n_legs == int(self.n_legs)):
             raise ValueError(
                 f"n_legs = {self.n_legs:.15g}: must be an integer of at least 3, and at most "
@@ -147,6 +176,9 @@ class WheelParams:
         if self.impact_law not in IMPACT_LAWS:
             raise ValueError(f"impact_law = {self.impact_law!r}: choose from {IMPACT_LAWS}")
         self._require_regular_mass_matrix()
+
+    def _left_open(self, name: str) -> bool:
+        return name == OPTIONAL and getattr(self, name) is None
 
     def _require_regular_mass_matrix(self) -> None:
         if self.total_mass < SMALLEST:
@@ -247,6 +279,17 @@ def leg_angle_of(params: Any) -> Any:
     return 2 * math.pi / params.n_legs
 
 
+def reach_of(params: Any) -> Any:
+    """How far the pendulum reaches from the hub (m); numba compiles it too."""
+    given = params.pendulum_reach
+    return rod_reach(params) if given is None else given
+
+
+def rod_reach(params: Any) -> Any:
+    """How far a pendulum without a `pendulum_reach` of its own reaches, as a uniform rod (m)."""
+    return 2 * params.pendulum_length
+
+
 def shorthand(
     params: Any,
     sin: Callable[[Any], Any] = math.sin,
@@ -278,6 +321,7 @@ def constants_of(
         I1=params.wheel_inertia,
         L1=L1,
         L2=L2,
+        reach=reach_of(params),
         S1=(m1 + m2) * L1,
         S2=m2 * L2,
         Je1=(m1 + m2) * L1**2 + params.wheel_inertia,
@@ -290,6 +334,9 @@ def constants_of(
         Rm=params.armature_resistance,
         G=1 / params.armature_resistance,
         damping=params.hub_damping,
+        F0=params.hub_friction,
+        c=params.gear_loss,
+        w=params.friction_width,
         Cd=params.drag * L1**3,
         gx=params.gravity * sin(params.slope),
         gy=params.gravity * cos(params.slope),

@@ -13,7 +13,7 @@ import casadi as ca
 from rimless_gym.equations import MODE_NAMES, equations
 from rimless_gym.params import WheelParams, shorthand
 
-_eq = equations(ca.sin, ca.cos)
+_eq = equations(ca.sin, ca.cos, sqrt=ca.sqrt)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,7 @@ class HybridModel:
             "lift_off_guards": ([x, u], _eq.lift_off_guards(theta, dtheta, u, p)),
             "stop_on_two_feet": ([x], (_eq.stop_on_two_feet(phi, theta, dphi, dtheta, p),)),
             "electrical_power": ([x, u], (_eq.electrical_power(rate, u, p),)),
-            "losses": ([x, u], _eq.losses(dphi, rate, u, p)),
+            "losses": ([x, u], _eq.losses(dphi, rate, _eq.relative_rate(ddphi, ddtheta, p), u, p)),
             "motor_torque": ([x, u], (_eq.motor_torque(rate, u, p),)),
             "relative_rate": ([x], (rate,)),
             "mechanical_energy": ([x], (_eq.mechanical_energy(phi, theta, dphi, dtheta, p),)),

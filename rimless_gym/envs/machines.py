@@ -18,6 +18,8 @@ from rimless_gym.params import (
     WheelParams,
     constants_of,
     leg_angle_of,
+    reach_of,
+    rod_reach,
     weight_of,
 )
 from rimless_gym.records import record
@@ -30,9 +32,9 @@ Numbers = record(
 )
 NUMBERS = Numbers._fields
 
-_D1, _LAW = Constants._fields.index("d1"), Constants._fields.index("law")
+_D1, _LAW, _REACH = (Constants._fields.index(name) for name in ("d1", "law", "reach"))
 _numbers_of = reader(Numbers, 0)
-for _function in (weight_of, leg_angle_of, constants_of):
+for _function in (weight_of, leg_angle_of, rod_reach, reach_of, constants_of):
     inner(_function)
 
 
@@ -53,13 +55,15 @@ def _set_terms(numbers, prices, memory, i):
 
 
 @inner
-def _pole(p):
+def _pole(limit, p):
     """The motor's pole (1/s); beyond `MAX_POLE` where the machine cannot be stepped.
 
     See `rimless_gym.kernel.stepping.require_steppable`.
     """
     regular = hybrid.least_regularity(p) > LEAST_REGULARITY
-    if regular and hybrid.drag_pole(MAX_RATE, p) <= MAX_POLE:
+    stall = hybrid.motor_torque(0.0, limit, p)
+    stiffest = max(hybrid.drag_pole(MAX_RATE, p), hybrid.friction_pole(0.0, stall, p))
+    if regular and stiffest <= MAX_POLE:
         return hybrid.hub_pole(p)
     return 2 * MAX_POLE
 
@@ -78,7 +82,9 @@ def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memor
         p = constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
         for k, value in enumerate(p):
             constants[k, i] = value
-        poles[i] = _pole(p)
+        if math.isnan(f.pendulum_reach):  # it is None in `WheelParams`
+            constants[_REACH, i] = rod_reach(f)
+        poles[i] = _pole(f.voltage_limit, p)
         _set_terms(numbers, prices, memory, i)
         if not poles[i] <= MAX_POLE:
             failed = i

@@ -18,8 +18,11 @@ from rimless_gym.hybrid import (
     after_touchdown,
     contact_guard,
     drag_pole,
+    friction_pole,
+    gear_torque,
     mass_matrix,
     regularity,
+    relative_rate,
 )
 from rimless_gym.jit import inlined, inner, vectorised
 from rimless_gym.kernel import tile as of
@@ -42,6 +45,10 @@ from rimless_gym.kernel.work import split_at_current, split_work
 #: well below `trigonometry.MAX_TURN`, the limit of the stages' sines; `judge` enforces that limit.
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
+#: In a step, psi' and the gear's torque change by no more than this share of their distance from
+#: where dry friction bends most.
+MAX_BEND_STEP = 0.5
+
 #: Narrowest peak of the accelerations (rad) that steps resolve; below it, balances get worse.
 LEAST_PEAK = 0.01
 
@@ -56,12 +63,31 @@ def peak(p):
     return np.sqrt(regularity(0.5 * np.pi, p) * m11 * m22 / (p.Je3 * m12))
 
 
+@inlined
+def friction_rate(y, acc, turning, u, p):
+    """How fast (1/s) dry friction makes the motion change: 0 without it.
+
+    Steps must resolve how it brakes psi', its change of direction, which happens within the width
+    w of psi' = 0, and that of its level, within F0 / c of where the gear transmits nothing. `turning`
+    is the fastest rate of the angles (rad/s).
+    """
+    dpsi, ddpsi = relative_rate(y.dphi, y.dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
+    torque = gear_torque(dpsi, ddpsi, u, p)
+    change = p.c * abs(ddpsi) * (p.K * p.K * p.G + p.Jr * turning)  # of c times the torque, roughly
+    level = np.sqrt((p.c * torque) ** 2 + p.F0 * p.F0)
+    exists = 1.0 if p.F0 > 0.0 else 0.0
+    reversing = exists * abs(ddpsi) / np.sqrt(dpsi * dpsi + p.w * p.w)
+    loading = change / max(level, 1e-300)
+    braking = friction_pole(dpsi, torque, p) * (1 / MAX_POLE_STEP)
+    return max(braking, max(reversing, loading) * (1 / MAX_BEND_STEP))
+
+
 @vectorised
 def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
-    The time left is divided into equal steps, short enough for the poles of motor and air drag and
-    for the fastest rate in the equations. That is the rate of phi + theta, with what half of the
+    The time left is divided into equal steps, short enough for the poles of motor, friction and air
+    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half of the
     time left adds to it; it counts for more where the accelerations' peak is narrower than 1 rad.
     Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move too
     fast.
@@ -73,10 +99,12 @@ def plan(tile):
         left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
         rolling = abs(y.dphi) + 0.5 * left * abs(acc.ddphi)
         swinging = abs(y.dtheta) + 0.5 * left * abs(acc.ddtheta)
-        turning = (rolling + swinging) / min(max(peak(p), LEAST_PEAK), 1.0)
+        rate = rolling + swinging
+        turning = rate / min(max(peak(p), LEAST_PEAK), 1.0)
         braking = drag_pole(rolling, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
-        fastest = max(damping, turning * (1 / MAX_RATE_STEP), 1e-9)
+        rubbing = friction_rate(y, acc, rate, tile[of.VOLTAGE + lane], p)
+        fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[of.FAILURE + lane] == OK
         tile[of.STEP + lane] = h if runs else 0.0

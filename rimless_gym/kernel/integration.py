@@ -39,10 +39,11 @@ _A, _B = DOP853.A, DOP853.B
 
 
 @inlined
-def _lose(tile, lane, time, dphi, dtheta):
+def _lose(tile, lane, time, dphi, dtheta, acc):
     """Add the losses of a stage, weighted by a time (s)."""
     p = machine(tile, lane)
-    powers = losses(dphi, relative_rate(dphi, dtheta, p), tile[of.VOLTAGE + lane], p)
+    dpsi, ddpsi = relative_rate(dphi, dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
+    powers = losses(dphi, dpsi, ddpsi, tile[of.VOLTAGE + lane], p)
     _add_losses(tile, of.LOST, lane, time, powers)
 
 
@@ -88,11 +89,11 @@ def _stage(i: int) -> Callable[..., None]:
                 there = turned_angles(tile, lane, x0, x1)
                 found = accelerations_turned(mode, *there, v0, v1, u, p)
                 put_acc(tile, acc, lane, (h * found.ddphi, h * found.ddtheta))
+                if share != 0.0:
+                    _lose(tile, lane, share * h, v0, v1, found)
             else:
                 put_state(tile, of.NEXT, lane, (y.phi + x0, y.theta + x1, v0, v1))
             tile[of.FAR + lane] = max(tile[of.FAR + lane], x0 * x0 + x1 * x1)
-            if share != 0.0:
-                _lose(tile, lane, share * h, v0, v1)
 
     # Machine code refers to functions by name, even to those that other processes have cached.
     stage.__qualname__ = f"stage_{i}"
@@ -105,7 +106,7 @@ def _begin(tile):
         h, y = tile[of.STEP + lane], get_state(tile, of.STATE, lane)
         acc = get_acc(tile, of.ACC, lane)
         put_losses(tile, of.LOST, lane, _no_losses)
-        _lose(tile, lane, _SHARE * h, y.dphi, y.dtheta)
+        _lose(tile, lane, _SHARE * h, y.dphi, y.dtheta, acc)
         put_acc(tile, of.STAGE_ACC, lane, (h * acc.ddphi, h * acc.ddtheta))
         tile[of.FAR + lane] = 0.0
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.energy import ROW
-from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole
+from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole, friction_pole, motor_torque
 from rimless_gym.jit import ROLLOUTS, inner, kept
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
@@ -183,7 +183,7 @@ def require_steppable(params: WheelParams) -> None:
     """Refuse machines that need too many steps in a control interval.
 
     Raises:
-        ValueError: the motor or the air drag damps faster than `MAX_POLE`.
+        ValueError: the motor, dry friction or air drag damps faster than `MAX_POLE`.
     """
     if not params.motor_pole <= MAX_POLE:
         raise ValueError(
@@ -191,7 +191,15 @@ def require_steppable(params: WheelParams) -> None:
             "that stepping allows: raise the inertias or armature_resistance, or lower "
             "motor_constant, gear_ratio or hub_damping"
         )
-    pole = drag_pole(MAX_RATE, params.constants)
+    c = params.constants
+    pole = friction_pole(0.0, motor_torque(0.0, params.voltage_limit, c), c)
+    if not pole <= MAX_POLE:
+        raise ValueError(
+            f"friction_width = {params.friction_width:.3g} rad/s: dry friction damps psi' at "
+            f"{pole:.3g}/s there, faster than the {MAX_POLE:.3g}/s that stepping allows: raise it, "
+            "or lower hub_friction or gear_loss"
+        )
+    pole = drag_pole(MAX_RATE, c)
     if not pole <= MAX_POLE:
         raise ValueError(
             f"drag = {params.drag:.3g} damps phi' at {pole:.3g}/s at {MAX_RATE} rad/s, faster than "

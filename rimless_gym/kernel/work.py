@@ -37,7 +37,7 @@ class _Course(NamedTuple):
 @inlined
 def _copper_rates(rate, acceleration, u, p):
     """Power of the copper loss, and its rate of change, for psi' and psi''."""
-    power = losses(0.0, rate, u, p).copper
+    power = losses(0.0, rate, 0.0, u, p).copper
     change = motor_current(acceleration, 0.0, p)  # of the current, which is affine in psi'
     return power, 2 * p.Rm * motor_current(rate, u, p) * change
 

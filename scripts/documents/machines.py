@@ -11,7 +11,7 @@ from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
 from rimless_gym.equations import equations
 from rimless_gym.params import PRESETS
 
-eq = equations(np.sin, np.cos)  # of arrays
+eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
 
 
 def impact_ratios(

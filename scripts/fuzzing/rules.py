@@ -31,7 +31,7 @@ BELOW_GROUND = 1e-12
 #: Figures that are infinite if nothing presses on the ground.
 _INFINITE = ("min_normal_force", "friction_demand", "impulse_friction_demand")
 
-_eq = equations(np.sin, np.cos)
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
 def followed(params: WheelParams) -> bool:

@@ -10,18 +10,20 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, RimlessWheelEnv, hybrid
 from rimless_gym.energy import BOOKED, CHANNELS, ROW, Ledger, balance
 from rimless_gym.envs.task import TERM_NAMES
-from rimless_gym.equations import LOSSES
+from rimless_gym.equations import LOSSES, SINGLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 
-LOSSY = THESIS_PHYSICAL.replace(hub_damping=0.05, drag=0.5)
+LOSSY = THESIS_PHYSICAL.replace(
+    hub_damping=0.05, drag=0.5, hub_friction=0.1, gear_loss=0.2, rotor_inertia=1e-7
+)
 
 
 @pytest.mark.parametrize("name", LOSSES)
 def test_a_loss_takes_energy_at_every_speed_and_voltage(name: str) -> None:
     rng = np.random.default_rng(0)
-    for dphi, dpsi, u in rng.uniform(-20, 20, (200, 3)):
-        assert getattr(hybrid.losses(dphi, dpsi, u, LOSSY.constants), name) > 0
-    assert getattr(hybrid.losses(0.0, 0.0, 0.0, LOSSY.constants), name) == 0
+    for dphi, dpsi, ddpsi, u in rng.uniform(-20, 20, (200, 4)):
+        assert getattr(hybrid.losses(dphi, dpsi, ddpsi, u, LOSSY.constants), name) > 0
+    assert getattr(hybrid.losses(0.0, 0.0, 0.0, 0.0, LOSSY.constants), name) == 0
 
 
 @pytest.mark.parametrize("name", LOSSES)
@@ -30,10 +32,12 @@ def test_the_booked_loss_is_the_integral_of_its_power(name: str) -> None:
     state = np.array([[1.5, 0.4, 0.8, -2.0, 0.0, 0.0]])
     powers, booked = [], 0.0
     for _ in range(200):
-        _, _, dphi, dtheta = state[0, :4]
-        powers.append(
-            getattr(hybrid.losses(dphi, hybrid.relative_rate(dphi, dtheta, p), u, p), name)
+        phi, theta, dphi, dtheta = state[0, :4]
+        ddpsi = hybrid.relative_rate(
+            *hybrid.accelerations(SINGLE, phi, theta, dphi, dtheta, u, p), p
         )
+        dpsi = hybrid.relative_rate(dphi, dtheta, p)
+        powers.append(getattr(hybrid.losses(dphi, dpsi, ddpsi, u, p), name))
         booked += advance(LOSSY, state, np.full(1, u), 1e-4)[0, getattr(ROW, name)]
     assert booked == pytest.approx(1e-4 * sum(powers), rel=0.01)
 

@@ -30,7 +30,7 @@ LOW = np.array([0.1, 0.01, 0.2, 0.1, 0.01, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 1.
 HIGH = np.array([3.0, 2.0, 1.5, 3.0, 2.0, 1.0, 0.01, 500, 9.0, 1e-5, 2.0, 2.0, 20, 0.5])
 N_SAMPLES = 2000
 
-eq = equations(ca.sin, ca.cos)
+eq = equations(ca.sin, ca.cos, sqrt=ca.sqrt)
 eq_numbers = equations(math.sin, math.cos)
 
 

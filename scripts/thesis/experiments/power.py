@@ -16,7 +16,7 @@ from scripts.thesis.experiments.replay import SAMPLES, sampled_times
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-_eq = equations(np.sin, np.cos)  # of arrays
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
 
 
 @dataclasses.dataclass(frozen=True)
