@@ -67,9 +67,9 @@ def peak(p):
 def friction_rate(y, acc, turning, u, p):
     """How fast (1/s) dry friction makes the motion change: 0 without it.
 
-    Steps must resolve how it brakes psi', its change of direction, which happens within the width
-    w of psi' = 0, and that of its level, within F0 / c of where the gear transmits nothing. `turning`
-    is the fastest rate of the angles (rad/s).
+    Steps must resolve how it brakes psi'; its change of direction, which happens within the width w
+    of psi' = 0; and the bend in its level, within F0 / c of where the gear transmits nothing.
+    `turning` is the fastest rate of the angles (rad/s).
     """
     dpsi, ddpsi = relative_rate(y.dphi, y.dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
     torque = gear_torque(dpsi, ddpsi, u, p)
@@ -87,9 +87,9 @@ def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
-    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half of the
-    time left adds to it; it counts for more where the accelerations' peak is narrower than 1 rad.
-    Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move too
+    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half
+    of the time left adds to it; it counts for more where the accelerations' peak is narrower than
+    1 rad. Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move too
     fast.
     """
     unusual = 0
