@@ -164,8 +164,9 @@ def to_urdf(params: WheelParams) -> str:
     The effort of its one actuator is torque at the hub (N m): volts times K / Rm, with
     K = motor_constant * gear_ratio. The damping of the joint ``pendulum`` is back-EMF, K^2 / Rm,
     plus hub damping; its friction is the hub's dry friction, which Drake does not use. The
-    slope is a fixed joint between world and ground, so gravity stays vertical; set its magnitude (``params.gravity``) in the simulator. MuJoCo reads the file too,
-    without rotor inertia and actuator. See `rimless_gym.export` for the coordinates.
+    slope is a fixed joint between world and ground, so gravity stays vertical; set its
+    magnitude (``params.gravity``) in the simulator. MuJoCo reads the file too, without rotor
+    inertia and actuator. See `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm
