@@ -84,8 +84,9 @@ def to_mjcf(params: WheelParams) -> str:
     K^2 / Rm, plus hub damping, its armature is the rotor inertia, and its friction loss is the
     hub's dry friction. With a motor constant of 0 there is no actuator. The ground is level in the
     file; gravity is tilted by the slope. Foot k has the site ``foot{k}``.
-    Keyframe ``rest`` is the wheel at rest on feet 0 and n - 1 with the pendulum hanging. Drake reads the file too, but takes the actuator's control as torque at the
-    hub (N m). See `rimless_gym.export` for the coordinates.
+    Keyframe ``rest`` is the wheel at rest on feet 0 and n - 1 with the pendulum hanging. Drake
+    reads the file too, but takes the actuator's control as torque at the hub (N m). See
+    `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm
