@@ -90,7 +90,8 @@ class WheelParams:
         idle_power: drawn from the battery at all times (W), >= 0.
         gravity: acceleration (m/s^2), > 0.
         slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
-        friction: coefficient of the ground, >= 0; a higher demand is reported, but no foot slips.
+        friction: coefficient of the ground, >= 0; a higher demand is reported and, in the
+            environment, charged, but no foot slips.
         voltage_limit: largest |V| (V), > 0.
         motor_mount: ``"wheel"`` (the machine) or ``"frame"`` (the thesis's simulations).
         impact_law: ``"plastic"``, ``"relabel"`` (the thesis's "perfectly elastic"), or
