@@ -27,12 +27,13 @@ from agents.verdicts import FALLS, STOPS, WALKS, faults, verdicts
 from agents.window import Window
 from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
+from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
 
@@ -102,10 +103,10 @@ class Evaluation:
 
 def evaluate(
     policy: Policy,
-    params: WheelParams = THESIS_PHYSICAL,
+    params: Machine = THESIS_PHYSICAL,
     protocol: Protocol = PROTOCOL,
     *,
-    task: Task | None = None,
+    task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
@@ -115,9 +116,9 @@ def evaluate(
 
     Args:
         policy: see `agents.policies`.
-        params: the machine.
+        params: the machine, as the environment takes it.
         protocol: starts and times.
-        task: whose reward `objective` is.
+        task: whose reward `objective` is, as the environment takes it.
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
@@ -132,17 +133,16 @@ def evaluate(
     """
     require_callable("policy", policy)
     require_kind("protocol", protocol, Protocol)
-    if task is not None:
-        require_kind("task", task, Task)
     progress = flag("progress", progress)
     conditions = Conditions.of(params, ranges, disturbances)
+    params = conditions.params
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
     n_intervals = round(protocol.duration / CONTROL_PERIOD)
     first = n_intervals - round(protocol.window / CONTROL_PERIOD)
     first_alive = n_intervals - round(protocol.alive / CONTROL_PERIOD)
-    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, as_task(task))
     window = Window(walks.machines)
     log = TouchdownLog(params, len(starts))
     late_steps = np.zeros(len(starts))

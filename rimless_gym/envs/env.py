@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
-    Machine,
-    as_params,
     as_task,
     fleet_of,
     machines_of,
@@ -34,7 +32,7 @@ from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams, as_params
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
