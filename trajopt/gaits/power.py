@@ -50,7 +50,7 @@ def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
     if p.law == THESIS:  # its touchdowns may create energy
         return ""
     mean = least_mean_rate(params, speed, steps)
-    hub = _most_power_at_hub(params, mean)
+    hub = most_power_at_hub(params, mean)
     turning = p.alpha * speed / params.step_length
     drag = float(_eq.air_drag(turning, p)) * turning
     slope = params.weight * math.sin(params.slope) * speed
@@ -73,7 +73,7 @@ def least_mean_rate(params: WheelParams, speed: float, steps: int) -> float:
     return abs(math.remainder(wheel, 2 * math.pi)) / duration
 
 
-def _most_power_at_hub(params: WheelParams, mean: float) -> float:
+def most_power_at_hub(params: WheelParams, mean: float) -> float:
     """The largest mean power (W) that reaches wheel and pendulum if |psi'| >= `mean` on average."""
     power: NDArray[np.float64] = _RATES * np.array(
         [_eq.hub_torque(rate, params.voltage_limit, params.constants) for rate in _RATES]
