@@ -12,7 +12,7 @@ from agents.policies import controller_policy
 from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
 from agents.verdicts import VERDICTS
-from rimless_gym import THESIS_PHYSICAL, Task
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
@@ -35,6 +35,11 @@ def test_the_published_protocol_has_the_documented_numbers():
     assert dataclasses.astuple(PROTOCOL)[0] == 128
     assert (PROTOCOL.duration, PROTOCOL.window, PROTOCOL.alive) == (50.0, 30.0, 10.0)
     assert 0 < (draw_starts(THESIS_PHYSICAL, 128, PROTOCOL.seed)[:, MODE] == 1).mean() < 1
+
+
+def test_machines_and_tasks_may_be_given_by_name_and_fields():
+    by_name = evaluate(push, "PROTOTYPE", SMALL, task={"value_of_distance": 0.8})
+    assert by_name.to_dict() == evaluate(push, PROTOTYPE, SMALL, task=Task(0.8)).to_dict()
 
 
 def test_an_evaluation_is_deterministic():
@@ -278,6 +283,7 @@ def test_invalid_protocols_are_refused_by_name(settings, error, message):
     [
         ({"policy": 3}, TypeError, "policy = 3: must be a function"),
         ({"params": None}, TypeError, "params = None"),
+        ({"params": "CONCRETE"}, ValueError, "unknown preset 'CONCRETE': choose from"),
         ({"protocol": 10}, TypeError, "protocol = 10"),
         ({"task": "walk"}, TypeError, "task = 'walk'"),
         ({"progress": "yes"}, TypeError, "progress = 'yes'"),

@@ -58,7 +58,7 @@ def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
         return ""
     costly = [f"{name} = {getattr(params, name):g}" for name in _COSTLY if getattr(params, name)]
     return (
-        f"speed = {speed:g} m/s: the losses take more than the motor can deliver: within "
+        f"speed = {speed:g} m/s: losses and back-EMF take more than the motor can deliver: within "
         f"voltage_limit = {params.voltage_limit:g} V{''.join(f', {each}' for each in costly)}, and "
         f"with |psi'| of {mean:.3g} rad/s or more on average, at most {hub:.4g} W reach wheel and "
         f"pendulum, and {slope:.4g} W come from the slope, but air drag takes {drag:.4g} W: lower "

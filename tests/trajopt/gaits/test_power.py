@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from trajopt import NoGaitError, periodic_gait
+from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.power import lacks_power, least_mean_rate, most_power_at_hub
 from trajopt.gaits.shipped import shipped
 
@@ -29,7 +32,9 @@ P = THESIS_PHYSICAL
 def test_a_walk_beyond_the_motors_power_is_refused_with_value_and_remedy(
     changes: dict, told: str
 ) -> None:
-    with pytest.raises(NoGaitError, match="the losses take more than the motor can") as refused:
+    with pytest.raises(
+        NoGaitError, match="losses and back-EMF take more than the motor can"
+    ) as refused:
         periodic_gait(P.replace(**changes), 0.5, 2)
     assert told in str(refused.value)
     assert "raise voltage_limit" in str(refused.value)
@@ -65,3 +70,13 @@ def test_no_motion_takes_more_power_from_the_hub_than_its_mean_rate_allows(
     x = run.state(t)
     mean = np.abs(x[:, 2] + x[:, 3]).mean()
     assert fed / run.t[-1] <= most_power_at_hub(params, 0.999 * mean) + 1e-3
+
+
+@pytest.mark.parametrize("solve", [periodic_gait, partial(cot_front, speeds=[0.5])])
+def test_a_machine_may_be_named_and_must_exist(solve: Callable) -> None:
+    with pytest.raises(ValueError, match="unknown preset 'CONCRETE': choose from"):
+        solve("CONCRETE")
+    with pytest.raises(TypeError, match="params = 3: give a WheelParams, a preset's name"):
+        solve(3)
+    with pytest.raises(NoGaitError, match="hub_damping = 100"):
+        solve({"hub_damping": 100.0})
