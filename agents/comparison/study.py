@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.params import WheelParams, preset
@@ -14,6 +15,7 @@ class Study:
 
     Attributes:
         preset: name of the machine.
+        changes: fields of the machine that differ from the preset's.
         speed: at which the gait to imitate is optimal (m/s).
         steps: of the gait that is solved for and reported beside the front's best.
         seed: of everything random.
@@ -23,10 +25,11 @@ class Study:
 
     Raises:
         TypeError: a value is of the wrong kind.
-        ValueError: there is no such preset, or a number is out of its range.
+        ValueError: there is no such preset or field, or a number is out of its range.
     """
 
     preset: str = "THESIS_PHYSICAL"
+    changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     speed: float = 0.5
     steps: int = 2
     seed: int = 0
@@ -36,7 +39,8 @@ class Study:
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
-        preset(self.preset)
+        require_kind("changes", self.changes, dict)
+        preset(self.preset).replace(**self.changes)
         positive("speed", self.speed)
         if not isinstance(self.front, (tuple, list)) or not self.front:
             raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
@@ -49,4 +53,4 @@ class Study:
     @property
     def params(self) -> WheelParams:
         """The machine."""
-        return preset(self.preset)
+        return preset(self.preset).replace(**self.changes)

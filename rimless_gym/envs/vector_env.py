@@ -15,7 +15,6 @@ from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
-    Machine,
     as_task,
     fleet_of,
     machines_of,
@@ -35,7 +34,7 @@ from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import MODE
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

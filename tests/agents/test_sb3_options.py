@@ -30,6 +30,14 @@ def test_options_and_seeds_apply_to_one_reset_only():
     assert [info["mode"] for info in env.reset_infos] == [DOUBLE] * 6
 
 
+def test_machines_may_be_named_in_stable_baselines3_too():
+    kwargs = {"params": "PROTOTYPE", "task": {"slip_speed": 0.0}}
+    env = make_vec_env(ID, n_envs=2, vec_env_cls=Sb3VecEnv, env_kwargs=kwargs)
+    assert env.get_attr("params") == [PROTOTYPE] * 2
+    with pytest.raises(ValueError, match="unknown preset 'CONCRETE': choose from"):
+        make_vec_env(ID, vec_env_cls=Sb3VecEnv, env_kwargs={"params": "CONCRETE"})
+
+
 def test_too_few_options_and_unknown_ones_are_refused():
     env = Sb3VecEnv(native(2))
     env.set_options([{}])

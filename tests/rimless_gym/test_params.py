@@ -18,9 +18,12 @@ from rimless_gym.params import (
     THESIS_NOMINAL,
     THESIS_PHYSICAL,
     WheelParams,
+    as_params,
     preset,
     shorthand,
 )
+from rimless_gym.reference import simulate
+from rimless_gym.symbolic import HybridModel
 
 POSITIVE = (
     *("leg_length", "gear_ratio", "armature_resistance", "friction_width"),
@@ -218,3 +221,26 @@ def test_geometry_of_a_step(n_legs, leg_length):
 def test_motor_pole_of_the_machine_as_built_is_stiff():
     assert 280 < PROTOTYPE.motor_pole < 300
     assert THESIS_PHYSICAL.replace(motor_constant=0).motor_pole == 0
+
+
+def test_a_machine_may_be_given_by_name_or_fields_to_every_tool() -> None:
+    start = [1.5, 0.0, 2.0, 0.0]
+    for form, machine in (("PROTOTYPE", PROTOTYPE), ({"drag": 0.1}, WheelParams(drag=0.1))):
+        assert as_params(form) == as_params(machine) == machine
+        assert HybridModel(form).params == machine
+        assert simulate(form, start, [1.0], 0.01).params == machine
+
+
+@pytest.mark.parametrize(
+    ("params", "error", "message"),
+    [
+        ("CONCRETE", ValueError, "unknown preset 'CONCRETE': choose from"),
+        ({"drug": 1}, ValueError, "'drug' is not a field of WheelParams: choose from"),
+        (3, TypeError, "params = 3: give a WheelParams, a preset's name or a dictionary"),
+        (None, TypeError, "params = None: give a WheelParams"),
+    ],
+)
+def test_a_machine_that_does_not_exist_is_refused_by_every_tool(params, error, message) -> None:
+    for use in (as_params, HybridModel, lambda p: simulate(p, [1.5, 0.0, 2.0, 0.0], [1.0], 0.01)):
+        with pytest.raises(error, match=message):
+            use(params)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from rimless_gym.checks import flag, integer, positive, real_array, require_kind
-from rimless_gym.params import WheelParams
+from rimless_gym.checks import flag, integer, positive, real_array
+from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.shipped import by_promise, leads_for
@@ -62,7 +62,7 @@ class CotFront:
 
 
 def cot_front(
-    params: WheelParams,
+    params: Machine,
     speeds: Sequence[float],
     steps: Sequence[int] = (1, 2, 3),
     *,
@@ -73,7 +73,7 @@ def cot_front(
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
 
     Args:
-        params: the machine.
+        params: the machine, or a preset's name.
         speeds: m/s.
         steps: numbers of steps per stride to consider.
         regeneration: whether the battery takes energy back.
@@ -85,7 +85,7 @@ def cot_front(
         TypeError: an argument is of the wrong type.
         ValueError: no speed or number of steps is given, or one is out of its range.
     """
-    require_kind("params", params, WheelParams)
+    params = as_params(params)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     speeds = [positive("speeds", speed) for speed in _row("speeds", speeds)]
     steps = [integer("steps", count, 1, MOST_STEPS) for count in _row("steps", steps)]

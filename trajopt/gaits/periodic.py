@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
-from rimless_gym.checks import flag, integer, positive, require_kind
+from rimless_gym.checks import flag, integer, positive
 from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.params import WheelParams
+from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.finishing import finished
 from trajopt.gaits.gait_problem import gait_problem
 from trajopt.gaits.leading import led
 from trajopt.gaits.optimality import LocalOptimum
+from trajopt.gaits.power import lacks_power
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Solution
@@ -50,7 +51,7 @@ class NoGaitError(ValueError):
 
 
 def periodic_gait(
-    params: WheelParams,
+    params: Machine,
     speed: float = 0.5,
     steps: int = 2,
     regeneration: bool = False,
@@ -68,7 +69,8 @@ def periodic_gait(
     motions. The best result is solved on a refined mesh and re-simulated.
 
     Args:
-        params: the machine.
+        params: the machine, a preset's name, or a dictionary of fields that differ from the
+            default's.
         speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
@@ -87,6 +89,7 @@ def periodic_gait(
         TypeError: an argument is of the wrong type.
         ValueError: an argument is out of its range.
     """
+    params = as_params(params)
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
@@ -158,10 +161,9 @@ def _outcome(found: Extremal, turns: int) -> Outcome:
 
 
 def _arguments(
-    params: Any, speed: Any, steps: Any, starts: Any, guess: Any
+    params: WheelParams, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
     """Speed, steps and starts as plain numbers; refuses those with which there is no gait."""
-    require_kind("params", params, WheelParams)
     speed, steps = positive("speed", speed), integer("steps", steps, 1)
     starts = None if starts is None else integer("starts", starts, 0)
     fastest = fastest_walk(params)
@@ -176,6 +178,8 @@ def _arguments(
             f"{MAX_ELEMENTS} elements and each step needs {ELEMENTS}; solve for a shorter stride, "
             "which repeats itself"
         )
+    if lacking := lacks_power(params, speed, steps):
+        raise NoGaitError(lacking)
     if guess is not None and not isinstance(guess, Solution):
         raise TypeError(
             f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"

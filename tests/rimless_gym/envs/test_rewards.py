@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import math
 from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
@@ -22,7 +24,7 @@ P = THESIS_PHYSICAL.constants
 def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: gym.Env) -> None:
     rng = np.random.default_rng(1)
     env.reset(seed=1)
-    ends = 0
+    ends = slips = 0
     for i in range(3000):
         if i % 25 == 0:  # held so long that the wheel sometimes falls
             action = rng.uniform(-1, 1, 1).astype(np.float32)
@@ -31,11 +33,39 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
         assert reward == sum(terms)
         assert terms[0] == 0.5 * info["distance"]
         assert terms[1] == -(info["electrical_positive"]) / THESIS_PHYSICAL.weight
-        assert terms[2] == (-1.0 if ended else 0.0)
+        assert terms[2] == (-0.5 * 2.0 * info["elapsed"] if info["slips"] else 0.0)
+        assert terms[3] == (-1.0 if ended else 0.0)
+        slips += info["slips"]
         if ended or truncated:
             ends += ended
             env.reset()
     assert ends
+    assert slips
+
+
+@pytest.mark.parametrize("by", ["friction_demand", "impulse_friction_demand"])
+def test_slipping_costs_more_than_the_travel_while_it_lasts(by: str) -> None:
+    """In the foot's stance as in a touchdown's impulse, however far beyond the limit they are."""
+    for mu, value in ((1.0, 0.5), (0.6, 10.0)):
+        task, params = Task(value_of_distance=value), THESIS_PHYSICAL.replace(friction=mu)
+        travel = 0.01 * 1.5  # at 1.5 m/s, faster than any hub in a walk
+        for demand, slips in ((0.99 * mu, False), (1.01 * mu, True), (math.inf, True)):
+            values = dict.fromkeys(Interval._fields, 0.0) | {"elapsed": 0.01, "distance": travel}
+            interval = SimpleNamespace(**values | {by: demand})
+            reward = sum(term(interval, params, task) for term in TERMS)
+            assert (reward < 0.0) == slips
+            assert math.isfinite(reward)
+
+
+def test_terms_take_numbers_and_arrays_alike() -> None:
+    rng, n = np.random.default_rng(0), 50
+    columns = {name: rng.uniform(0.0, 2.0, n) for name in Interval._fields}
+    columns["friction_demand"][::7] = np.inf
+    rows = [SimpleNamespace(**{k: v[i] for k, v in columns.items()}) for i in range(n)]
+    for term in TERMS:
+        each = [term(row, THESIS_PHYSICAL, Task()) for row in rows]
+        assert np.array_equal(term(SimpleNamespace(**columns), THESIS_PHYSICAL, Task()), each)
+        assert len(set(each)) > 1
 
 
 def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None:
