@@ -15,7 +15,8 @@ zero the wheel stands upright on leg 0 and the pendulum hangs. `joint_state` con
 The hub itself is massless. MuJoCo wants every moving body to have a mass, so both files tell it to
 use at least 1e-14 kg (and kg m^2) in place of zeros.
 
-Neither format has air drag, idle power or an impact law, so the files leave them out. A touchdown
+Neither format has air drag, idle power, losses that grow with the gear's torque or an impact law,
+so the files leave them out. A touchdown
 is what the other simulator's contact model makes of it; in the MJCF it is inelastic to about 1 %.
 Feet are spheres, so small that rolling on them hardly matters. They touch when their centres reach
 height 0. The pendulum touches nothing, as in our model.
@@ -80,11 +81,12 @@ def to_mjcf(params: WheelParams) -> str:
 
     The control of its one actuator is the motor voltage (V), limited to ``voltage_limit``; its
     gear is K / Rm with K = motor_constant * gear_ratio. The pendulum joint's damping is back-EMF,
-    K^2 / Rm, plus hub friction, and its armature is the rotor inertia. With a motor constant of 0
-    there is no actuator. The ground is level in the file; gravity is tilted by the slope. Foot k
-    has the site ``foot{k}``. Keyframe ``rest`` is the wheel at rest on feet 0 and n - 1 with the
-    pendulum hanging. Drake reads the file too, but takes the actuator's control as torque at the
-    hub (N m). See `rimless_gym.export` for the coordinates.
+    K^2 / Rm, plus hub damping, its armature is the rotor inertia, and its friction loss is the
+    hub's dry friction. With a motor constant of 0 there is no actuator. The ground is level in the
+    file; gravity is tilted by the slope. Foot k has the site ``foot{k}``.
+    Keyframe ``rest`` is the wheel at rest on feet 0 and n - 1 with the pendulum hanging. Drake
+    reads the file too, but takes the actuator's control as torque at the hub (N m). See
+    `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm
@@ -98,10 +100,11 @@ def to_mjcf(params: WheelParams) -> str:
     pendulum = f"""\
         <body name="pendulum">
           <joint name="pendulum" type="hinge" axis="0 -1 0" armature="{_text(c.Jr)}" \
-damping="{_text(c.damping + c.K * volt)}"/>
+damping="{_text(c.damping + c.K * volt)}" frictionloss="{_text(c.F0)}" \
+solreffriction="{2 * TIMESTEP} 1"/>
           <inertial pos="{_text(0, 0, -c.L2)}" mass="{_text(c.m2)}" \
 diaginertia="{_planar_inertia(params.pendulum_inertia)}"/>
-          <geom class="look" type="cylinder" fromto="0 0 0 0 0 {_text(min(-2 * c.L2, -1e-3))}" \
+          <geom class="look" type="cylinder" fromto="0 0 0 0 0 {_text(min(-c.reach, -1e-3))}" \
 size="{_text(ROD_RADIUS * length)}" rgba="0.8 0.3 0.2 1"/>
         </body>"""
     inner, outer = (pendulum, "") if params.motor_mount == "wheel" else ("", pendulum)
@@ -161,9 +164,10 @@ def to_urdf(params: WheelParams) -> str:
 
     The effort of its one actuator is torque at the hub (N m): volts times K / Rm, with
     K = motor_constant * gear_ratio. The damping of the joint ``pendulum`` is back-EMF, K^2 / Rm,
-    plus hub friction. The slope is a fixed joint between world and ground, so gravity stays
-    vertical; set its magnitude (``params.gravity``) in the simulator. MuJoCo reads the file too,
-    without rotor inertia and actuator. See `rimless_gym.export` for the coordinates.
+    plus hub damping; its friction is the hub's dry friction, which Drake does not use. The
+    slope is a fixed joint between world and ground, so gravity stays vertical; set its
+    magnitude (``params.gravity``) in the simulator. MuJoCo reads the file too, without rotor
+    inertia and actuator. See `rimless_gym.export` for the coordinates.
     """
     c, length = params.constants, params.leg_length
     volt = c.K / c.Rm
@@ -217,9 +221,9 @@ rpy="{_text(0, -k * params.leg_angle, 0)}"/>
   <link name="pendulum">
     {_urdf_inertial(-c.L2, c.m2, params.pendulum_inertia)}
     <visual>
-      <origin xyz="{_text(0, 0, -c.L2)}"/>
+      <origin xyz="{_text(0, 0, -0.5 * c.reach)}"/>
       <geometry><cylinder radius="{_text(ROD_RADIUS * length)}" \
-length="{_text(max(2 * c.L2, 1e-3))}"/></geometry>
+length="{_text(max(c.reach, 1e-3))}"/></geometry>
     </visual>
   </link>
   <joint name="slope" type="fixed">
@@ -250,7 +254,7 @@ length="{_text(max(2 * c.L2, 1e-3))}"/></geometry>
     <child link="pendulum"/>
     <axis xyz="0 -1 0"/>
     <limit effort="{_text(max(volt * params.voltage_limit, LEAST))}" velocity="1e6"/>
-    <dynamics damping="{_text(c.damping + c.K * volt)}"/>
+    <dynamics damping="{_text(c.damping + c.K * volt)}" friction="{_text(c.F0)}"/>
   </joint>
   <transmission name="motor">
     <type>transmission_interface/SimpleTransmission</type>

@@ -100,6 +100,7 @@ ground_reaction = eq.ground_reaction
 linear_momentum = eq.linear_momentum
 pendulum_clearance = eq.pendulum_clearance
 regularity = eq.regularity
+psi_mobility = eq.psi_mobility
 hub_pole = eq.hub_pole
 gear_torque = eq.gear_torque
 friction_pole = eq.friction_pole

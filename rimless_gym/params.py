@@ -97,8 +97,8 @@ class WheelParams:
         rotor_inertia: ``Jm`` at the motor shaft (kg m^2), >= 0; the hub feels ``Jm N^2``.
         hub_damping: viscous friction torque per unit of psi' (N m s), >= 0.
         hub_friction: dry friction of motor, gear and bearings at the hub without load (N m), >= 0.
-        gear_loss: share of a large transmitted torque that the gear loses, in [0, 1), one less
-            its efficiency. A gear that loses torque has friction without load too: hub_friction > 0.
+        gear_loss: share of a large transmitted torque that the gear loses, in [0, 1): one less
+            its efficiency. It needs hub_friction > 0: such a gear has friction without load too.
         friction_width: |psi'| up to which dry friction is nearly viscous (rad/s), > 0; at three
             times this rate it has 95 % of its size.
         drag: air drag force per squared hub speed (N s^2/m^2), >= 0.

@@ -92,6 +92,7 @@ class HybridModel:
             "stop_on_two_feet": ([x], (_eq.stop_on_two_feet(phi, theta, dphi, dtheta, p),)),
             "electrical_power": ([x, u], (_eq.electrical_power(rate, u, p),)),
             "losses": ([x, u], _eq.losses(dphi, rate, _eq.relative_rate(ddphi, ddtheta, p), u, p)),
+            "losses_double_stance": ([x, u], _eq.losses(0, dtheta, standing, u, p)),
             "motor_torque": ([x, u], (_eq.motor_torque(rate, u, p),)),
             "relative_rate": ([x], (rate,)),
             "mechanical_energy": ([x], (_eq.mechanical_energy(phi, theta, dphi, dtheta, p),)),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, Prices, columns
-from rimless_gym.envs.machines import NUMBERS, draw_machines, set_terms
+from rimless_gym.envs.machines import NUMBERS, draw_machines, numbers_of, set_terms
 from rimless_gym.envs.orders import AT, NO_LIMIT, give_results, orders_for, step_rows
 from rimless_gym.envs.perturbation import disturb_rows, observe_noisily
 from rimless_gym.envs.snapshots import ARRAYS
@@ -98,7 +98,7 @@ class Fleet:
         before = [a + np.zeros(len(self)) for a in (self.numbers, self.constants, self.poles)]
         different = {machine: k for k, machine in enumerate(dict.fromkeys(params))}
         which = [different[machine] for machine in params]
-        numbers = [[getattr(machine, name) for name in NUMBERS] for machine in different]
+        numbers = [numbers_of(machine) for machine in different]
         self.constants, self.poles = machine_arrays(list(different))
         self.numbers = np.array(numbers, dtype=np.float64).T[:, which].copy()
         if len(different) > 1 or ranges.bounds:  # else one column serves all rows

@@ -32,10 +32,19 @@ Numbers = record(
 )
 NUMBERS = Numbers._fields
 
+#: Stands in `Numbers` for a `pendulum_reach` of None.
+LEFT_OPEN = -1.0
+
 _D1, _LAW, _REACH = (Constants._fields.index(name) for name in ("d1", "law", "reach"))
 _numbers_of = reader(Numbers, 0)
 for _function in (weight_of, leg_angle_of, rod_reach, reach_of, constants_of):
     inner(_function)
+
+
+def numbers_of(params: WheelParams) -> list[float]:
+    """The values of `NUMBERS` of a machine."""
+    values = (getattr(params, name) for name in NUMBERS)
+    return [LEFT_OPEN if value is None else float(value) for value in values]
 
 
 @inner
@@ -82,7 +91,7 @@ def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memor
         p = constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
         for k, value in enumerate(p):
             constants[k, i] = value
-        if math.isnan(f.pendulum_reach):  # it is None in `WheelParams`
+        if f.pendulum_reach == LEFT_OPEN:
             constants[_REACH, i] = rod_reach(f)
         poles[i] = _pole(f.voltage_limit, p)
         _set_terms(numbers, prices, memory, i)

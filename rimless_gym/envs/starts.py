@@ -91,7 +91,7 @@ def _draw(constants, slope, weight, streams, state):
 
 @inner
 def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
-    """The largest Fy (N) that a voltage from -limit to limit gives; it is affine in the voltage."""
+    """The largest Fy (N) that a voltage from -limit to limit gives: it is at one of the two."""
     return max(
         foot_force(mode, phi, theta, dphi, dtheta, -limit, p),
         foot_force(mode, phi, theta, dphi, dtheta, limit, p),

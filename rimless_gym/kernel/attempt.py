@@ -21,6 +21,7 @@ from rimless_gym.hybrid import (
     friction_pole,
     gear_torque,
     mass_matrix,
+    psi_mobility,
     regularity,
     relative_rate,
 )
@@ -67,17 +68,19 @@ def peak(p):
 def friction_rate(y, acc, turning, u, p):
     """How fast (1/s) dry friction makes the motion change: 0 without it.
 
-    Steps must resolve how it brakes psi', its change of direction, which happens within the width
-    w of psi' = 0, and that of its level, within F0 / c of where the gear transmits nothing. `turning`
-    is the fastest rate of the angles (rad/s).
+    Steps must resolve how it brakes psi'; its change of direction, which happens within the width w
+    of psi' = 0; and the bend in its level, within F0 / c of where the gear transmits nothing.
+    `turning` is the fastest rate of the angles (rad/s).
     """
     dpsi, ddpsi = relative_rate(y.dphi, y.dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
     torque = gear_torque(dpsi, ddpsi, u, p)
-    change = p.c * abs(ddpsi) * (p.K * p.K * p.G + p.Jr * turning)  # of c times the torque, roughly
+    gearing = p.Jr * psi_mobility(0.0, p)  # share of a torque at the hub that turns the rotor
+    swing = p.S2 * (p.gy + abs(p.gx)) + p.Je3 * turning * turning
+    change = (1 - gearing) * p.K * p.K * p.G * abs(ddpsi) + gearing * swing * turning
     level = np.sqrt((p.c * torque) ** 2 + p.F0 * p.F0)
     exists = 1.0 if p.F0 > 0.0 else 0.0
     reversing = exists * abs(ddpsi) / np.sqrt(dpsi * dpsi + p.w * p.w)
-    loading = change / max(level, 1e-300)
+    loading = p.c * change / max(level, 1e-300)
     braking = friction_pole(dpsi, torque, p) * (1 / MAX_POLE_STEP)
     return max(braking, max(reversing, loading) * (1 / MAX_BEND_STEP))
 
@@ -87,10 +90,10 @@ def plan(tile):
     """Set the length of every lane's attempt: one under way, or the longest that accuracy allows.
 
     The time left is divided into equal steps, short enough for the poles of motor, friction and air
-    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half of the
-    time left adds to it; it counts for more where the accelerations' peak is narrower than 1 rad.
-    Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move too
-    fast.
+    drag and for the fastest rate in the equations. That is the rate of phi + theta, with what half
+    of the time left adds to it; it counts for more where the accelerations' peak is narrower than
+    1 rad. Lanes that are done get a length of 0. Returns how many lanes stand on two feet or move
+    too fast.
     """
     unusual = 0
     for lane in range(LANES):

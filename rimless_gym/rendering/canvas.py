@@ -44,7 +44,7 @@ class Canvas:
         self.width, self.height = (_SUPERSAMPLING * length for length in size)
         self.surface = pygame.Surface((self.width, self.height), 0, 32)
         self.surface.fill(background)
-        reach = max(params.leg_length, 2 * params.pendulum_length)
+        reach = max(params.leg_length, params.constants.reach)
         hub_height = params.leg_length * math.cos(params.leg_angle / 2)
         above = 1.07 * (params.leg_length + reach)
         below = max(0.45 * params.leg_length, 1.12 * reach - hub_height)

@@ -177,9 +177,9 @@ def _draw_wheel(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
 
 
 def _pendulum_ends(params: WheelParams, scene: Scene) -> tuple[complex, complex]:
-    """The hub and the rod's far end, 2 L2 away."""
+    """The hub and the pendulum's far end."""
     hub = complex(*scene.hub(params))
-    return hub, hub - 2j * params.pendulum_length * cmath.exp(1j * scene.theta)
+    return hub, hub - 1j * params.constants.reach * cmath.exp(1j * scene.theta)
 
 
 def _draw_pendulum(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
@@ -192,7 +192,7 @@ def _draw_pendulum(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
     lit = 0.014 * unit * light
     canvas.bar(hub + lit, tip + lit, 0.010 * unit, 0.008 * unit, ROD_LIGHT)
 
-    bob = (hub + tip) / 2
+    bob = hub - 1j * params.pendulum_length * cmath.exp(1j * scene.theta)
     radius = (0.05 + 0.12 * math.sqrt(params.pendulum_mass / params.total_mass)) * unit
     canvas.disc(bob, radius, ROD_DARK)
     canvas.disc(bob, radius - 0.014 * unit, ROD)

@@ -33,6 +33,9 @@ _WIDE = {
     "armature_resistance": (1e-2, 1e2),
     "rotor_inertia": (1e-9, 1e-4),
     "hub_damping": (1e-6, 10.0),
+    "hub_friction": (1e-3, 10.0),
+    "gear_loss": (1e-3, 0.9),
+    "friction_width": (1e-2, 1.0),
     "drag": (1e-4, 10.0),
     "idle_power": (1e-3, 10.0),
     "gravity": (0.1, 30.0),
@@ -42,6 +45,7 @@ _WIDE = {
 _MAY_BE_ZERO = (
     *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "pendulum_length"),
     *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
+    *("hub_friction", "gear_loss"),
 )
 _CANDIDATES = 64  # states drawn for the start of one row
 
@@ -80,9 +84,11 @@ def _like_a_preset(rng: Generator) -> dict[str, Any]:
     fields = PRESETS[str(rng.choice(list(PRESETS)))].to_dict()
     for name in _WIDE:
         fields[name] *= math.exp(rng.normal(0.0, 0.3))
-    for name in ("rotor_inertia", "hub_damping", "drag", "idle_power"):
+    for name in ("rotor_inertia", "hub_damping", "hub_friction", "drag", "idle_power"):
         if rng.random() < 0.3:
             fields[name] = _wide(rng, name)
+    if fields["hub_friction"] > 0 and rng.random() < 0.5:
+        fields["gear_loss"] = _wide(rng, "gear_loss")
     return fields | _kinds(rng)
 
 

@@ -23,6 +23,8 @@ class FreeWheel:
         self.params = params
         self.model = mujoco.MjModel.from_xml_string(to_mjcf(params))
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        # MuJoCo's dry friction brakes softly, as a constraint: so hard that it is always sliding.
+        self.model.dof_solref[:] = -1.0, -1e12
         self.data = mujoco.MjData(self.model)
         self.wheel = self.model.body("wheel").id
         self.motor = self.model.nu > 0
@@ -45,7 +47,7 @@ class FreeWheel:
         """All generalised forces (4) except those of the ground, so that M v' = force."""
         d, drag = self.data, np.zeros(4)
         drag[:2] = -self.params.drag * np.hypot(*d.qvel[:2]) * d.qvel[:2]
-        return d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias + drag
+        return d.qfrc_passive + d.qfrc_actuator + d.qfrc_constraint - d.qfrc_bias + drag
 
     def foot(self, k: int) -> np.ndarray:
         """Position (x, z) of foot k from the first foot; k counts legs forward."""

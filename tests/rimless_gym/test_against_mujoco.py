@@ -21,7 +21,13 @@ from rimless_gym.symbolic import HybridModel
 
 number = equations(math.sin, math.cos)
 N_STATES = 1000
-LOSSES = {"rotor_inertia": 3e-7, "hub_damping": 0.2, "drag": 0.5}
+LOSSES = {  # MuJoCo's dry friction is exact, so the width is nothing
+    "rotor_inertia": 3e-7,
+    "hub_damping": 0.2,
+    "drag": 0.5,
+    "hub_friction": 0.4,
+    "friction_width": 1e-9,
+}
 EXTRAS = {
     "plain": {},
     "downhill, every loss": LOSSES | {"slope": 0.15},

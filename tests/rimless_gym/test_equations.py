@@ -49,6 +49,10 @@ class Case:
         self.machine = SimpleNamespace(
             **dict(zip(NAMES, ca.vertsplit(self.symbols), strict=True)),
             n_legs=n_legs,
+            pendulum_reach=None,
+            hub_friction=0.0,  # tests/rimless_gym/test_friction.py has the dry friction
+            gear_loss=0.0,
+            friction_width=0.1,
             motor_mount=mount,
             impact_law="plastic",
         )

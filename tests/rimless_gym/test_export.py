@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from rimless_gym import simulate
-from rimless_gym.export import JOINTS, joint_state, to_mjcf, to_urdf
+from rimless_gym.equations import DOUBLE
+from rimless_gym.export import JOINTS, TIMESTEP, joint_state, to_mjcf, to_urdf
+from rimless_gym.kernel.stepping import advance
 from rimless_gym.params import PRESETS, THESIS_PHYSICAL, WheelParams
 
 BARE = WheelParams(
     n_legs=8, slope=0.08, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0, friction=5.0
 )
-LOSSY = THESIS_PHYSICAL.replace(rotor_inertia=3e-7, hub_damping=0.2, slope=-0.1, n_legs=3)
+LOSSY = THESIS_PHYSICAL.replace(
+    rotor_inertia=3e-7, hub_damping=0.2, hub_friction=0.1, slope=-0.1, n_legs=3
+)
 MACHINES = {
     **PRESETS,
     "lossy": LOSSY,
@@ -104,6 +108,27 @@ def test_keyframe_stands_on_two_feet_and_stays():
     assert data.ncon == 2
     assert data.qpos[1] == pytest.approx(height, abs=1e-4)
     assert abs(data.qvel).max() < 1e-6
+
+
+def test_dry_friction_stops_the_pendulum_where_it_stops_in_mujoco():
+    params = THESIS_PHYSICAL.replace(
+        motor_constant=0.0, hub_friction=0.4, friction_width=1e-3, pendulum_mass=0.5
+    )
+    model = load(to_mjcf(params))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("rest").id)
+    angle = data.qpos[3]
+    data.qpos[3] += 0.9
+    state = np.array([[params.constants.a, 0.9, 0.0, 0.0, DOUBLE, 0.0]])
+    theirs, ours = [], []
+    for _ in range(400):
+        mujoco.mj_step(model, data, round(0.01 / TIMESTEP))
+        advance(params, state, np.zeros(1))
+        theirs.append(data.qpos[3] - angle)
+        ours.append(state[0, 1])
+    assert state[0, 4] == DOUBLE
+    assert abs(ours[-1] - ours[-20]) < 1e-3  # it stands
+    assert np.abs(np.subtract(theirs, ours)).max() < 0.01
 
 
 def test_volts_reach_the_joint_as_the_motors_torque():

@@ -21,7 +21,7 @@ CONTACT_MARGIN = 0.1
 class Guarded:
     """A law whose voltage is changed only as far as the stance foot's contact requires.
 
-    The normal force is affine in the voltage, so the voltages that keep it above a margin are a
+    The normal force is monotonic in the voltage, so the voltages that keep it above a margin are a
     half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
 
     Attributes:
@@ -58,18 +58,26 @@ class Guarded:
 
 @njit(error_model="numpy")
 def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
-    guarded = volts.copy()
+    guarded = np.minimum(np.maximum(volts, -limit), limit)
     for i in range(len(x)):
-        if mode[i] != SINGLE:
+        if mode[i] != SINGLE or _force(x[i], guarded[i], p) >= floor:
             continue
-        y = (x[i, 0], x[i, 1], x[i, 2], x[i, 3])
-        still = accelerations(SINGLE, y[0], y[1], y[2], y[3], 0.0, p)
-        driven = accelerations(SINGLE, y[0], y[1], y[2], y[3], 1.0, p)
-        force = ground_reaction(y[0], y[1], y[2], y[3], still[0], still[1], p)[1]
-        slope = ground_reaction(y[0], y[1], y[2], y[3], driven[0], driven[1], p)[1] - force
-        if slope > 0.0:
-            guarded[i] = max(guarded[i], (floor - force) / slope)
-        elif slope < 0.0:
-            guarded[i] = min(guarded[i], (floor - force) / slope)
-        guarded[i] = min(max(guarded[i], -limit), limit)
+        best = limit if _force(x[i], limit, p) > _force(x[i], -limit, p) else -limit
+        enough = 1.0  # the share of the way to `best` after which the foot presses
+        if _force(x[i], best, p) >= floor:
+            short = 0.0
+            while enough - short > 1e-9:
+                middle = 0.5 * (short + enough)
+                if _force(x[i], guarded[i] + middle * (best - guarded[i]), p) >= floor:
+                    enough = middle
+                else:
+                    short = middle
+        guarded[i] += enough * (best - guarded[i])
     return guarded
+
+
+@njit(error_model="numpy")
+def _force(y, u, p):  # type: ignore[no-untyped-def]
+    """Normal force (N) on the stance foot."""
+    acc = accelerations(SINGLE, y[0], y[1], y[2], y[3], u, p)
+    return ground_reaction(y[0], y[1], y[2], y[3], acc.ddphi, acc.ddtheta, p)[1]
