@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from rimless_gym.envs import EPISODE_STEPS
-from rimless_gym.params import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, preset
+from rimless_gym.params import (
+    BUILDABLE,
+    PROTOTYPE,
+    THESIS_NOMINAL,
+    THESIS_PHYSICAL,
+    WheelParams,
+    preset,
+)
 
 if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
@@ -22,6 +29,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     __version__: str
 
 __all__ = [
+    "BUILDABLE",
     "PROTOTYPE",
     "THESIS_NOMINAL",
     "THESIS_PHYSICAL",

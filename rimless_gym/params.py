@@ -1,4 +1,4 @@
-"""The machine's parameters: one frozen dataclass, three presets, and the equations' shorthand."""
+"""The machine's parameters: one frozen dataclass, four presets, and the equations' shorthand."""
 
 from __future__ import annotations
 
@@ -369,7 +369,29 @@ PROTOTYPE = WheelParams(
     pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
 )
 
+#: A machine that can be built from catalogue parts; docs/machine.md has sources and budget.
+BUILDABLE = WheelParams(
+    wheel_mass=1.34,
+    wheel_inertia=0.021,
+    leg_length=0.3,
+    n_legs=6,
+    pendulum_mass=1.66,
+    pendulum_inertia=0.0019,
+    pendulum_length=0.169,
+    pendulum_reach=0.195,
+    motor_constant=0.0229,
+    gear_ratio=35.03,
+    armature_resistance=1.9,
+    rotor_inertia=9.6e-7,
+    hub_friction=0.034,
+    gear_loss=0.07,
+    idle_power=0.5,
+    friction=0.8,
+    voltage_limit=12.0,
+)
+
 PRESETS = {
+    "BUILDABLE": BUILDABLE,
     "THESIS_NOMINAL": THESIS_NOMINAL,
     "THESIS_PHYSICAL": THESIS_PHYSICAL,
     "PROTOTYPE": PROTOTYPE,
