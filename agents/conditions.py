@@ -9,7 +9,7 @@ from typing import Any
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
-from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams, as_params
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Conditions:
         ValueError: an end of a range is not valid for the machine.
     """
 
-    params: WheelParams = THESIS_PHYSICAL
+    params: WheelParams = BUILDABLE
     ranges: Ranges = dataclasses.field(default_factory=lambda: Ranges({}))
     disturbances: Disturbances = dataclasses.field(default_factory=Disturbances)
 

@@ -33,7 +33,7 @@ from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
-from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
 
@@ -103,7 +103,7 @@ class Evaluation:
 
 def evaluate(
     policy: Policy,
-    params: Machine = THESIS_PHYSICAL,
+    params: Machine = BUILDABLE,
     protocol: Protocol = PROTOCOL,
     *,
     task: Task | Mapping[str, float] | None = None,

@@ -22,7 +22,7 @@ from agents.sb3.foreign import unpickled
 from agents.training import Training
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
-from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams, as_params
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 from trajopt.files import digest, read_arrays, write_arrays
 from trajopt.provenance import provenance
 
@@ -178,7 +178,7 @@ def load_policy(
     """
     path, params = find_policy(path), None if params is None else as_params(params)
     if trust_pickle and _is_foreign(path):
-        return _unpickled(path, params or THESIS_PHYSICAL)
+        return _unpickled(path, params or BUILDABLE)
     record, weights = _read(path)
     layout = record.get("observation_layout")
     if layout != list(OBSERVATION_LAYOUT):

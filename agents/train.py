@@ -24,7 +24,7 @@ from rimless_gym.checks import integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.params import THESIS_PHYSICAL, Machine
+from rimless_gym.params import BUILDABLE, Machine
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
@@ -69,7 +69,7 @@ def train(
     out: str | Path = "runs/train",
     *,
     timesteps: int | None = None,
-    params: Machine = THESIS_PHYSICAL,
+    params: Machine = BUILDABLE,
     task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,

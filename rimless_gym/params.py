@@ -361,7 +361,7 @@ THESIS_NOMINAL = WheelParams(
     pendulum_length=0.5,
 )
 
-#: Thesis, Table 4.6: the environment's default.
+#: Thesis, Table 4.6.
 THESIS_PHYSICAL = WheelParams()
 
 #: The machine as built: pendulum mass and length a quarter of Table 4.6's.
@@ -369,7 +369,8 @@ PROTOTYPE = WheelParams(
     pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
 )
 
-#: A machine that can be built from catalogue parts; docs/machine.md has sources and budget.
+#: A machine that can be built from catalogue parts, the environment's default; docs/machine.md has
+#: sources and budget.
 BUILDABLE = WheelParams(
     wheel_mass=1.34,
     wheel_inertia=0.021,
@@ -425,7 +426,7 @@ def as_params(params: Machine) -> WheelParams:
     if isinstance(params, str):
         return preset(params)
     if isinstance(params, Mapping):
-        return THESIS_PHYSICAL.replace(**{str(name): value for name, value in params.items()})
+        return BUILDABLE.replace(**{str(name): value for name, value in params.items()})
     raise TypeError(
         f"params = {params!r}: give a WheelParams, a preset's name or a dictionary of fields"
     )

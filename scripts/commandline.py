@@ -33,7 +33,7 @@ T = TypeVar("T")
 INTERRUPTED = 130
 
 #: The machine of the environment.
-DEFAULT_PRESET = "THESIS_PHYSICAL"
+DEFAULT_PRESET = "BUILDABLE"
 
 #: Help for options that the environment takes too.
 PARAMS = """JSON: fields that differ from the preset's, '{"hub_damping": 0.01, "n_legs": 6}'"""

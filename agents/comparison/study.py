@@ -28,7 +28,7 @@ class Study:
         ValueError: there is no such preset or field, or a number is out of its range.
     """
 
-    preset: str = "THESIS_PHYSICAL"
+    preset: str = "BUILDABLE"
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     speed: float = 0.5
     steps: int = 2

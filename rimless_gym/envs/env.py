@@ -32,7 +32,7 @@ from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import THESIS_PHYSICAL, Machine, WheelParams, as_params
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
@@ -109,7 +109,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     make it diverge, raises a `RuntimeError`; call `reset` before going on.
 
     ## Arguments
-    - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
+    - `params`: the machine, default `BUILDABLE`: a `rimless_gym.WheelParams`, a preset's
       name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from the default.
     - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields:
       `{task}`.
@@ -168,7 +168,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(
         self,
-        params: Machine = THESIS_PHYSICAL,
+        params: Machine = BUILDABLE,
         task: Task | Mapping[str, float] | None = None,
         render_mode: str | None = None,
         *,

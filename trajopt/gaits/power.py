@@ -24,7 +24,7 @@ from rimless_gym.equations import THESIS, equations
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 
-_eq = equations(np.sin, np.cos)
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 #: Rates psi' (rad/s) at which the power at the hub is tabulated: up to the fastest of a gait.
 _RATES = np.append(0.0, np.geomspace(1e-4, 2 * MAX_RATE, 4000))
@@ -33,7 +33,7 @@ _RATES = np.append(0.0, np.geomspace(1e-4, 2 * MAX_RATE, 4000))
 _CERTAIN = 1e-3
 
 #: The fields that take energy, of which an error names those that do.
-_COSTLY = ("hub_damping", "drag", "slope")
+_COSTLY = ("hub_damping", "hub_friction", "drag", "slope")
 
 
 def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
@@ -75,9 +75,10 @@ def least_mean_rate(params: WheelParams, speed: float, steps: int) -> float:
 
 def most_power_at_hub(params: WheelParams, mean: float) -> float:
     """The largest mean power (W) that reaches wheel and pendulum if |psi'| >= `mean` on average."""
-    power: NDArray[np.float64] = _RATES * np.array(
-        [_eq.hub_torque(rate, params.voltage_limit, params.constants) for rate in _RATES]
-    )
+    p = params.constants
+    friction = p.F0 * _eq.slide(_RATES, p)  # the least there can be: without load
+    torque = _eq.hub_torque(_RATES, params.voltage_limit, p) - friction
+    power: NDArray[np.float64] = _RATES * torque
     near = min(int(np.searchsorted(_RATES, mean)), len(_RATES) - 2)
     falling = (power[near] - power[near + 1]) / (_RATES[near + 1] - _RATES[near])
     price = max(falling, 0.0)
