@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rimless_gym.params import PRESETS, preset
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
-from trajopt import NoGaitError, periodic_gait
+from trajopt import periodic_gait
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,6 +27,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--regeneration", action="store_true", help="let the battery take energy back"
     )
     parser.add_argument(
+        "--hold",
+        type=more_than_zero,
+        help="hold the voltage for so long (s), as the environment does for 0.01; the speed is then "
+        "the nearest at which a stride lasts a whole number of such intervals",
+    )
+    parser.add_argument(
         "--starts",
         type=whole(0),
         help="random starts; by default none where a shipped gait is of the same machine, else 24",
@@ -39,19 +45,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.out is not None:
         parser.require_file(options.out)
     try:
-        with terminated_like_ctrl_c():
+        with parser.refusing(), terminated_like_ctrl_c():
             solution = periodic_gait(
                 preset(options.preset),
                 options.speed,
                 options.steps,
                 options.regeneration,
+                hold=options.hold,
                 starts=options.starts,
                 seed=options.seed,
                 workers=options.workers,
                 progress=True,
             )
-    except NoGaitError as error:
-        parser.error(str(error))
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED

@@ -44,9 +44,12 @@ class Verification:
         peak_voltage: largest |V| (V).
         clearance: smallest height of the pendulum's end (m); negative is reported, not forbidden.
         cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
-            NaN if it falls.
+            NaN if it falls. Of a gait with a hold of 10 ms, or of a multiple, it is its own CoT.
         hold_failure: why it falls; empty if it does not.
         failures: the checks that failed, in words; empty if the gait passed.
+        repeat_error: of a gait with a hold, largest change of the state over a stride that the
+            stepping kernel makes interval by interval, whole turns left out (rad, rad/s); else NaN.
+        repeat_residual: |residual| of the ledger of that stride (J); else NaN.
     """
 
     state_error: float
@@ -65,6 +68,8 @@ class Verification:
     cot_at_100hz_hold: float
     hold_failure: str
     failures: tuple[str, ...]
+    repeat_error: float = math.nan
+    repeat_residual: float = math.nan
 
     @property
     def passed(self) -> bool:
