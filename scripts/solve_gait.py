@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--hold",
         type=more_than_zero,
-        help="hold the voltage for so long (s), as the environment does for 0.01; the speed is then "
-        "the nearest at which a stride lasts a whole number of such intervals",
+        help="hold the voltage for so long (s), as the environment does for 0.01; the speed is "
+        "then the nearest at which a stride lasts a whole number of such intervals",
     )
     parser.add_argument(
         "--starts",

@@ -109,11 +109,11 @@ def periodic_gait(
     if hold is not None:
         at = held_speed(params, speed, steps, hold)
         lead = guess if guess is not None and _leads_to(guess, params, at) else None
-        lead = lead or periodic_gait(
-            *(params, at, steps, regeneration),
-            **{"starts": starts, "seed": seed, "guess": guess},  # type: ignore[arg-type]
-            **{"workers": workers, "progress": progress},
-        )
+        if lead is None:
+            settled: dict[str, Any] = {"starts": starts, "seed": seed, "workers": workers}
+            lead = periodic_gait(
+                params, at, steps, regeneration, guess=guess, progress=progress, **settled
+            )
         return _held(lead, speed, hold, regeneration)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:

@@ -116,12 +116,24 @@ def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
     return float(np.abs(run.state(t) - phase.state(t)).max())
 
 
-def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -> Verification:
-    """Re-simulate a gait and measure everything that is claimed of it."""
+def verify(
+    params: WheelParams,
+    phases: Sequence[PhaseTrajectory],
+    turns: int,
+    held: tuple[float, str] | None = None,
+) -> Verification:
+    """Re-simulate a gait and measure everything that is claimed of it.
+
+    Args:
+        params: the machine.
+        phases: one per step.
+        turns: whole turns that theta gains in a stride.
+        held: what `held_cost` would return, where it is known.
+    """
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
     duration = sum(p.duration for p in phases)
-    held, reason = held_cost(params, phases)
+    cost, reason = held_cost(params, phases) if held is None else held
     figures: dict[str, Any] = {
         "state_error": error,
         "phase_state_error": max(phase_error(params, p) for p in phases),
@@ -136,7 +148,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
         "max_impulse_friction_demand": run.impulse_friction_demand if run.touchdowns else math.inf,
         "peak_voltage": peak_voltage(phases),
         "clearance": run.clearance,
-        "cot_at_100hz_hold": held,
+        "cot_at_100hz_hold": cost,
         "hold_failure": reason,
     }
     return Verification(**figures, failures=tuple(_failures(params, figures)))

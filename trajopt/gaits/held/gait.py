@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.provenance import provenance
 
-#: Phases of the clock to start from: how much of its interval lies before the first touchdown.
-SHARES = (0.02, 0.5)
+#: Phases of the clock to start from, one after the other until one leads to an optimum: how much
+#: of its interval lies before the first touchdown. All lead to about the same one, in which the
+#: touchdowns come with the ticks: there the voltage of an optimum jumps.
+SHARES = (0.02, 0.5, 0.98)
 
-#: IPOPT's first barrier from a continuous gait and for a neighbouring pattern, and its iterations.
-BARRIER, NEAR_BARRIER, ITERATIONS = 1e-3, 1e-4, 300
+#: IPOPT's first barrier, and its iterations.
+BARRIER, ITERATIONS = 1e-4, 300
 
 #: By what fraction a neighbouring pattern must cost less, and how many are followed.
 WORTHWHILE, MOST_MOVES = 1e-5, 10
@@ -51,7 +53,9 @@ def held_gait(
     """
     search = _Search(lead.params, lead.theta_turns, regeneration)
     for share in SHARES:
-        search.solve(Stride.of_gait(lead, hold, ticks, share), BARRIER)
+        search.solve(Stride.of_gait(lead, hold, ticks, share))
+        if search.found:
+            break
     search.descend()
     if search.best is None:
         return None, search.failures
@@ -76,10 +80,10 @@ class _Search:
         """The optimum that costs least."""
         return min(self.found, key=lambda found: found.energy, default=None)
 
-    def solve(self, guess: Stride, barrier: float) -> None:
+    def solve(self, guess: Stride) -> None:
         """Look for an optimum near a guess."""
         program = HeldProgram(self.params, guess.pattern, self.turns, self.regeneration)
-        found = program.solve(guess, mu_init=barrier, max_iter=ITERATIONS)
+        found = program.solve(guess, mu_init=BARRIER, max_iter=ITERATIONS)
         if found.success:
             self.found.append(found)
         else:
@@ -95,7 +99,7 @@ class _Search:
             for guess in best.stride.neighbours():
                 if guess.step_ticks not in tried:
                     tried.add(guess.step_ticks)
-                    self.solve(guess, NEAR_BARRIER)
+                    self.solve(guess)
             least = self.best
             if least is None or least.energy > best.energy - WORTHWHILE * abs(best.energy):
                 return

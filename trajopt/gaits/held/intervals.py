@@ -25,7 +25,7 @@ SCHEME: Scheme = SCHEMES["radau"].of_degree(DEGREE, 0)
 #: the wheel coasts, the current changes sign within most intervals. Of max(V i, 0), which is convex
 #: there, this rule takes too much (by 1e-4 of the whole), where Gauss's or the midpoint rule takes
 #: too little, which an optimisation would exploit.
-PAID_AT: Array = np.linspace(0.0, 1.0, 25)
+PAID_AT: Array = np.linspace(0.0, 1.0, 21)
 WEIGHTS: Array = np.convolve(np.ones(len(PAID_AT) - 1), [0.5, 0.5]) / (len(PAID_AT) - 1)
 
 
@@ -60,7 +60,8 @@ def interval_equations(params: WheelParams, hold: float, regeneration: bool) -> 
     """The functions of one machine, clock and objective."""
     wheel = WheelPhases(params)
     phase = dataclasses.replace(wheel.single_stance(), powers=None).traced(0)
-    assert phase.path is not None and phase.at_end is not None
+    assert phase.path is not None
+    assert phase.at_end is not None
     nx, n = len(STATES), len(SCHEME.nodes)
     slacks = 0 if regeneration else len(PAID_AT)
     x, u, s = ca.SX.sym("x", nx * n), ca.SX.sym("u"), ca.SX.sym("s", slacks)

@@ -27,7 +27,7 @@ def recorded(held: Held, replay: Replay) -> tuple[PhaseTrajectory, ...]:
             touchdown, and no interval has two.
     """
     states = _inside(held, replay.states[:-1])
-    steps, phases = np.flatnonzero(replay.touchdown_times >= 0.0), []
+    steps, phases = np.flatnonzero(replay.touchdown_times >= 0.0).tolist(), []
     landings = [_landing(held, replay.states[k], held.voltages[k]) for k in steps]
     first, shift = 0, held.shift
     for i, last in enumerate(steps):

@@ -50,7 +50,8 @@ class Replay:
 
     Attributes:
         states: at the ticks, before any interval and after all, shape (ticks + 1, 4).
-        touchdown_times: of the last touchdown in each interval, from its start (s), or -1, (ticks,).
+        touchdown_times: of the last touchdown in each interval, from its start (s), or -1, shape
+            (ticks,).
         touchdowns: how many in all.
         ledger: of all intervals.
         failure: of the interval that ended early, or `Failure.NONE`.
