@@ -18,7 +18,7 @@ from scripts.commandline import (
     terminated_like_ctrl_c,
     whole,
 )
-from trajopt import NoGaitError, periodic_gait
+from trajopt import periodic_gait
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,6 +29,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--steps", type=whole(1), default=2, help="touchdowns per stride")
     parser.add_argument(
         "--regeneration", action="store_true", help="let the battery take energy back"
+    )
+    parser.add_argument(
+        "--hold",
+        type=more_than_zero,
+        help="hold the voltage for so long (s), as the environment does for 0.01; the speed is "
+        "then the nearest at which a stride lasts a whole number of such intervals",
     )
     parser.add_argument(
         "--starts",
@@ -44,19 +50,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.out is not None:
         parser.require_file(options.out)
     try:
-        with terminated_like_ctrl_c():
+        with parser.refusing(), terminated_like_ctrl_c():
             solution = periodic_gait(
                 params,
                 options.speed,
                 options.steps,
                 options.regeneration,
+                hold=options.hold,
                 starts=options.starts,
                 seed=options.seed,
                 workers=options.workers,
                 progress=True,
             )
-    except NoGaitError as error:
-        parser.error(str(error))
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED

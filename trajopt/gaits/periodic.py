@@ -11,6 +11,8 @@ from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.finishing import finished
 from trajopt.gaits.gait_problem import gait_problem
+from trajopt.gaits.held.clock import held_speed, ticks_of_stride
+from trajopt.gaits.held.gait import held_gait
 from trajopt.gaits.leading import led
 from trajopt.gaits.optimality import LocalOptimum
 from trajopt.gaits.power import lacks_power
@@ -42,6 +44,9 @@ MAX_LEADS = 3
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
+#: Speeds (m/s) that differ by less are the same.
+SAME = 1e-9
+
 #: An optimum and its number of turns of theta per stride.
 Turning: TypeAlias = tuple[Extremal, int]
 
@@ -56,6 +61,7 @@ def periodic_gait(
     steps: int = 2,
     regeneration: bool = False,
     *,
+    hold: float | None = None,
     starts: int | None = None,
     seed: int = 0,
     guess: Solution | None = None,
@@ -68,16 +74,26 @@ def periodic_gait(
     is shipped with the package, led to the wanted speed in small steps; and from `starts` random
     motions. The best result is solved on a refined mesh and re-simulated.
 
+    With a `hold`, the voltage is constant between the ticks of a clock, as it is in the
+    environment with ``hold=0.01``. The touchdowns fall anywhere between two ticks; where, the
+    optimisation chooses. A stride must last a whole number of periods to repeat itself. So the
+    speed is not the one asked for, but the nearest of those that are possible
+    (`trajopt.gaits.held.clock.held_speed`): see the result's `speed`. The search starts from the
+    gait with a continuous voltage at that speed.
+
     Args:
         params: the machine, a preset's name, or a dictionary of fields that differ from the
             default's.
-        speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly.
+        speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly unless
+            there is a `hold`.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
+        hold: period of the clock (s), at least 1 ms and at most half a step, or None.
         starts: number of random starts; by default none if a gait of the same machine is known,
             else `DEFAULT_STARTS`.
         seed: of the random starts.
-        guess: a gait of as many steps to start from, instead of the shipped ones.
+        guess: a gait of as many steps to start from, instead of the shipped ones. One that has a
+            hold itself, or the very speed, is what the search for a held gait starts from.
         workers: processes for the random starts.
         progress: whether to show a progress bar.
 
@@ -93,6 +109,15 @@ def periodic_gait(
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
+    if hold is not None:
+        at = held_speed(params, speed, steps, hold)
+        lead = guess if guess is not None and _leads_to(guess, params, at) else None
+        if lead is None:
+            settled: dict[str, Any] = {"starts": starts, "seed": seed, "workers": workers}
+            lead = periodic_gait(
+                params, at, steps, regeneration, guess=guess, progress=progress, **settled
+            )
+        return _held(lead, speed, hold, regeneration)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
         known = any(lead.params == params for lead in leads)
@@ -121,6 +146,22 @@ def periodic_gait(
             return solution
         solutions.append(solution)
     return solutions[0]
+
+
+def _leads_to(guess: Solution, params: WheelParams, speed: float) -> bool:
+    """Whether a held gait can be solved for from a guess at once."""
+    near = guess.hold is not None or abs(guess.speed - speed) < SAME
+    return guess.params == params and near
+
+
+def _held(lead: Solution, speed: float, hold: float, regeneration: bool) -> Solution:
+    """The held gait that a known gait leads to."""
+    ticks = ticks_of_stride(lead.params, speed, lead.steps, hold)
+    settings = {"speed": speed, "hold": hold, "lead_cot": lead.cot}
+    gait, failures = held_gait(lead, hold, ticks, regeneration, settings)
+    if gait is None:
+        raise NoGaitError(_no_gait(lead.params, speed, lead.steps, failures))
+    return gait
 
 
 def _from_leads(

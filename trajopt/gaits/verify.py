@@ -45,9 +45,12 @@ class Verification:
         clearance: smallest height of the pendulum's end (m); where the machine walks on a floor
             (`rimless_gym.rules.has_floor`), it must not be negative.
         cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
-            NaN if it falls.
+            NaN if it falls. Of a gait with a hold of 10 ms, or of a multiple, it is its own CoT.
         hold_failure: why it falls; empty if it does not.
         failures: the checks that failed, in words; empty if the gait passed.
+        repeat_error: of a gait with a hold, largest change of the state over a stride that the
+            stepping kernel makes interval by interval, whole turns left out (rad, rad/s); else NaN.
+        repeat_residual: |residual| of the ledger of that stride (J); else NaN.
     """
 
     state_error: float
@@ -66,6 +69,8 @@ class Verification:
     cot_at_100hz_hold: float
     hold_failure: str
     failures: tuple[str, ...]
+    repeat_error: float = math.nan
+    repeat_residual: float = math.nan
 
     @property
     def passed(self) -> bool:
@@ -112,12 +117,24 @@ def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
     return float(np.abs(run.state(t) - phase.state(t)).max())
 
 
-def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -> Verification:
-    """Re-simulate a gait and measure everything that is claimed of it."""
+def verify(
+    params: WheelParams,
+    phases: Sequence[PhaseTrajectory],
+    turns: int,
+    held: tuple[float, str] | None = None,
+) -> Verification:
+    """Re-simulate a gait and measure everything that is claimed of it.
+
+    Args:
+        params: the machine.
+        phases: one per step.
+        turns: whole turns that theta gains in a stride.
+        held: what `held_cost` would return, where it is known.
+    """
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
     duration = sum(p.duration for p in phases)
-    held, reason = held_cost(params, phases)
+    cost, reason = held_cost(params, phases) if held is None else held
     figures: dict[str, Any] = {
         "state_error": error,
         "phase_state_error": max(phase_error(params, p) for p in phases),
@@ -132,7 +149,7 @@ def verify(params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int) -
         "max_impulse_friction_demand": run.impulse_friction_demand if run.touchdowns else math.inf,
         "peak_voltage": peak_voltage(phases),
         "clearance": run.clearance,
-        "cot_at_100hz_hold": held,
+        "cot_at_100hz_hold": cost,
         "hold_failure": reason,
     }
     return Verification(**figures, failures=tuple(_failures(params, figures)))
