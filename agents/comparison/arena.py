@@ -41,8 +41,16 @@ class Arena:
 
     @cached_property
     def front(self) -> CotFront:
-        """The optimal front, from the result of its stage."""
-        names = (read_stage(self.out, "front", self.identity)[0] or {})["files"]
+        """The front of optimal gaits with a continuous voltage, from the result of its stage."""
+        return self._front_of("front")
+
+    @cached_property
+    def held_front(self) -> CotFront:
+        """The front that every gap is measured against: of gaits that the environment allows."""
+        return self._front_of("held_front")
+
+    def _front_of(self, stage: str) -> CotFront:
+        names = (read_stage(self.out, stage, self.identity)[0] or {})["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
     @cached_property

@@ -143,7 +143,8 @@ class Comparison:
             for row in rows
             if row["walking_share"] and row["cot"] is not None
         }
-        plot_cot_against_speed(self.out / "cot_against_speed.png", self._arena.front, points)
+        fronts = self._arena.front, self._arena.held_front
+        plot_cot_against_speed(self.out / "cot_against_speed.png", *fronts, points)
         if drawn:
             clip = next(iter(walks.values())).until(ANIMATED)
             animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)
