@@ -59,7 +59,9 @@ class Equations:
 def interval_equations(params: WheelParams, hold: float, regeneration: bool) -> Equations:
     """The functions of one machine, clock and objective."""
     wheel = WheelPhases(params)
-    phase = dataclasses.replace(wheel.single_stance(), powers=None).traced(0)
+    stance, c = wheel.single_stance(), params.constants
+    bounds = {**stance.bounds, "phi": (c.a, c.b)}  # the program keeps phi off the guards
+    phase = dataclasses.replace(stance, powers=None, bounds=bounds).traced(0)
     assert phase.path is not None
     assert phase.at_end is not None
     nx, n = len(STATES), len(SCHEME.nodes)
