@@ -11,7 +11,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.gaits.held.intervals import PAID_AT, SCHEME, interval_equations
+from trajopt.gaits.held.intervals import GRAZE, PAID_AT, SCHEME, interval_equations
 from trajopt.gaits.held.pattern import Pattern
 from trajopt.gaits.held.stride import LEAST_SHARE, Stride, bounded
 from trajopt.gaits.stance import STATES
@@ -24,10 +24,6 @@ from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 NX, INNER, PHI = len(STATES), len(SCHEME.nodes) - 2, STATES.index("phi")
-
-#: Distance that phi keeps from the guards at the nodes of an interval without a touchdown, in
-#: squared intervals (rad/s^2). Between nodes, phi moves on by up to 0.02 phi'' of them.
-GRAZE = 0.2
 
 #: How much above the powers of a guess its slacks begin (W).
 SLACK = 1e-2
@@ -137,9 +133,10 @@ class HeldProgram:
             parts.append(np.vstack([columns[:, [0, -1]], shares]))
             lengths.append([[1.0, 0.0], [-1.0, 1.0]])
         intervals = np.hstack(whole)
-        bounds = equations.element_bounds
         if intervals.size:
-            yield self._block(equations.whole, intervals, np.empty((0, intervals.shape[1])), bounds)
+            none = np.empty((0, intervals.shape[1]))
+            yield self._block(equations.whole, intervals, none, equations.whole_bounds)
+        bounds = equations.part_bounds
         yield self._block(equations.part, np.hstack(parts), np.hstack(lengths), bounds)
         lower, upper = equations.touchdown_bounds
         for step in range(pattern.steps):
