@@ -121,6 +121,7 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("solve_gait", ["--steps", "0"], "must be an integer of at least 1"),
         ("solve_gait", ["--starts", "-1"], "must be an integer of at least 0"),
         ("solve_gait", ["--preset", "x"], "invalid choice"),
+        ("solve_gait", ["--hold", "0"], "--hold: '0': must be a number greater than 0"),
         ("train", ["--seed", "-1"], "--seed: '-1': must be an integer of at least 0"),
         ("train", ["--timesteps", "many"], "at least 0"),
         ("train", ["--algo", "td3"], "invalid choice"),

@@ -110,13 +110,9 @@ def periodic_gait(
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
     if hold is not None:
-        at = held_speed(params, speed, steps, hold)
-        lead = guess if guess is not None and _leads_to(guess, params, at) else None
-        if lead is None:
-            settled: dict[str, Any] = {"starts": starts, "seed": seed, "workers": workers}
-            lead = periodic_gait(
-                params, at, steps, regeneration, guess=guess, progress=progress, **settled
-            )
+        search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
+        search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
+        lead = _unheld(params, (speed, hold), guess, **search_for)
         return _held(lead, speed, hold, regeneration)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
@@ -148,10 +144,30 @@ def periodic_gait(
     return solutions[0]
 
 
-def _leads_to(guess: Solution, params: WheelParams, speed: float) -> bool:
-    """Whether a held gait can be solved for from a guess at once."""
-    near = guess.hold is not None or abs(guess.speed - speed) < SAME
-    return guess.params == params and near
+def _unheld(
+    params: WheelParams, wanted: tuple[float, float], guess: Solution | None, **search: Any
+) -> Solution:
+    """The gait from which the search for a held one starts.
+
+    Args:
+        params: the machine.
+        wanted: the speed asked for (m/s), and the hold (s).
+        guess: the caller's guess. It will do if it has a hold too, or the very speed.
+        search: further arguments of `periodic_gait`.
+    """
+    (speed, hold), steps = wanted, search["steps"]
+    at = held_speed(params, speed, steps, hold)
+    if guess is not None:
+        near = guess.hold is not None or abs(guess.speed - at) < SAME
+        if near and guess.params == params:
+            return guess
+    try:
+        return periodic_gait(params, at, guess=guess, **search)
+    except NoGaitError as error:
+        raise NoGaitError(
+            f"{error}\n({at:.6g} m/s is the speed nearest to {speed:g} m/s at which a stride lasts "
+            f"a whole number of intervals of hold = {hold:g} s)"
+        ) from None
 
 
 def _held(lead: Solution, speed: float, hold: float, regeneration: bool) -> Solution:

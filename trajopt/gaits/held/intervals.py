@@ -29,6 +29,13 @@ PAID_AT: Array = np.linspace(0.0, 1.0, 21)
 WEIGHTS: Array = np.convolve(np.ones(len(PAID_AT) - 1), [0.5, 0.5]) / (len(PAID_AT) - 1)
 
 
+#: Where in an interval without a touchdown phi is kept off the guards, besides the nodes: a leg
+#: may rock back until it almost touches down again. And its distance from them there, in squared
+#: intervals (rad/s^2): between these places, phi moves on by up to 0.0016 phi'' of them.
+GUARDED_AT: Array = np.arange(1, 9) / 9.0
+GRAZE = 0.02
+
+
 @dataclasses.dataclass(frozen=True)
 class Equations:
     """The functions of the program, and their bounds.
@@ -37,12 +44,14 @@ class Equations:
 
     Attributes:
         phase: the step of which intervals are parts.
-        whole: (states, V, slacks) -> (defects, path constraints, slacks less powers), cost.
-        part: the same with the share of a touchdown after the slacks, and data (a, b): the
-            element's length is a + b share, in intervals.
+        whole: (states, V, slacks) -> (defects, path constraints, slacks less powers, phi at
+            `GUARDED_AT`), cost.
+        part: the same without phi, with the share of a touchdown after the slacks, and data
+            (a, b): the element's length is a + b share, in intervals.
         touchdown: (state before, state after) -> (mismatch, constraints at touchdown), no cost.
         slacks: how many.
-        element_bounds: of the outputs of `whole` and `part`, (lower, upper).
+        whole_bounds: of the outputs of `whole`, (lower, upper).
+        part_bounds: of those of `part`.
         touchdown_bounds: of the outputs of `touchdown`, theta's turns left out.
     """
 
@@ -51,7 +60,8 @@ class Equations:
     part: ca.Function
     touchdown: ca.Function
     slacks: int
-    element_bounds: tuple[Array, Array]
+    whole_bounds: tuple[Array, Array]
+    part_bounds: tuple[Array, Array]
     touchdown_bounds: tuple[Array, Array]
 
 
@@ -59,7 +69,9 @@ class Equations:
 def interval_equations(params: WheelParams, hold: float, regeneration: bool) -> Equations:
     """The functions of one machine, clock and objective."""
     wheel = WheelPhases(params)
-    phase = dataclasses.replace(wheel.single_stance(), powers=None).traced(0)
+    stance, c = wheel.single_stance(), params.constants
+    bounds = {**stance.bounds, "phi": (c.a, c.b)}  # the program keeps phi off the guards
+    phase = dataclasses.replace(stance, powers=None, bounds=bounds).traced(0)
     assert phase.path is not None
     assert phase.at_end is not None
     nx, n = len(STATES), len(SCHEME.nodes)
@@ -80,16 +92,12 @@ def interval_equations(params: WheelParams, hold: float, regeneration: bool) -> 
         mean = ca.dot(s, ca.DM(WEIGHTS))
         unpaid = s - powers(PAID_AT)
     equations = element(phase, SCHEME, 0)
+    phi = states[STATES.index("phi"), :] @ ca.DM(lagrange_matrix(SCHEME.nodes, GUARDED_AT)).T
 
-    def function(name: str, length: Any, *inputs: Any) -> ca.Function:
+    def function(name: str, length: Any, inputs: Any, data: Any, *more: Any) -> ca.Function:
         outputs, _ = equations(ca.vertcat(x, u, hold * length), 1.0)
-        cost = hold * length * mean
-        return ca.Function(
-            name, [ca.vertcat(*inputs[:-1]), inputs[-1]], [outputs_of(outputs), cost]
-        )
-
-    def outputs_of(outputs: Any) -> Any:
-        return ca.densify(ca.vertcat(outputs, unpaid))
+        outputs = ca.densify(ca.vertcat(outputs, unpaid, *more))
+        return ca.Function(name, [inputs, data], [outputs, hold * length * mean])
 
     before, after = ca.SX.sym("before", nx), ca.SX.sym("after", nx)
     mismatch = after - wheel.of("touchdown")(before, none)
@@ -97,16 +105,21 @@ def interval_equations(params: WheelParams, hold: float, regeneration: bool) -> 
     places = len(path_nodes(SCHEME))
     defects = np.zeros(nx * DEGREE)
     lower, upper = (np.tile(side, places) for side in (phase.path.lower, phase.path.upper))
+    lower = np.concatenate([defects, lower, np.zeros(slacks)])
+    upper = np.concatenate([defects, upper, np.full(slacks, np.inf)])
+    margin, apart = GRAZE * hold**2, np.ones(len(GUARDED_AT))
+    share_of = data[0] + data[1] * share
     return Equations(
         phase=phase,
-        whole=function("whole", 1.0, x, u, s, none),
-        part=function("part", data[0] + data[1] * share, x, u, s, share, data),
+        whole=function("whole", 1.0, ca.vertcat(x, u, s), none, phi.T),
+        part=function("part", share_of, ca.vertcat(x, u, s, share), data),
         touchdown=ca.Function("touchdown", [ca.vertcat(before, after), none], [landing, ca.SX(0)]),
         slacks=slacks,
-        element_bounds=(
-            np.concatenate([defects, lower, np.zeros(slacks)]),
-            np.concatenate([defects, upper, np.full(slacks, np.inf)]),
+        whole_bounds=(
+            np.concatenate([lower, (c.a + margin) * apart]),
+            np.concatenate([upper, (c.b - margin) * apart]),
         ),
+        part_bounds=(lower, upper),
         touchdown_bounds=(
             np.concatenate([np.zeros(nx), phase.at_end.lower]),
             np.concatenate([np.zeros(nx), phase.at_end.upper]),

@@ -11,7 +11,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.gaits.held.intervals import PAID_AT, SCHEME, interval_equations
+from trajopt.gaits.held.intervals import GRAZE, PAID_AT, SCHEME, interval_equations
 from trajopt.gaits.held.pattern import Pattern
 from trajopt.gaits.held.stride import LEAST_SHARE, Stride, bounded
 from trajopt.gaits.stance import STATES
@@ -23,7 +23,7 @@ from trajopt.ocp.transcribe.program import Block, assembled
 from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-NX, INNER = len(STATES), len(SCHEME.nodes) - 2
+NX, INNER, PHI = len(STATES), len(SCHEME.nodes) - 2, STATES.index("phi")
 
 #: How much above the powers of a guess its slacks begin (W).
 SLACK = 1e-2
@@ -133,9 +133,10 @@ class HeldProgram:
             parts.append(np.vstack([columns[:, [0, -1]], shares]))
             lengths.append([[1.0, 0.0], [-1.0, 1.0]])
         intervals = np.hstack(whole)
-        bounds = equations.element_bounds
         if intervals.size:
-            yield self._block(equations.whole, intervals, np.empty((0, intervals.shape[1])), bounds)
+            none = np.empty((0, intervals.shape[1]))
+            yield self._block(equations.whole, intervals, none, equations.whole_bounds)
+        bounds = equations.part_bounds
         yield self._block(equations.part, np.hstack(parts), np.hstack(lengths), bounds)
         lower, upper = equations.touchdown_bounds
         for step in range(pattern.steps):
@@ -169,12 +170,16 @@ class HeldProgram:
     def _bounds(self) -> tuple[Array, Array]:
         layout, phase = self.layout, self.equations.phase
         lower, upper = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+        margin = GRAZE * self.pattern.hold**2
         for edges, inner, slacks in zip(layout.edges, layout.inner, layout.slacks, strict=True):
-            for where, name in (
-                *((edges, "all along"), (inner, "all along")),
-                *((edges[0], "start"), (edges[-1], "end")),
+            for where, name, distance in (
+                *((edges, "all along", 0.0), (inner, "all along", 0.0)),
+                *((edges[2:-2], "all along", margin), (inner[1:-1], "all along", margin)),
+                *((edges[0], "start", 0.0), (edges[-1], "end", 0.0)),
             ):
                 lower[where], upper[where] = phase.state_bounds(name)
+                lower[where[..., PHI]] += distance
+                upper[where[..., PHI]] -= distance
             lower[slacks] = 0.0
         (lower[layout.voltages],), (upper[layout.voltages],) = phase.control_bounds()
         lower[layout.shares], upper[layout.shares] = LEAST_SHARE, 1.0 - LEAST_SHARE
@@ -185,8 +190,7 @@ class HeldProgram:
         shares = bounded(guess.shares)
         w[layout.voltages], w[layout.shares] = guess.voltages, shares
         powers = HybridModel(self.params).functions["electrical_power"]
-        points = PAID_AT[: self.equations.slacks]
-        basis = lagrange_matrix(SCHEME.nodes, points)
+        basis = lagrange_matrix(SCHEME.nodes, PAID_AT)
         for step, phase in enumerate(guess.phases):
             edges = pattern.edges_of(step, shares)
             times = edges[:-1, None] + np.diff(edges)[:, None] * SCHEME.nodes
@@ -194,10 +198,10 @@ class HeldProgram:
             states = phase.state(times.ravel()).reshape(*times.shape, NX)
             w[layout.edges[step]] = np.vstack([states[:, 0], states[-1:, -1]])
             w[layout.inner[step]] = states[:, 1:-1]
-            volts = guess.voltages[pattern.voltages_of(step)]
-            sampled = (basis @ states).reshape(-1, NX)
-            paid = np.asarray(powers(sampled.T, np.repeat(volts, len(points))[None])).ravel()
-            w[layout.slacks[step]] = np.maximum(paid, 0.0).reshape(-1, len(points)) + SLACK
+            if layout.slacks[step].size:
+                volts = np.repeat(guess.voltages[pattern.voltages_of(step)], len(PAID_AT))
+                taken = np.asarray(powers((basis @ states).reshape(-1, NX).T, volts[None]))
+                w[layout.slacks[step]] = np.maximum(taken, 0.0).reshape(-1, len(PAID_AT)) + SLACK
         return w
 
     def _unpacked(self, w: Array) -> Stride:
