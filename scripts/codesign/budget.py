@@ -131,8 +131,11 @@ class Build:
         p = self.machine(bob, arm)
         return p.pendulum_mass * p.gravity * p.pendulum_length
 
-    def stall_torque(self) -> float:
-        """Torque (N m) that the motor gives the arm at full voltage, and the gearhead endures."""
+    def lifting_torque(self) -> float:
+        """Torque (N m) with which the motor lifts the arm at full voltage from standstill.
+
+        Within what the gearhead endures for short times, and less the gear's loss.
+        """
         gear, motor = self.gearhead, self.motor
         stall = motor.constant * VOLTAGE / (motor.resistance + DRIVER_RESISTANCE)
         return min(gear.efficiency * gear.ratio * stall, gear.intermittent_torque)
