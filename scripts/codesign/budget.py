@@ -35,7 +35,7 @@ CLAMP = 0.05  # kg: of the arm on its bearings, at the hub
 #: Parts of the wheel close to the hub, without motor and gearhead: kg, and distance (m) at which
 #: their mass may be thought to lie.
 HUB_PARTS: Mapping[str, tuple[float, float]] = {
-    "battery: 4 cells LiFePO4 18650, holder": (0.180, 0.040),
+    "battery: 4 cells LiFePO4 26650, holder": (0.300, 0.040),
     "electronics and cables": (0.100, 0.040),
     "two hub plates, spacers, motor mount": (0.200, 0.035),
     "axle, two bearings, coupling": (0.060, 0.010),

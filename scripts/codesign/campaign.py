@@ -34,7 +34,7 @@ FEW_STARTS = 1
 CLOSE = 1.5
 
 #: Starts that are tried: of finalists, of every pendulum on the map, of the preset.
-FINAL_STARTS, MAP_STARTS, PRESET_STARTS = 32, 16, 128
+FINAL_STARTS, MAP_STARTS, PRESET_STARTS = 24, 16, 128
 
 #: Speeds of the preset's own table (m/s), and a finalist's second speed in units of its best.
 SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.62, 0.66), 0.9

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,18 @@ STARTS = 3
 SEARCH_MESH, FIRST_MESH = (20, 5), (24, 7)
 
 #: Tolerances of the refined mesh; IPOPT's first barrier and iterations.
-MESH_ERROR, HAMILTONIAN, WARM_BARRIER, ITERATIONS = 1e-9, 1e-1, 1e-5, 400
+MESH_ERROR, HAMILTONIAN, WARM_BARRIER, ITERATIONS = 1e-9, 1e-1, 1e-5, 200
+
+#: Settings of a search's solves: one attempt each, on the search's mesh.
+_QUICK: dict[str, Any] = {
+    "passes": 0,
+    "verify": False,
+    "ladder": ({},),
+    "max_iter": ITERATIONS,
+}
+
+#: Refinements of a gait's mesh at most.
+PASSES = 5
 
 #: Optima that are refined until one is verified, and by how much (relative) a gait must be
 #: cheaper than the one that it replaces.
@@ -57,10 +69,8 @@ def cheapest(
             solve(
                 *(problem, phases, mesh),
                 parameters=np.clip(parameters, low, high),
-                passes=0,
-                verify=False,
                 mu_init=1e-3,
-                max_iter=ITERATIONS,
+                **_QUICK,
             )
         )
     rng = np.random.default_rng(seed)
@@ -68,18 +78,14 @@ def cheapest(
         smooth = solve(
             *(regenerating(problem), random_step(case, rng), mesh),
             parameters=(low + high) / 2,
-            passes=0,
-            verify=False,
-            max_iter=ITERATIONS,
+            **_QUICK,
         )
         if smooth.succeeded:
             found.append(
                 solve(
                     *(problem, smooth.phases, mesh),
                     parameters=smooth.parameters,
-                    passes=0,
-                    verify=False,
-                    max_iter=ITERATIONS,
+                    **_QUICK,
                 )
             )
     good = [each for each in found if each.succeeded and not each.breaches]
@@ -111,6 +117,7 @@ def refined(case: Case, near: Extremal) -> Solution:
         parameters=near.parameters,
         tolerance=MESH_ERROR,
         hamiltonian_tolerance=HAMILTONIAN,
+        passes=PASSES,
         verify=False,
         mu_init=WARM_BARRIER,
     )
