@@ -14,7 +14,7 @@ from scripts.codesign.parts import GPX_22_UP
 from scripts.codesign.problem import Case, neighbours
 from scripts.codesign.slower import at_speed, at_speeds
 from scripts.codesign.stages import stage
-from scripts.codesign.startup import joined
+from scripts.codesign.startup import joined, judged
 from trajopt.files import jsonable, write_text
 from trajopt.gaits.solution import Solution
 from trajopt.provenance import provenance
@@ -33,8 +33,8 @@ FEW_STARTS = 1
 #: Builds that cost at most so much more than the cheapest one are tried on starts.
 CLOSE = 1.5
 
-#: Starts that are tried: of finalists, of every pendulum on the map, of the preset.
-FINAL_STARTS, MAP_STARTS, PRESET_STARTS = 24, 16, 128
+#: Starts that are tried: of finalists, and of every pendulum on the map.
+FINAL_STARTS, MAP_STARTS = 24, 16
 
 #: Speeds of the preset's own table (m/s), and a finalist's second speed in units of its best.
 SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.62, 0.66), 0.9
@@ -135,8 +135,8 @@ def _own(folder: Path, pendulums: dict[str, Any], workers: int) -> dict[str, Any
     tasks = {f"{speed:.2f}": (BUILDABLE, speed, known) for speed in SPEEDS}
     gaits = stage(folder, "preset", tasks, at_speeds, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
-    starts = {key: (gait, PRESET_STARTS) for key, gait in walking.items()}
-    return stage(folder, "start-up of the preset", starts, joined, workers)
+    starts = {key: (gait,) for key, gait in walking.items()}
+    return stage(folder, "start-up of the preset", starts, judged, workers)
 
 
 def _gaits(found: Any) -> tuple[Solution, ...]:

@@ -79,15 +79,15 @@ _PRESET = {
     "peak torque (N m)": "{peak_torque:.2f}",
     "motor speed (rad/s)": "{motor_speed:.0f}",
     "in the gait within 10 s": "{joined:.0%}",
-    "still walking": "{walking:.0%}",
-    "CoT of these walks": "{cot_of_walks:.4f}",
+    "walking at the end": "{walking:.0%}",
+    "their CoT": "{cot_of_walks:.4f}",
 }
 _FINAL = {
     "legs": "{legs}",
     "gear": "{ratio:.0f}",
     "bob (kg)": "{bob:.2f}",
     "arm (m)": "{arm:.3f}",
-} | {key: value for key, value in _PRESET.items() if key not in ("CoT of these walks",)}
+} | {key: value for key, value in _PRESET.items() if key != "their CoT"}
 
 
 def _by_cost(rows: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,6 +36,17 @@ def joined(gait: Solution, starts: int) -> dict[str, Any]:
     }
 
 
+def judged(gait: Solution) -> dict[str, Any]:
+    """`joined` from all starts of the protocol, and how they walk at the protocol's end."""
+    walk = evaluate(controller_policy(gait.params, design(gait)), gait.params)
+    return joined(gait, walk.protocol.starts) | {
+        "walking": walk.walking_share,
+        "cot_of_walks": walk.cot if walk.walking.any() else None,
+        "speed_of_walks": walk.speed if walk.walking.any() else None,
+        "friction_of_walks": walk.friction_demand if walk.walking.any() else None,
+    }
+
+
 def figures(gait: Solution) -> dict[str, Any]:
     """Figures of a gait and its machine as plain JSON values."""
     v, (bob, arm) = gait.verification, chosen(gait.params)
