@@ -371,7 +371,7 @@ PROTOTYPE = WheelParams(
 #: A machine that can be built from catalogue parts; docs/machine.md has sources and budget.
 BUILDABLE = WheelParams(
     wheel_mass=1.34,
-    wheel_inertia=0.0212,
+    wheel_inertia=0.021,
     leg_length=0.3,
     n_legs=6,
     pendulum_mass=1.66,
