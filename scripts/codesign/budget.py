@@ -35,7 +35,7 @@ CLAMP = 0.05  # kg: of the arm on its bearings, at the hub
 #: Parts of the wheel close to the hub, without motor and gearhead: kg, and distance (m) at which
 #: their mass may be thought to lie.
 HUB_PARTS: Mapping[str, tuple[float, float]] = {
-    "battery: 4 cells LiFePO4 18650, holder": (0.180, 0.040),
+    "battery: 4 cells LiFePO4 26650, holder": (0.300, 0.040),
     "electronics and cables": (0.100, 0.040),
     "two hub plates, spacers, motor mount": (0.200, 0.035),
     "axle, two bearings, coupling": (0.060, 0.010),
@@ -131,8 +131,11 @@ class Build:
         p = self.machine(bob, arm)
         return p.pendulum_mass * p.gravity * p.pendulum_length
 
-    def stall_torque(self) -> float:
-        """Torque (N m) that the motor gives the arm at full voltage, and the gearhead endures."""
+    def lifting_torque(self) -> float:
+        """Torque (N m) with which the motor lifts the arm at full voltage from standstill.
+
+        Within what the gearhead endures for short times, and less the gear's loss.
+        """
         gear, motor = self.gearhead, self.motor
         stall = motor.constant * VOLTAGE / (motor.resistance + DRIVER_RESISTANCE)
         return min(gear.efficiency * gear.ratio * stall, gear.intermittent_torque)

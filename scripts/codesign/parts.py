@@ -82,15 +82,13 @@ def _gpx_22_up(ratio: float, stages: int) -> Gearhead:
     )
 
 
-#: The gearheads that the maker combines with this motor, up to a ratio that is clearly too high.
+#: Gearheads that the maker combines with this motor, up to a ratio that is clearly too high.
 GPX_22_UP = (
     _gpx_22_up(15.58, 2),
     _gpx_22_up(20.95, 2),
-    _gpx_22_up(26.05, 2),
     _gpx_22_up(28.17, 2),
     _gpx_22_up(35.03, 2),
     _gpx_22_up(61.51, 3),
-    _gpx_22_up(82.70, 3),
 )
 
 #: Resistance of the driver's transistors, two of them in series, and of the cables (ohm).

@@ -1,0 +1,143 @@
+"""Search builds and pendulums, see which of them start, and write the page and its figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rimless_gym.params import BUILDABLE
+from scripts.codesign import page
+from scripts.codesign.budget import Build
+from scripts.codesign.gaits import cheaper, cheapest
+from scripts.codesign.parts import GPX_22_UP
+from scripts.codesign.problem import Case, neighbours
+from scripts.codesign.slower import at_speed, at_speeds
+from scripts.codesign.stages import stage
+from scripts.codesign.startup import joined, judged
+from trajopt.files import jsonable, write_text
+from trajopt.gaits.solution import Solution
+from trajopt.provenance import provenance
+
+LEGS = (5, 6, 7, 8, 9, 10)
+
+#: Families by turns of the pendulum per step, and the builds they are tried on.
+TURNS, TRIED_ON = (-2, 0, 1), ((5, "35:1"), (6, "35:1"), (8, "28:1"))
+
+#: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
+BOBS, ARMS = (1.3, 1.45, 1.6, 1.75), (0.145, 0.16, 0.175, 0.19, 0.205)
+
+#: Random starts of a pendulum on the map, which begins from the best one's gait too.
+FEW_STARTS = 1
+
+#: Builds that cost at most so much more than the cheapest one are tried on starts.
+CLOSE = 1.5
+
+#: Starts that are tried: of finalists, and of every pendulum on the map.
+FINAL_STARTS, MAP_STARTS = 24, 16
+
+#: Speeds of the preset's own table (m/s), and a finalist's second speed in units of its best.
+SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.62, 0.66), 0.9
+
+
+def campaign(folder: Path, workers: int, docs: Path | None) -> None:
+    """Run all stages, or go on with them; print the tables.
+
+    Args:
+        folder: of the results.
+        workers: processes.
+        docs: page to put the tables into, with its figures beside it, if any.
+    """
+    landscape = _landscape(folder, workers)
+    families = _families(folder, workers)
+    finals = _finals(folder, landscape, workers)
+    pendulums = _pendulums(folder, landscape, workers)
+    own = _own(folder, pendulums, workers)
+    found = {
+        "landscape": {key: page.row(gait) for key, gait in landscape.items()},
+        "families": {key: page.row(gait) for key, gait in families.items()},
+        "finals": finals,
+        "pendulums": pendulums["rows"],
+        "preset": own,
+        "provenance": provenance(),
+    }
+    write_text(folder / "results.json", json.dumps(jsonable(found), indent=1) + "\n")
+    page.draw(found, docs.parent if docs else folder)
+    if docs:
+        page.refresh(docs, found)
+    print("\n".join(page.tables(found).values()))
+
+
+def _key(case: Case) -> str:
+    key = f"{case.build.n_legs:02d}_legs_{case.build.gearhead.ratio:.0f}"
+    if case.bob is not None and case.arm is not None:
+        key += f"_{case.bob:.3f}_kg_{case.arm:.3f}_m"
+    return key if case.turns == -1 else f"{key}_turns_{case.turns}"
+
+
+def _landscape(folder: Path, workers: int) -> dict[str, Any]:
+    cases = {_key(c): c for c in (Case(Build(g, n)) for n in LEGS for g in GPX_22_UP)}
+    tasks = {key: (case,) for key, case in cases.items()}
+    first = stage(folder, "landscape", tasks, cheapest, workers)
+    return _swept(folder, "landscape from neighbours", cases, first, workers)
+
+
+def _swept(
+    folder: Path, name: str, cases: dict[str, Case], first: dict[str, Any], workers: int
+) -> dict[str, Any]:
+    every = list(cases.values())
+    tasks = {
+        key: (case, first[key], _gaits(first[_key(c)] for c in neighbours(case, every)))
+        for key, case in cases.items()
+    }
+    return stage(folder, name, tasks, cheaper, workers)
+
+
+def _families(folder: Path, workers: int) -> dict[str, Any]:
+    gears = {f"{gear.ratio:.0f}:1": gear for gear in GPX_22_UP}
+    cases = [Case(Build(gears[g], n), turns) for n, g in TRIED_ON for turns in TURNS]
+    return stage(folder, "families", {_key(c): (c,) for c in cases}, cheapest, workers)
+
+
+def _finals(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
+    """Start-up of the cheapest builds, at their best speed and at a slower one."""
+    gaits = {key: gait for key, gait in landscape.items() if isinstance(gait, Solution)}
+    least = min(gait.cot for gait in gaits.values())
+    close = {key: gait for key, gait in gaits.items() if gait.cot <= CLOSE * least}
+    slow = {f"{key}_slower": (gait, SLOWER * gait.speed) for key, gait in close.items()}
+    slower = stage(folder, "finalists at a lower speed", slow, at_speed, workers)
+    every = close | {key: gait for key, gait in slower.items() if isinstance(gait, Solution)}
+    tasks = {key: (gait, FINAL_STARTS) for key, gait in every.items()}
+    return stage(folder, "start-up of finalists", tasks, joined, workers)
+
+
+def _pendulums(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
+    """Gaits and start-up over bob and arm, on the build of the preset."""
+    gear = min(GPX_22_UP, key=lambda g: abs(g.ratio - BUILDABLE.gear_ratio))
+    build = Build(gear, BUILDABLE.n_legs)
+    known = _gaits([landscape[_key(Case(build))]])
+    cases = {
+        _key(case): case
+        for case in (Case(build, bob=b, arm=a, lifts=False) for b in BOBS for a in ARMS)
+    }
+    tasks = {key: (case, known, FEW_STARTS) for key, case in cases.items()}
+    first = stage(folder, "pendulums", tasks, cheapest, workers)
+    gaits = _swept(folder, "pendulums from neighbours", cases, first, workers)
+    walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
+    starts = {key: (gait, MAP_STARTS) for key, gait in walking.items()}
+    rows = stage(folder, "start-up of pendulums", starts, joined, workers)
+    return {"gaits": walking, "rows": rows}
+
+
+def _own(folder: Path, pendulums: dict[str, Any], workers: int) -> dict[str, Any]:
+    """The preset's own gaits over speed, and their start-up."""
+    known = tuple(pendulums["gaits"].values())
+    tasks = {f"{speed:.2f}": (BUILDABLE, speed, known) for speed in SPEEDS}
+    gaits = stage(folder, "preset", tasks, at_speeds, workers)
+    walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
+    starts = {key: (gait,) for key, gait in walking.items()}
+    return stage(folder, "start-up of the preset", starts, judged, workers)
+
+
+def _gaits(found: Any) -> tuple[Solution, ...]:
+    return tuple(each for each in found if isinstance(each, Solution))
