@@ -17,6 +17,7 @@ from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.held.clock import held_speed
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
+from trajopt.gaits.resting import Rest, rests
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
@@ -44,6 +45,16 @@ class CotFront:
             if speed not in best or clearly_less(solution.cot, best[speed].cot):
                 best[speed] = solution
         return tuple(best[speed] for speed in sorted(best))
+
+    @cached_property
+    def rests(self) -> tuple[Rest | None, ...]:
+        """For every gait of the envelope what walking faster and resting in between would cost.
+
+        None where walking on is no dearer. A bound: see `trajopt.gaits.resting`.
+        """
+        best, params = self.envelope, self.envelope[0].params
+        speeds, cots = [s.speed for s in best], [s.cot for s in best]
+        return rests(speeds, cots, params.weight, params.idle_power)
 
     def __call__(self, speed: ArrayLike) -> Array:
         """Optimal CoT at speed (m/s), linear between the gaits; of any shape.
