@@ -41,16 +41,17 @@ class Board:
         self.cells[cell.place] = cell
         save(self.folder, cell)
 
-    def add(self, place: Place, attempt: Attempt, source: float | None = None) -> None:
-        """Count an attempt; `source` is the speed from which a gait was led here, if it was."""
-        before = self.cell(place)
-        self.keep(before.after(attempt))
-        new = attempt.found is not None and not before.knows(attempt.found)
-        if new and source is not None:
+    def add(self, place: Place, attempts: Iterable[Attempt], source: float | None = None) -> None:
+        """Count attempts; `source` is the speed from which a gait was led here, if it was."""
+        before = cell = self.cell(place)
+        for attempt in attempts:
+            cell = cell.after(attempt)
+            if source is None or attempt.found is None or before.knows(attempt.found):
+                continue
             # The way back leads to where it came from.
-            assert attempt.found is not None
             back = Attempt(attempt.turns, attempt.found.key, True, None, 0.0)
             self.keep(self.cell(place._replace(speed=source)).after(back))
+        self.keep(cell)
 
     def widen(self, speeds: Iterable[float]) -> int:
         """Add speeds to the grid; how many were new."""

@@ -236,8 +236,7 @@ class _Search:
         with bar(len(pieces), title) as progress:
             for piece, made in self.crew(partial(attempts, self.board.params), affordable):
                 source = piece.gait.speed if isinstance(piece, Lead) else None
-                for attempt in made:
-                    self.board.add(piece.place, attempt, source)
+                self.board.add(piece.place, made, source)
                 spent = f"{self.board.seconds / 60:.1f} of {self.budget / 60:.4g} min"
                 progress.set_postfix_str(spent, refresh=False)
                 progress.update()

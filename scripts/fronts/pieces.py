@@ -6,8 +6,8 @@ import dataclasses
 import math
 import time
 from collections.abc import Sequence
-from functools import cache
-from typing import NamedTuple, TypeAlias
+from functools import lru_cache
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -20,12 +20,16 @@ from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.interrupted import heeded
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.minimum import minimum
+from trajopt.ocp.solving.runs import WARM_BARRIER
 from trajopt.ocp.transcribe.mesh import Mesh
 from trajopt.ocp.transcribe.nlp import Result, Transcription
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Longest element of the search's mesh (s), as far as the largest mesh allows; elements per step.
 ELEMENT_TIME, MESHES = 0.15, (SEARCH_ELEMENTS, 20, 30, 40)
+
+#: Times that a gait is solved again on a finer mesh, because a step became longer.
+REMESHED = 2
 
 #: Iterations of IPOPT at most: for each of a random start's two problems, if the pendulum swings
 #: and if it turns over, and for a gait that is led. More seldom lead anywhere.
@@ -73,12 +77,24 @@ class Join(NamedTuple):
         return " + ".join(part.key for part in self.parts)
 
 
+class Timed(Protocol):
+    """A phase of a guess or of a solution."""
+
+    @property
+    def duration(self) -> float:
+        """Its time (s)."""
+
+
 Piece: TypeAlias = Screen | Lead | Join
 
 
-def elements_for(params: WheelParams, speed: float) -> int:
-    """Elements of a step on the search's mesh."""
-    time_of_step = params.step_length / speed
+def elements_for(phases: Sequence[Timed], duration: float) -> tuple[int, ...]:
+    """Elements of every step on the search's mesh, for steps whose times add up to a duration."""
+    scale = duration / sum(phase.duration for phase in phases)
+    return tuple(_elements(scale * phase.duration) for phase in phases)
+
+
+def _elements(time_of_step: float) -> int:
     return next((n for n in MESHES if time_of_step <= n * ELEMENT_TIME), MESHES[-1])
 
 
@@ -102,7 +118,7 @@ def attempts(params: WheelParams, piece: Piece) -> list[Attempt]:
 
 def started(params: WheelParams, place: Place, turns: int, index: int) -> Attempt:
     """A random start, solved with regeneration first, where the landscape is smoother."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     label = f"seed {place.seed}, random start {index} at {place.speed:g} m/s"
     numbers = [place.seed, round(1e4 * place.speed), place.steps, turns + 1000, index]
     rng = np.random.default_rng(numbers)
@@ -117,12 +133,12 @@ def started(params: WheelParams, place: Place, turns: int, index: int) -> Attemp
         guess = result.phases
     assert result is not None
     found = _found(params, place, turns, result, label)
-    return Attempt(turns, label, False, found, time.perf_counter() - begin)
+    return Attempt(turns, label, False, found, time.process_time() - begin)
 
 
 def led(params: WheelParams, piece: Lead) -> Attempt:
     """A gait led to another speed at once, or else in two steps."""
-    begin, (place, gait) = time.perf_counter(), piece
+    begin, (place, gait) = time.process_time(), piece
     halfway = place._replace(speed=(gait.speed + place.speed) / 2)
     options = {"mu_init": BARRIER, "max_iter": LED_ITERATIONS}
     result = _solved(params, place, gait.turns, gait.phases, False, **options)
@@ -132,12 +148,12 @@ def led(params: WheelParams, piece: Lead) -> Attempt:
             result = _solved(params, place, gait.turns, between.phases, False, **options)
     label = f"{gait.origin.split('; ')[0]}; led from {gait.speed:g} m/s"
     found = _found(params, place, gait.turns, result, label)
-    return Attempt(gait.turns, gait.key, True, found, time.perf_counter() - begin)
+    return Attempt(gait.turns, gait.key, True, found, time.process_time() - begin)
 
 
 def joined(params: WheelParams, piece: Join) -> Attempt:
     """One-step gaits joined to a stride: the pendulum goes on from step to step."""
-    begin, (place, parts) = time.perf_counter(), piece
+    begin, (place, parts) = time.process_time(), piece
     phases, turns = [], 0
     for part in parts:
         turned = np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
@@ -147,7 +163,7 @@ def joined(params: WheelParams, piece: Join) -> Attempt:
     speeds = ", ".join(f"{part.speed:g}" for part in parts)
     label = f"{parts[0].origin.split('; ')[0]}; steps of {speeds} m/s joined"
     found = _found(params, place, turns, result, label)
-    return Attempt(turns, piece.key, True, found, time.perf_counter() - begin)
+    return Attempt(turns, piece.key, True, found, time.process_time() - begin)
 
 
 def _found(
@@ -175,17 +191,29 @@ def _solved(
     regeneration: bool,
     **options: float,
 ) -> Result:
-    first, transcription = _transcription(params, place.steps, elements_for(params, place.speed))
-    problem = posed(first, params, place.speed, turns, regeneration)
-    result = minimum(transcription, guess, problem, None, **options)
-    if result.success and not math.isfinite(result.cost):
-        return dataclasses.replace(result, success=False)
+    """A local optimum near a guess, on a mesh that suits the guess's steps, or its own if longer.
+
+    Too coarse a mesh would make a gait look cheaper than it is.
+    """
+    duration = place.steps * params.step_length / place.speed
+    elements = elements_for(guess, duration)
+    for _ in range(REMESHED + 1):
+        first, transcription = _transcription(params, elements)
+        problem = posed(first, params, place.speed, turns, regeneration)
+        result = minimum(transcription, guess, problem, None, **options)
+        if not result.success or not math.isfinite(result.cost):
+            return dataclasses.replace(result, success=False)
+        needed, guess = elements_for(result.phases, duration), result.phases
+        if all(have >= need for have, need in zip(elements, needed, strict=True)):
+            break
+        elements = tuple(max(pair) for pair in zip(elements, needed, strict=True))
+        options = {"mu_init": WARM_BARRIER, "max_iter": LED_ITERATIONS}
     return result
 
 
-@cache
-def _transcription(params: WheelParams, steps: int, elements: int) -> tuple[Problem, Transcription]:
+@lru_cache(maxsize=64)
+def _transcription(params: WheelParams, elements: tuple[int, ...]) -> tuple[Problem, Transcription]:
     """The problem and its transcription on a mesh; every process makes its own once."""
-    problem = gait_problem(params, speed=1.0, steps=steps)
+    problem = gait_problem(params, speed=1.0, steps=len(elements))
     mesh = Mesh.uniform(problem, elements, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)
     return problem, Transcription(problem, mesh)

@@ -24,7 +24,7 @@ GUIDES = 2
 
 #: Strides that are joined of one-step gaits at a speed: those that promise the least cost, if it is
 #: less than this times the least known. Their steps' time may be wrong by this share.
-JOINED, PROMISING, WRONG_TIME = 4, 1.1, 0.1
+JOINED, PROMISING, WRONG_TIME = 3, 1.05, 0.1
 
 #: A gait is led on if it costs less than this times the highest cost of its seed's envelope within
 #: `AROUND` (m/s): the front has narrow valleys, and gaits lead across them.
@@ -181,7 +181,7 @@ def _rates(board: Board, seed: int) -> tuple[float, float]:
     """Lowest and highest turns of the pendulum per second among one-step gaits, and a margin."""
     L = board.params.step_length
     shown = [g.turns * g.speed / L for cell in board.of(seed) for g in cell.gaits if g.steps == 1]
-    return RATE_MARGIN * min(shown, default=0.0), RATE_MARGIN * max(shown, default=0.0)
+    return RATE_MARGIN * min([0.0, *shown]), RATE_MARGIN * max([0.0, *shown])
 
 
 def _screen(

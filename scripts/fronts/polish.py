@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from rimless_gym.params import WheelParams
 from scripts.fronts.board import STEPS, Board
-from scripts.fronts.campaign import LAST
+from scripts.fronts.campaign import LAST, SEEDS
 from scripts.fronts.cells import Found, Place
 from scripts.fronts.crew import Crew, bar, while_affordable
 from scripts.fronts.pieces import elements_for
@@ -27,9 +27,11 @@ from trajopt.ocp.solving.runs import WARM_BARRIER
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 
-#: Gaits are solved on a fine mesh if they cost less than this times the envelope; at most so many
-#: at a speed, besides the best without turns.
+#: Gaits are near the envelope if they cost less than this times it; at most so many of a speed.
 NEAR_FRONT, MOST = 1.25, 3
+
+#: Refinements of the fine mesh at most: at first, and if the gait then fails its verification.
+PASSES = (4, 6)
 
 #: A stride that costs as much as a shorter one that it may repeat (relative) is not solved.
 REPEATED = 2e-3
@@ -52,16 +54,24 @@ class Polished(NamedTuple):
 
 
 def candidates(board: Board) -> list[Found]:
-    """The gaits worth solving finely: the envelope first, then those near it, then the swings."""
-    envelope = board.envelope(LAST)
-    first, near, swings = [], [], []
-    for speed, best in sorted(envelope.items()):
+    """The gaits worth solving finely, the most important first.
+
+    First the envelope; then at every speed the best of each number of steps, the best without
+    turns, and those near the envelope. The best of each number of steps and without turns are
+    wanted at the speeds that were screened with random starts, and near the envelope at all.
+    """
+    first: list[Found] = []
+    later: list[Found] = []
+    near: list[Found] = []
+    for speed, best in sorted(board.envelope(LAST).items()):
         gaits = _different(board, speed)
-        ranked = [gait for gait in gaits if gait.cot <= NEAR_FRONT * best.cot][:MOST]
-        first += ranked[:1]
-        near += ranked[1:]
-        swings += [gait for gait in gaits if gait.turns == 0 and gait not in ranked][:1]
-    return first + near + swings
+        first += gaits[:1]
+        if any(board.cell(Place(seed, speed, 1)).starts for seed in SEEDS):
+            kinds = [[g for g in gaits if g.steps == steps] for steps in STEPS]
+            kinds.append([g for g in gaits if g.turns == 0])
+            later += [kind[0] for kind in kinds if kind]
+        near += [gait for gait in gaits if gait.cot <= NEAR_FRONT * best.cot][:MOST]
+    return list({gait.key: gait for gait in (*first, *later, *near)}.values())
 
 
 def _different(board: Board, speed: float) -> list[Found]:
@@ -112,18 +122,24 @@ def polished(
 
 def polish(params: WheelParams, gait: Found) -> Polished:
     """One gait solved finely and verified."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     problem = gait_problem(params, speed=gait.speed, steps=gait.steps, theta_turns=gait.turns)
-    elements = max(ELEMENTS, elements_for(params, gait.speed))
+    duration = gait.steps * params.step_length / gait.speed
+    elements = [max(ELEMENTS, n) for n in elements_for(gait.phases, duration)]
     mesh = Mesh.uniform(problem, elements, DEGREE, control_degree=CONTROL_DEGREE)
-    found = solve(problem, gait.phases, mesh, verify=False, mu_init=WARM_BARRIER)
-    if not found.succeeded:
-        failure = f"no gait on a fine mesh: {found.status}"
-        return Polished(gait, None, failure, time.perf_counter() - begin)
     settings = {"speed": gait.speed, "found_by": gait.origin, "cot_of_search": gait.cot}
-    solution = finished(params, found, gait.turns, False, (), settings)
-    failure = "; ".join(solution.verification.failures)
-    return Polished(gait, solution, failure, time.perf_counter() - begin)
+    phases, solution, failure = gait.phases, None, ""
+    for passes in PASSES:
+        found = solve(problem, phases, mesh, verify=False, passes=passes, mu_init=WARM_BARRIER)
+        if not found.succeeded:
+            failure = failure or f"no gait on a fine mesh: {found.status}"
+            break
+        solution = finished(params, found, gait.turns, False, (), settings)
+        failure = "; ".join(solution.verification.failures)
+        if not failure:
+            break
+        phases, mesh = found.phases, found.mesh
+    return Polished(gait, solution, failure, time.process_time() - begin)
 
 
 def _files(folder: Path, gait: Found) -> tuple[Path, Path]:
