@@ -54,8 +54,13 @@ class Arena:
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
     @cached_property
+    def held_gait(self) -> Solution:
+        """The environment's own best gait nearest to the study's speed: to hold and to imitate."""
+        return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - self.study.speed))
+
+    @cached_property
     def best_gait(self) -> Solution:
-        """The best gait at the study's speed, of the fewest steps: the one to hold and to imitate.
+        """The best gait at the study's speed with a continuous voltage, of the fewest steps.
 
         Raises:
             NoGaitError: there is none at that speed.

@@ -137,7 +137,7 @@ class Comparison:
         for each in drawn:
             policy = learned_policy(load_policy(each.main_file(self.out)).act)
             walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
-        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.best_gait, walks)
+        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.held_gait, walks)
         points = {
             row["policy"]: (row["speed"], row["cot"])
             for row in rows

@@ -129,16 +129,13 @@ class HeldFront:
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """The row of the gait nearest to the study's speed."""
-        nearest = min(
-            arena.held_front.envelope, key=lambda gait: abs(gait.speed - arena.study.speed)
-        )
         title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
-        return [gait_row(title, nearest, result, arena.held_front)]
+        return [gait_row(title, arena.held_gait, result, arena.held_front)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A feedback law that holds the best gait at the study's speed.
+    """A feedback law that holds the environment's own best gait at the study's speed.
 
     Attributes:
         name: one of `trajopt.feedback.laws.names()`.
@@ -148,7 +145,7 @@ class Law:
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.name, arena.best_gait)
+        controller = laws.design(self.name, arena.held_gait)
         return arena.evaluated(controller_policy(arena.params, controller))
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
@@ -188,7 +185,7 @@ class Learned:
             arena.out / self.name,
             timesteps=arena.study.timesteps if self.learns else 0,
             params=arena.params,
-            expert=laws.design(EXPERT, arena.best_gait) if imitates else None,
+            expert=laws.design(EXPERT, arena.held_gait) if imitates else None,
             progress=arena.progress,
         )
         if trained.interrupted:
