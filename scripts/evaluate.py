@@ -29,8 +29,10 @@ from agents.policy_files import PRETRAINED, load_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams, preset
 from scripts.commandline import (
+    DEFAULT_PRESET,
     DISTURBANCES,
     RANGES,
     Parser,
@@ -146,7 +148,7 @@ def walker(name: str, params: WheelParams | None, options: argparse.Namespace) -
         p = load_policy(name, params, trust_pickle=options.trust_pickle)
         return Walker(learned_policy(p.act), p.params, p.task)
     if options.gait is None:
-        of = params if params is not None else WheelParams()
+        of = params if params is not None else preset(DEFAULT_PRESET)
         gait = periodic_gait(of, options.speed, options.steps, progress=True)
     else:
         gait = Solution.load(options.gait)
@@ -164,14 +166,22 @@ def has_gaits(params: WheelParams) -> bool:
 
 
 def gap(evaluation: Evaluation, params: WheelParams) -> float | None:
-    """CoT over that of the best gait at the walked speed, minus 1; None where there is none."""
+    """CoT over the environment's own optimum at the walked speed, minus 1; None without one.
+
+    That is interpolated between the two nearest speeds at which a step lasts a whole number of
+    control intervals.
+    """
     if not evaluation.walking.any():
         return None
+    speed = evaluation.speed
+    ticks = math.floor(params.step_length / (speed * CONTROL_PERIOD))
+    nearest = [params.step_length / (n * CONTROL_PERIOD) for n in (ticks, ticks + 1)]
     try:
-        front = cot_front(params, [evaluation.speed], FRONT_STEPS, progress=True)
-    except NoGaitError:
+        best = cot_front(params, [speed], FRONT_STEPS, progress=True).envelope[0]
+        held = cot_front(params, nearest, [best.steps], hold=CONTROL_PERIOD, progress=True)
+        return evaluation.cot / float(held(speed)) - 1.0
+    except (NoGaitError, ValueError):  # no gait, or only on one side
         return None
-    return evaluation.cot / front.envelope[0].cot - 1.0
 
 
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
