@@ -252,7 +252,7 @@ class WheelParams:
 
     @cached_property
     def motor_pole(self) -> float:
-        """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
+        """Fastest rate (1/s) at which back-EMF and viscous friction damp psi', over all poses."""
         return float(_eq.hub_pole(self.constants))
 
     def replace(self, **changes: Any) -> WheelParams:

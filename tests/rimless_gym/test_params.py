@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from rimless_gym import params as parameters
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import (
+    BUILDABLE,
     PRESETS,
     PROTOTYPE,
     THESIS_NOMINAL,
@@ -44,9 +45,22 @@ def test_presets_are_those_of_the_thesis():
     assert PROTOTYPE.pendulum_mass == pytest.approx(THESIS_PHYSICAL.pendulum_mass / 4)
     assert PROTOTYPE.pendulum_length == pytest.approx(THESIS_PHYSICAL.pendulum_length / 4)
     assert WheelParams() == THESIS_PHYSICAL
-    for machine in PRESETS.values():
+    for machine in (THESIS_NOMINAL, THESIS_PHYSICAL, PROTOTYPE):
         assert (machine.n_legs, machine.voltage_limit, machine.friction) == (5, 20.0, 1.0)
         assert (machine.motor_mount, machine.impact_law) == ("wheel", "plastic")
+        losses = (machine.rotor_inertia, machine.hub_damping, machine.hub_friction)
+        losses += (machine.gear_loss, machine.drag, machine.idle_power)
+        assert losses == (0.0,) * 6
+
+
+def test_the_default_machine_can_be_built():
+    """It has the losses of a real drive, and its pendulum clears the floor in every pose."""
+    assert as_params({}) == BUILDABLE
+    for name in ("rotor_inertia", "hub_friction", "gear_loss", "idle_power"):
+        assert getattr(BUILDABLE, name) > 0
+    assert BUILDABLE.pendulum_length < BUILDABLE.constants.reach
+    hub = BUILDABLE.leg_length * math.cos(BUILDABLE.leg_angle / 2)  # its lowest, on two feet
+    assert hub - BUILDABLE.constants.reach >= 0.01
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -55,7 +69,7 @@ def test_a_preset_is_found_by_its_name(name):
 
 
 def test_an_unknown_preset_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"'CONCRETE'.*THESIS_NOMINAL.*PROTOTYPE"):
+    with pytest.raises(ValueError, match=r"'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"):
         preset("CONCRETE")
 
 
@@ -225,7 +239,7 @@ def test_motor_pole_of_the_machine_as_built_is_stiff():
 
 def test_a_machine_may_be_given_by_name_or_fields_to_every_tool() -> None:
     start = [1.5, 0.0, 2.0, 0.0]
-    for form, machine in (("PROTOTYPE", PROTOTYPE), ({"drag": 0.1}, WheelParams(drag=0.1))):
+    for form, machine in (("PROTOTYPE", PROTOTYPE), ({"drag": 0.1}, BUILDABLE.replace(drag=0.1))):
         assert as_params(form) == as_params(machine) == machine
         assert HybridModel(form).params == machine
         assert simulate(form, start, [1.0], 0.01).params == machine
