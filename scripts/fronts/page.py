@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rimless_gym.envs.task import Task
 from scripts.documents.tables import table
 
 
@@ -85,6 +86,7 @@ def _did(found: dict[str, Any]) -> list[str]:
         f"{other['led_or_joined']} gaits. The last sweep made {last['random_starts']} starts.",
         _agreement(apart, largest, wanted, len(gaps)),
         _swept(found["last_sweeps"]),
+        _earned(rows, Task().value_of_distance),
         f"It took {minutes['search_of_one_core']:.0f} minutes of one core to search, and "
         f"{minutes['fine_meshes_of_one_core']:.0f} to solve the gaits on fine meshes and to verify "
         f"them, of a budget of {minutes['budget']:g} minutes of {minutes['workers']} processes.",
@@ -97,6 +99,17 @@ def _did(found: dict[str, Any]) -> list[str]:
             f"Resting pays, or may pay, at {len(resting)} of the speeds: see the column with rests."
         )
     return texts
+
+
+def _earned(rows: Sequence[dict[str, Any]], price: float) -> str:
+    """Which of the gaits earns most reward, and how it compares with its neighbours."""
+    rates = {row["speed"]: (price - row["cot"]) * row["speed"] for row in rows}
+    best = max(rates, key=lambda speed: rates[speed])
+    slower = [f"{rates[v] / rates[best]:.1%} of it at {v:g} m/s" for v in rates if v < best][-3:]
+    return (
+        f"At the environment's price of distance, {price:g}, the walk at {best:g} m/s earns most, "
+        f"{rates[best]:.4f} per second ({', '.join(slower)})."
+    )
 
 
 def _agreement(apart: Sequence[str], largest: float, wanted: float, count: int) -> str:
