@@ -35,7 +35,9 @@ EXTRAS = {
     "uphill, every loss, frame mount": LOSSES | {"slope": -0.2, "motor_mount": "frame"},
 }
 CASES = {
-    f"{name}, {n_legs} legs, {extra}": machine.replace(n_legs=n_legs, friction_width=EXACT, **changes)
+    f"{name}, {n_legs} legs, {extra}": machine.replace(
+        n_legs=n_legs, friction_width=EXACT, **changes
+    )
     for name, machine in PRESETS.items()
     for n_legs in (4, 5, 6, 8)
     for extra, changes in EXTRAS.items()
