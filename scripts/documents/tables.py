@@ -49,9 +49,8 @@ def parameters_table() -> str:
         if field == "pendulum_reach":
             values = [params.constants.reach for params in PRESETS.values()]
         meaning = ", ".join(part for part in (symbol, about) if part)
-        rows.append(
-            [meaning, f"`{field}`" + f" ({unit})" * bool(unit), *(f"{v:.4g}" for v in values)]
-        )
+        name = f"`{field}` ({unit})" if unit else f"`{field}`"
+        rows.append([meaning, name, *(f"{value:.4g}" for value in values)])
     return table(["symbol", "field of `WheelParams`", *(f"`{name}`" for name in PRESETS)], rows)
 
 
