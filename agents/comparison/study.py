@@ -30,12 +30,12 @@ class Study:
 
     preset: str = "BUILDABLE"
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
-    speed: float = 0.5
+    speed: float = 0.65
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
     starts: int = 4
-    front: tuple[float, ...] = (0.35, 0.40, 0.45, 0.50, 0.55, 0.60, 0.63, 0.65, 0.665)
+    front: tuple[float, ...] = (0.55, 0.60, 0.63, 0.65, 0.66, 0.67)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)

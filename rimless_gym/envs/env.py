@@ -77,7 +77,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     {terms}
 
-    Resting earns 0, apart from idle power.
+    Resting costs only idle power, `idle_power / ((m1+m2) g)` a second, and less than falling.
 
     The foot does not slip in the model: it holds, whatever friction that takes. So that no policy
     gains by what the ground would not bear, every interval in which the demand exceeds
@@ -110,7 +110,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Arguments
     - `params`: the machine, default `BUILDABLE`: a `rimless_gym.WheelParams`, a preset's
-      name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from the default.
+      name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from `BUILDABLE`'s.
     - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields:
       `{task}`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,

@@ -49,15 +49,15 @@ def test_an_evaluation_is_deterministic():
 
 def test_a_start_gives_the_same_result_in_any_batch_and_order():
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
-    together = evaluate(push, protocol=SMALL)
+    together = evaluate(push, THESIS_PHYSICAL, SMALL)
     order = np.random.default_rng(0).permutation(len(starts))[:9]
-    some = evaluate(push, protocol=SMALL, starts=starts[order])
+    some = evaluate(push, THESIS_PHYSICAL, SMALL, starts=starts[order])
     for name in ("walking", "fallen", "speeds", "cots", "periods"):
         np.testing.assert_array_equal(getattr(some, name), getattr(together, name)[order], name)
 
 
 def test_a_policy_of_zeros_rests_and_its_cost_of_transport_is_nan():
-    result = evaluate(rest, protocol=dataclasses.replace(SMALL, duration=15.0))
+    result = evaluate(rest, THESIS_PHYSICAL, dataclasses.replace(SMALL, duration=15.0))
     assert result.walking_share == 0.0
     assert math.isnan(result.cot)
     assert math.isnan(result.speed)
@@ -101,7 +101,7 @@ def test_idle_power_is_paid_for_while_walking():
 
 
 def test_a_fallen_start_does_not_count_as_walking():
-    result = evaluate(topple, protocol=dataclasses.replace(SMALL, duration=4.0))
+    result = evaluate(topple, THESIS_PHYSICAL, dataclasses.replace(SMALL, duration=4.0))
     assert result.fallen.any()
     assert not (result.fallen & result.walking).any()
 
@@ -112,10 +112,10 @@ def topple(states, observations):
 
 def test_the_objective_is_the_reward_per_second_including_falls():
     task = Task(value_of_distance=3.5, fall_distance=2.0, slip_speed=3.0)
-    result = evaluate(topple, protocol=SMALL, task=task)
+    result = evaluate(topple, THESIS_PHYSICAL, SMALL, task=task)
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     reward, fallen = 0.0, np.zeros(SMALL.starts, dtype=bool)
-    for index, interval in enumerate(Rollout(Conditions(), topple, starts, 150)):
+    for index, interval in enumerate(Rollout(Conditions(THESIS_PHYSICAL), topple, starts, 150)):
         fallen[interval.running] = interval.info["failure"] != 0
         if index >= 30:
             rows = interval.info
@@ -140,7 +140,7 @@ def test_walking_backward_does_not_count_as_walking():
     starts = rolling(3.0, -3.0)
     protocol = Protocol(starts=2, seed=0, duration=0.6, window=0.6, alive=0.6)
     steps = np.zeros(2)
-    for interval in Rollout(Conditions(), rest, starts, 60):
+    for interval in Rollout(Conditions(THESIS_PHYSICAL), rest, starts, 60):
         steps[interval.running] += interval.info["steps"]
     assert steps[0] > 0 > steps[1]
     result = evaluate(rest, STICKY, protocol, starts=starts)
@@ -196,7 +196,7 @@ def hanging(rate):
 
 
 def test_verdicts_add_up_to_the_starts():
-    result = evaluate(push, protocol=SMALL)
+    result = evaluate(push, THESIS_PHYSICAL, SMALL)
     assert len(result.verdicts) == SMALL.starts
     assert set(result.verdicts) <= set(VERDICTS)
     assert sum(result.faults.values()) + result.walking.sum() == SMALL.starts
@@ -214,7 +214,7 @@ def test_a_policy_that_writes_into_its_inputs_changes_nothing_but_its_action():
 
     starts = draw_starts(THESIS_PHYSICAL, 6, 1)
     kept = starts.copy()
-    walks = (Rollout(Conditions(), policy, starts, 40) for policy in (push, vandal))
+    walks = (Rollout(Conditions(THESIS_PHYSICAL), policy, starts, 40) for policy in (push, vandal))
     for mine, theirs in zip(*walks, strict=True):
         for name in ("running", "states", "observations", "actions", "after"):
             np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name), name)
