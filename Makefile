@@ -11,7 +11,7 @@ PEERS := $(VENV)/.installed-peers
 CHECKED := rimless_gym trajopt agents scripts
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 # Of `make front`: the machine, and the budget of time in minutes.
-PRESET ?= THESIS_PHYSICAL
+PRESET ?= BUILDABLE
 MINUTES ?= 120
 # Of `make test-cpus`: which processors (see scripts/processors.py; all by default), which tests.
 CPUS ?=
@@ -52,7 +52,7 @@ compare: $(INSTALLED)
 	$(BIN)/python scripts/compare.py --out runs/compare
 
 front: $(INSTALLED)
-	$(BIN)/python scripts/front.py $(PRESET) --minutes $(MINUTES)
+	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

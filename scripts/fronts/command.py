@@ -19,11 +19,11 @@ from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from rimless_gym.params import PRESETS, WheelParams
+from rimless_gym.params import WheelParams
 from scripts.commandline import (
+    DEFAULT_PRESET,
     INTERRUPTED,
     Parser,
-    json_object,
     more_than_zero,
     terminated_like_ctrl_c,
     whole,
@@ -46,14 +46,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser = Parser(__doc__)
-    parser.add_argument(
-        "preset", nargs="?", choices=sorted(PRESETS), default="THESIS_PHYSICAL", help="machine"
-    )
-    parser.add_argument(
-        "--changes",
-        type=json_object(dict),
-        default={},
-        help="JSON: parameters of the preset to change, for a trial; its gaits stay in --out",
+    parser.add_machine(
+        DEFAULT_PRESET, "machine; with --params its gaits stay in --out, for a trial"
     )
     parser.add_argument(
         "--minutes", type=more_than_zero, default=120.0, help="budget of time, on all workers"
@@ -62,13 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--grid", type=more_than_zero, default=0.05, help="of speeds (m/s)")
     parser.add_argument("--out", type=Path, default=Path("runs/front"), help="folder of the search")
     options = parser.parse_args(arguments)
+    params, trial = parser.machine(options), bool(options.params)
+    name = options.preset + ("_CHANGED" if trial else "")
+    folder = options.out / name
     with parser.refusing():
-        name = options.preset + ("_CHANGED" if options.changes else "")
-        params = PRESETS[options.preset].replace(**options.changes)
-        folder = options.out / name
         parser.require_folder(folder, "machine.json")
         _same_search(folder / "machine.json", params, options.grid)
-    trial = bool(options.changes)
     library = folder / "library" if trial else FOLDER
     docs = folder / "docs" if trial else ROOT / "docs"
     try:

@@ -41,6 +41,9 @@ WORTH_REFINING = 1.05
 #: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
+#: Farthest that a second lead may be in speed (m/s).
+SECOND_LEAD = 0.06
+
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
 
@@ -183,14 +186,25 @@ def _held(lead: Solution, speed: float, hold: float, regeneration: bool) -> Solu
 def _from_leads(
     params: WheelParams, leads: Sequence[Solution], speed: float, regeneration: bool
 ) -> tuple[list[Turning], list[str]]:
-    """The gait to which the first suitable lead leads, if any; and why those before it did not."""
+    """The gaits to which the first suitable leads lead, if any; and why those before did not.
+
+    The first gait will do if its lead has the very speed, or is of another machine. Between two
+    known gaits the nearer one need not lead to the cheaper gait, so that one more is tried.
+    """
+    solved: list[Turning] = []
     failures: list[str] = []
     for lead in leads:
+        gap = abs(lead.speed - speed)
+        if solved and gap > SECOND_LEAD:
+            break
         found, obstacle = led(params, lead, speed, regeneration)
-        if found is not None:
-            return [(found, lead.theta_turns)], failures
-        failures.append(obstacle)
-    return [], failures
+        if found is None:
+            failures.append(obstacle)
+            continue
+        solved.append((found, lead.theta_turns))
+        if len(solved) == 2 or gap < SAME or lead.params != params:
+            break
+    return solved, failures
 
 
 def _best_refined(family: GaitFamily, optima: Sequence[Optimum], most: float) -> list[Turning]:
