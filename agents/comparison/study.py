@@ -35,7 +35,7 @@ class Study:
     seed: int = 0
     timesteps: int = 600_000
     starts: int = 4
-    front: tuple[float, ...] = (0.55, 0.60, 0.63, 0.65, 0.66, 0.67)
+    front: tuple[float, ...] = (0.60, 0.63, 0.65, 0.66, 0.67)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
