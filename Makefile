@@ -1,4 +1,4 @@
-# make install | compare | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | front | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -10,16 +10,20 @@ INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
 CHECKED := rimless_gym trajopt agents scripts
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+# Of `make front`: the machine, and the budget of time in minutes.
+PRESET ?= BUILDABLE
+MINUTES ?= 120
 # Of `make test-cpus`: which processors (see scripts/processors.py; all by default), which tests.
 CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare front test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
+	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
@@ -46,6 +50,9 @@ $(PEERS): $(INSTALLED)
 
 compare: $(INSTALLED)
 	$(BIN)/python scripts/compare.py --out runs/compare
+
+front: $(INSTALLED)
+	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -9,7 +9,7 @@ from typing import Any
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Conditions:
         ValueError: an end of a range is not valid for the machine.
     """
 
-    params: WheelParams = THESIS_PHYSICAL
+    params: WheelParams = BUILDABLE
     ranges: Ranges = dataclasses.field(default_factory=lambda: Ranges({}))
     disturbances: Disturbances = dataclasses.field(default_factory=Disturbances)
 
@@ -37,18 +37,17 @@ class Conditions:
     @classmethod
     def of(
         cls,
-        params: WheelParams,
+        params: Machine,
         ranges: Ranges | Mapping[str, Any] | None,
         disturbances: Disturbances | Mapping[str, Any] | None,
     ) -> Conditions:
-        """Conditions from ranges and disturbances as the environment takes them; None for none.
+        """Conditions from machine, ranges and disturbances as the environment takes them.
 
         Raises:
             TypeError: a value is of the wrong kind.
             ValueError: a name is unknown, or a number is out of its range.
         """
-        require_kind("params", params, WheelParams)
-        return cls(params, as_ranges(ranges), as_disturbances(disturbances))
+        return cls(as_params(params), as_ranges(ranges), as_disturbances(disturbances))
 
     def envs(self, num_envs: int, **arguments: Any) -> RimlessWheelVectorEnv:
         """A vector environment of these conditions; `arguments` are any others that it takes."""

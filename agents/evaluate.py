@@ -1,8 +1,10 @@
 """The evaluation protocol: how well a policy walks, the same way for every policy.
 
-A deterministic policy walks for 50 s from 128 fixed starts, rest among them. What counts is the
-last 30 s of those that still walk, as ratios of sums: short windows and medians of ratios
-mis-state a cost of transport by 1 to 3 %.
+A deterministic policy walks for 50 s from 128 fixed starts, rest among them. A start counts as
+walking if it still takes steps in the last 10 s, and keeps the rules of `rimless_gym.rules` in the
+last 30 s: the foot is pressed down and does not slip, and the pendulum does not touch the floor.
+Optimal gaits keep the same rules. What is measured is the last 30 s of those that walk, as ratios
+of sums: short windows and medians of ratios mis-state a cost of transport by 1 to 3 %.
 """
 
 from __future__ import annotations
@@ -21,15 +23,17 @@ from agents.periods import TouchdownLog, steps_per_period
 from agents.policies import Policy
 from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
+from agents.verdicts import FALLS, STOPS, WALKS, faults, verdicts
 from agents.window import Window
 from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
+from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
 
@@ -41,20 +45,26 @@ _NO_WALK = math.nan, math.nan
 class Evaluation:
     """How a policy walks. Figures of walking are NaN where no start walks.
 
+    The extremes are those of all starts that still take steps at the end, so that they show why
+    some do not count; NaN where none does.
+
     Attributes:
         protocol: what was asked for.
         walking_share: of the starts, in [0, 1].
+        faults: how many starts do not count, by verdict (`agents.verdicts.VERDICTS`).
         speed: distance over time (m/s).
         cot: cost of transport from E+, without regeneration.
         cot_with_regeneration: from E.
         friction_demand: largest |Fx| / Fy in stance.
         impulse_friction_demand: the same of the touchdowns' impulses.
         min_normal_force: least Fy (N).
+        min_normal_force_over_weight: least Fy in weights of its machine.
         min_clearance: least height of the pendulum's end over the ground (m).
         steps_per_period: the most common period among the walks; 0 stands for none.
         objective: mean reward per second over all starts (m/s); a start that fell counts as
             having paid the task's fall cost within the window.
         ledger: sums over the windows of those that walk.
+        verdicts: of each start.
         walking, fallen: of each start, (starts,).
         speeds, cots: of each start's own window, (starts,), NaN where it does not walk.
         periods: of each start, (starts,).
@@ -62,16 +72,19 @@ class Evaluation:
 
     protocol: Protocol
     walking_share: float
+    faults: dict[str, int]
     speed: float
     cot: float
     cot_with_regeneration: float
     friction_demand: float
     impulse_friction_demand: float
     min_normal_force: float
+    min_normal_force_over_weight: float
     min_clearance: float
     steps_per_period: int
     objective: float
     ledger: Ledger
+    verdicts: tuple[str, ...]
     walking: NDArray[np.bool_]
     fallen: NDArray[np.bool_]
     speeds: Floats
@@ -90,10 +103,10 @@ class Evaluation:
 
 def evaluate(
     policy: Policy,
-    params: WheelParams = THESIS_PHYSICAL,
+    params: Machine = BUILDABLE,
     protocol: Protocol = PROTOCOL,
     *,
-    task: Task | None = None,
+    task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
@@ -103,9 +116,9 @@ def evaluate(
 
     Args:
         policy: see `agents.policies`.
-        params: the machine.
+        params: the machine, as the environment takes it.
         protocol: starts and times.
-        task: whose reward `objective` is.
+        task: whose reward `objective` is, as the environment takes it.
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
@@ -120,17 +133,16 @@ def evaluate(
     """
     require_callable("policy", policy)
     require_kind("protocol", protocol, Protocol)
-    if task is not None:
-        require_kind("task", task, Task)
     progress = flag("progress", progress)
     conditions = Conditions.of(params, ranges, disturbances)
+    params = conditions.params
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
     n_intervals = round(protocol.duration / CONTROL_PERIOD)
     first = n_intervals - round(protocol.window / CONTROL_PERIOD)
     first_alive = n_intervals - round(protocol.alive / CONTROL_PERIOD)
-    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, as_task(task))
     window = Window(walks.machines)
     log = TouchdownLog(params, len(starts))
     late_steps = np.zeros(len(starts))
@@ -145,11 +157,10 @@ def evaluate(
         log.note(interval)
         if index >= first_alive:
             late_steps[interval.running] += interval.info["steps"]
-    walking = (late_steps > 0) & ~fallen
+    found = verdicts(fallen, late_steps > 0, window)
     periods = np.array([steps_per_period(points) for points in log.points()])
-    periods[~walking] = 0
     objective = float(window.rewards(charges).mean()) / protocol.window
-    return _summary(params, protocol, window, objective, walking, fallen, periods)
+    return _summary(params, protocol, window, objective, found, periods)
 
 
 def _checked_starts(starts: Any) -> Floats:
@@ -172,11 +183,14 @@ def _summary(
     protocol: Protocol,
     window: Window,
     objective: float,
-    walking: NDArray[np.bool_],
-    fallen: NDArray[np.bool_],
+    found: tuple[str, ...],
     periods: NDArray[np.int64],
 ) -> Evaluation:
+    walking, fallen = (np.array([each == what for each in found]) for what in (WALKS, FALLS))
+    stepping = ~np.isin(found, (FALLS, STOPS))
     some = bool(walking.any())
+    periods = np.where(walking, periods, 0)
+    weights = np.array([machine.weight for machine in window.machines])
     ledger, weighted = window.total(walking, params)
     own = [
         (each.distance / each.time, each.cost_of_transport(machine)) if walks else _NO_WALK
@@ -185,16 +199,19 @@ def _summary(
     return Evaluation(
         protocol=protocol,
         walking_share=float(walking.mean()),
+        faults=faults(found),
         speed=ledger.distance / ledger.time if some else math.nan,
         cot=weighted.cost_of_transport(params),
         cot_with_regeneration=weighted.cost_of_transport(params, regeneration=True),
-        friction_demand=window.extreme("friction_demand", walking),
-        impulse_friction_demand=window.extreme("impulse_friction_demand", walking),
-        min_normal_force=window.extreme("min_normal_force", walking),
-        min_clearance=window.extreme("clearance", walking),
+        friction_demand=window.extreme("friction_demand", stepping),
+        impulse_friction_demand=window.extreme("impulse_friction_demand", stepping),
+        min_normal_force=window.extreme("min_normal_force", stepping),
+        min_normal_force_over_weight=window.extreme("min_normal_force", stepping, weights),
+        min_clearance=window.extreme("clearance", stepping),
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
         objective=objective,
         ledger=ledger,
+        verdicts=found,
         walking=walking,
         fallen=fallen,
         speeds=np.array([speed for speed, _ in own]),

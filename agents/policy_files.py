@@ -22,7 +22,7 @@ from agents.sb3.foreign import unpickled
 from agents.training import Training
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 from trajopt.files import digest, read_arrays, write_arrays
 from trajopt.provenance import provenance
 
@@ -160,13 +160,14 @@ def origin(path: str | Path) -> str:
 
 
 def load_policy(
-    path: str | Path, params: WheelParams | None = None, *, trust_pickle: bool = False
+    path: str | Path, params: Machine | None = None, *, trust_pickle: bool = False
 ) -> Checkpoint:
     """Load a policy, if it is for this observation layout and this machine.
 
     Args:
         path: of the file; or the name of a policy that comes with the package (`PRETRAINED`).
-        params: the machine to walk on; default: the one the policy was trained on.
+        params: the machine to walk on, as the environment takes it; default: the one the policy
+            was trained on.
         trust_pickle: also read files of plain stable-baselines3. Such a file is a pickle: reading
             it runs any code that its author put into it, with your rights. It does not record its
             machine, which is taken to be `params`, or the default machine if that is None.
@@ -175,9 +176,9 @@ def load_policy(
         CheckpointError: there is no such file, it is damaged or in another format, or its
             observations or machine differ from those wanted.
     """
-    path = find_policy(path)
+    path, params = find_policy(path), None if params is None else as_params(params)
     if trust_pickle and _is_foreign(path):
-        return _unpickled(path, params or THESIS_PHYSICAL)
+        return _unpickled(path, params or BUILDABLE)
     record, weights = _read(path)
     layout = record.get("observation_layout")
     if layout != list(OBSERVATION_LAYOUT):

@@ -21,9 +21,10 @@ from agents.session import Plan, Session, Standing
 from agents.training import IMITATION, INITS, SCRATCH, Settings, Training
 from agents.training_state import StateError, read_state
 from rimless_gym.checks import integer
+from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
@@ -68,8 +69,8 @@ def train(
     out: str | Path = "runs/train",
     *,
     timesteps: int | None = None,
-    params: WheelParams = THESIS_PHYSICAL,
-    task: Task | None = None,
+    params: Machine = BUILDABLE,
+    task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     settings: Settings | None = None,
@@ -93,8 +94,8 @@ def train(
         out: folder; new, or that of the same training.
         timesteps: environment steps in all; default: that of the settings. A finished training
             goes on if more are asked for.
-        params: the machine.
-        task: the reward, default `Task()`.
+        params: the machine, as the environment takes it.
+        task: the reward, default `Task()`; or a dictionary of some of its fields.
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
         settings: hyperparameters; default: the learner's own.
@@ -118,7 +119,7 @@ def train(
         init if init in INITS else origin(init),
         integer("seed", seed, 0, MAX_SEED),
         Conditions.of(params, ranges, disturbances),
-        task or Task(),
+        as_task(task),
         settings,
     )
     total = settings.n_timesteps if timesteps is None else integer("timesteps", timesteps, 0)

@@ -13,6 +13,7 @@ from agents.rollout import Interval
 from rimless_gym.energy import CHANNELS, Ledger
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.params import WheelParams
+from rimless_gym.rules import Extremes
 from trajopt.feedback.law import Floats
 
 #: The entries of `info` that are summed.
@@ -74,7 +75,11 @@ class Window:
         running = sum(self.sums[name] for name in TERM_NAMES if name != "reward_end")
         return np.asarray(running + charges)
 
-    def extreme(self, name: str, some: NDArray[np.bool_]) -> float:
-        """The worst value of some walks; NaN if there are none."""
-        values = self.extremes[name][some]
+    def extremes_of(self, walk: int) -> Extremes:
+        """The extremes of one walk."""
+        return Extremes(**{name: float(values[walk]) for name, values in self.extremes.items()})
+
+    def extreme(self, name: str, some: NDArray[np.bool_], unit: Floats | float = 1.0) -> float:
+        """The worst value of some walks, in a unit for all or for each; NaN if there are none."""
+        values = (self.extremes[name] / unit)[some]
         return float(_EXTREMES[name].reduce(values)) if len(values) else math.nan

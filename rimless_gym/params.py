@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,8 @@ class WheelParams:
         idle_power: drawn from the battery at all times (W), >= 0.
         gravity: acceleration (m/s^2), > 0.
         slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
-        friction: coefficient of the ground, >= 0; a higher demand is reported, but no foot slips.
+        friction: coefficient of the ground, >= 0; a higher demand is reported and, in the
+            environment, charged, but no foot slips.
         voltage_limit: largest |V| (V), > 0.
         motor_mount: ``"wheel"`` (the machine) or ``"frame"`` (the thesis's simulations).
         impact_law: ``"plastic"``, ``"relabel"`` (the thesis's "perfectly elastic"), or
@@ -251,7 +252,7 @@ class WheelParams:
 
     @cached_property
     def motor_pole(self) -> float:
-        """Fastest rate (1/s) at which back-EMF and hub friction damp psi', over all poses."""
+        """Fastest rate (1/s) at which back-EMF and viscous friction damp psi', over all poses."""
         return float(_eq.hub_pole(self.constants))
 
     def replace(self, **changes: Any) -> WheelParams:
@@ -360,7 +361,7 @@ THESIS_NOMINAL = WheelParams(
     pendulum_length=0.5,
 )
 
-#: Thesis, Table 4.6: the environment's default.
+#: Thesis, Table 4.6.
 THESIS_PHYSICAL = WheelParams()
 
 #: The machine as built: pendulum mass and length a quarter of Table 4.6's.
@@ -368,7 +369,8 @@ PROTOTYPE = WheelParams(
     pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
 )
 
-#: A machine that can be built from catalogue parts; docs/machine.md has sources and budget.
+#: A machine that can be built from catalogue parts, the environment's default; docs/machine.md has
+#: sources and budget.
 BUILDABLE = WheelParams(
     wheel_mass=1.39,
     wheel_inertia=0.0246,
@@ -406,3 +408,25 @@ def preset(name: str) -> WheelParams:
     if name not in PRESETS:
         raise ValueError(f"unknown preset {name!r}: choose from {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+#: A machine: a WheelParams, a preset's name, or a mapping of fields that differ from the default's.
+Machine: TypeAlias = WheelParams | str | Mapping[str, Any]
+
+
+def as_params(params: Machine) -> WheelParams:
+    """The machine given in any of the forms of `Machine`.
+
+    Raises:
+        TypeError: it has the wrong type.
+        ValueError: there is no preset or field of that name, or a value is out of its range.
+    """
+    if isinstance(params, WheelParams):
+        return params
+    if isinstance(params, str):
+        return preset(params)
+    if isinstance(params, Mapping):
+        return BUILDABLE.replace(**{str(name): value for name, value in params.items()})
+    raise TypeError(
+        f"params = {params!r}: give a WheelParams, a preset's name or a dictionary of fields"
+    )

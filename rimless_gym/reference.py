@@ -22,7 +22,7 @@ from rimless_gym.crossings import SAMPLES, first_crossing, with_zeros
 from rimless_gym.energy import Ledger
 from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
+from rimless_gym.params import Machine, WheelParams, as_params
 from rimless_gym.records import places, record
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
@@ -59,7 +59,7 @@ class _Motion:
 
 
 def simulate(
-    params: WheelParams,
+    params: Machine,
     x0: ArrayLike,
     control: Control | ArrayLike,
     duration: float,
@@ -73,7 +73,8 @@ def simulate(
     """Simulate the wheel from x0 under a control.
 
     Args:
-        params: the machine.
+        params: the machine; a `WheelParams`, a preset's name, or a dictionary of the fields that
+            differ from the default.
         x0: (phi, theta, phi', theta') in rad and rad/s, phi in [a, b]; in double stance phi = a.
         control: ``control(t, x)`` -> volts, smooth between breakpoints and events; or an array of
             voltages, each held for 10 ms.
@@ -87,10 +88,11 @@ def simulate(
         atol: absolute tolerance of the integrator.
 
     Raises:
-        TypeError: x0 does not consist of real numbers.
+        TypeError: the machine is of another type, or x0 does not consist of real numbers.
         ValueError: an argument is out of its range or not finite.
         RuntimeError: more than `hybrid.MAX_EVENTS` events within 10 ms, or a diverging motion.
     """
+    params = as_params(params)
     if math.isnan(pull) or pull < 0:
         raise ValueError(f"pull = {pull}: must be at least 0 (N)")
     for name, tolerance in (("rtol", rtol), ("atol", atol)):

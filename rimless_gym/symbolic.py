@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from rimless_gym.equations import MODE_NAMES, equations
-from rimless_gym.params import WheelParams, shorthand
+from rimless_gym.params import Machine, WheelParams, as_params, shorthand
 
 _eq = equations(ca.sin, ca.cos, sqrt=ca.sqrt)
 
@@ -49,7 +49,8 @@ class HybridModel:
     leg.
 
     Args:
-        params: the machine.
+        params: the machine, a preset's name, or a dictionary of fields that differ from the
+            default's.
         design: the parameters to choose. If given, every one of `functions` takes the design
             variables ``p`` as its last input.
 
@@ -59,8 +60,8 @@ class HybridModel:
         (4, 1)
     """
 
-    def __init__(self, params: WheelParams, design: Design | None = None) -> None:
-        self.params, self.design = params, design
+    def __init__(self, params: Machine, design: Design | None = None) -> None:
+        self.params, self.design = as_params(params), design
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:

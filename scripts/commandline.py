@@ -25,13 +25,19 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 from rimless_gym.checks import integer, positive
+from rimless_gym.params import PRESETS, WheelParams, preset
 
 T = TypeVar("T")
 
 #: The exit status that shells give a command ended by Ctrl-C.
 INTERRUPTED = 130
 
+#: The machine of the environment.
+DEFAULT_PRESET = "BUILDABLE"
+
 #: Help for options that the environment takes too.
+PARAMS = """JSON: fields that differ from the preset's, '{"hub_damping": 0.01, "n_legs": 6}'"""
+TASK = """JSON: the prices of the reward, '{"value_of_distance": 0.8}'"""
 RANGES = """JSON: parameters to draw for every episode, '{"pendulum_mass": [2.0, 2.4]}'"""
 DISTURBANCES = (
     """JSON: '{"pushes": {"rate": 0.5, "impulse": [0.1, 0.5]}, "actuator_delay": 1, """
@@ -54,6 +60,18 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End with one line on stderr and status 2."""
         self.exit(2, f"error: {' '.join(message.split())}\n")
+
+    def add_machine(self, default: str | None, meaning: str = "machine") -> None:
+        """Options with which to choose a machine: a preset, and fields that differ from it."""
+        self.add_argument("--preset", choices=sorted(PRESETS), default=default, help=meaning)
+        self.add_argument("--params", type=json_object(dict), default={}, help=PARAMS)
+
+    def machine(self, options: argparse.Namespace) -> WheelParams:
+        """The machine that the options of `add_machine` chose; without a preset, the default's."""
+        try:
+            return preset(options.preset or DEFAULT_PRESET).replace(**options.params)
+        except (TypeError, ValueError) as error:
+            self.error(f"--params: {error}")
 
     @contextmanager
     def refusing(self) -> Iterator[None]:

@@ -18,7 +18,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from agents.comparison.compare import Comparison
 from agents.comparison.report import format_table
 from agents.comparison.study import Study
-from rimless_gym.params import PRESETS
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
 
 
@@ -26,12 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser, default = Parser(__doc__), Study()
     parser.add_argument("--out", type=Path, default=Path("runs/compare"), help="results' folder")
-    parser.add_argument(
-        "--preset",
-        choices=sorted(PRESETS),
-        default=default.preset,
-        help="machine; gaits are shipped for the default only",
-    )
+    parser.add_machine(default.preset, "machine; gaits are shipped for the default only")
     parser.add_argument(
         "--speed", type=more_than_zero, default=default.speed, help="of the gait (m/s)"
     )
@@ -55,12 +49,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=default.front,
         help="speeds of the optimal front (m/s)",
     )
-    options = vars(parser.parse_args(arguments))
+    parsed = parser.parse_args(arguments)
+    parser.machine(parsed)
+    options = vars(parsed)
     out = options.pop("out")
     parser.require_folder(out, "results.json", "table.md")
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(out):
-            study = Study(**options | {"front": tuple(options["front"])})
+            changes = {"changes": options.pop("params"), "front": tuple(options["front"])}
+            study = Study(**options | changes)
             results = Comparison(study, out).run()
     except KeyboardInterrupt:
         print(

@@ -1,12 +1,16 @@
 #!/usr/bin/env python
-"""Measure walking policies: 128 fixed starts, 50 s, the last 30 s of those that still walk.
+"""Measure policies and feedback laws: 128 fixed starts, 50 s, the last 30 s of those that walk.
 
-With --seeds the policies are those of several seeds of one training: below them stand the
-interquartile mean and its 95 % bootstrap interval.
+A start walks if it still takes steps at the end, and neither slips nor touches the floor with the
+pendulum in the last 30 s. The gap is to the best periodic gait of 1 to 3 steps per stride at the
+walked speed. With --seeds the policies are those of several seeds of one training: below them
+stand the interquartile mean and its 95 % bootstrap interval.
 """
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
 import json
 import math
 import sys
@@ -20,12 +24,26 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation, evaluate
-from agents.policies import learned_policy
+from agents.policies import Policy, controller_policy, learned_policy
 from agents.policy_files import PRETRAINED, load_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
-from rimless_gym.params import PRESETS, preset
-from scripts.commandline import DISTURBANCES, RANGES, Parser, json_object
+from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams, preset
+from scripts.commandline import (
+    DEFAULT_PRESET,
+    DISTURBANCES,
+    RANGES,
+    Parser,
+    json_object,
+    more_than_zero,
+    whole,
+)
+from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.feedback import laws
+from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.shipped import shipped
 from trajopt.provenance import provenance
 
 COLUMNS = (
@@ -33,11 +51,25 @@ COLUMNS = (
     ("speed", "speed m/s"),
     ("cot", "CoT"),
     ("cot_with_regeneration", "CoT regen."),
+    ("gap", "gap"),
     ("friction_demand", "friction"),
-    ("min_normal_force", "least Fy N"),
+    ("impulse_friction_demand", "at touchdown"),
+    ("min_normal_force_over_weight", "least Fy/weight"),
     ("min_clearance", "clearance m"),
     ("steps_per_period", "steps/period"),
 )
+
+#: Strides of the gaits to which the gap is measured.
+FRONT_STEPS = (1, 2, 3)
+
+
+@dataclasses.dataclass(frozen=True)
+class Walker:
+    """What is measured: a policy, its machine, and the task that it was trained for."""
+
+    policy: Policy
+    params: WheelParams
+    task: Task | None = None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +79,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "policies",
         nargs="+",
         metavar="POLICY",
-        help=f"a policy's file (.zip), or one that comes with the package: {', '.join(PRETRAINED)}",
+        help=f"a policy's file (.zip); one that comes with the package: {', '.join(PRETRAINED)}; "
+        f"or a feedback law: {', '.join(laws.names())}",
+    )
+    parser.add_argument("--gait", type=Path, help="file of the gait that laws hold (.npz)")
+    parser.add_argument(
+        "--speed", type=more_than_zero, default=0.5, help="of the gait that laws hold (m/s)"
+    )
+    parser.add_argument(
+        "--steps", type=whole(1), default=1, help="per stride, of the gait that laws hold"
+    )
+    parser.add_argument(
+        "--gap",
+        action=argparse.BooleanOptionalAction,
+        help="solve the best gait at the walked speed, and print the gap to it; None: where gaits "
+        "of the machine are shipped, since elsewhere it takes minutes",
     )
     parser.add_argument(
         "--trust-pickle",
@@ -58,46 +104,91 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
     )
     parser.add_argument("--json", action="store_true", help="everything, as JSON")
-    parser.add_argument(
-        "--preset",
-        choices=sorted(PRESETS),
-        help="machine that the policies must be for; None: the one each was trained on",
+    parser.add_machine(
+        None, "machine that the policies must be for; None: the one each was trained on"
     )
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
-    params = preset(options.preset) if options.preset else None
+    params = parser.machine(options) if options.preset or options.params else None
     with parser.refusing():  # all of them, before the first is measured
-        policies = [
-            load_policy(path, params, trust_pickle=options.trust_pickle)
-            for path in options.policies
-        ]
+        walkers = [walker(name, params, options) for name in options.policies]
         conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
-        for p in policies:
-            Conditions.of(p.params, **conditions)
+        for w in walkers:
+            Conditions.of(w.params, **conditions)
     evaluations = [
-        evaluate(learned_policy(p.act), p.params, task=p.task, progress=True, **conditions)
-        for p in policies
+        evaluate(w.policy, w.params, task=w.task, progress=True, **conditions) for w in walkers
     ]
-    summary = over_seeds(evaluations) if options.seeds else {}
+    wanted = [options.gap if options.gap is not None else has_gaits(w.params) for w in walkers]
+    figures = [
+        {**e.to_dict(), "gap": gap(e, w.params) if asked else None}
+        for e, w, asked in zip(evaluations, walkers, wanted, strict=True)
+    ]
+    summary = over_seeds(figures) if options.seeds else {}
     if options.json:
-        results = dict(zip(options.policies, (e.to_dict() for e in evaluations), strict=True))
-        of = Conditions.of(policies[0].params, **conditions).to_dict()
+        of = Conditions.of(walkers[0].params, **conditions).to_dict()
         del of["params"]  # each policy has its own machine
+        results = dict(zip(options.policies, figures, strict=True))
         report = {"policies": results, "over_seeds": summary, **of, **provenance()}
         print(json.dumps(report, indent=1))
     else:
-        print_table(options.policies, evaluations, summary)
+        print_table(options.policies, figures, summary)
     return 0
 
 
-def over_seeds(evaluations: list[Evaluation]) -> dict[str, Any]:
+def walker(name: str, params: WheelParams | None, options: argparse.Namespace) -> Walker:
+    """The feedback law of this name about the gait in the options, or a policy's file.
+
+    Raises:
+        ValueError: there is no gait, or the gait or the policy is for another machine.
+        FileNotFoundError: there is no such file.
+    """
+    if name not in laws.names():
+        p = load_policy(name, params, trust_pickle=options.trust_pickle)
+        return Walker(learned_policy(p.act), p.params, p.task)
+    if options.gait is None:
+        of = params if params is not None else preset(DEFAULT_PRESET)
+        gait = periodic_gait(of, options.speed, options.steps, progress=True)
+    else:
+        gait = Solution.load(options.gait)
+    if params is not None and gait.params != params:
+        raise ValueError(
+            f"{options.gait}: a gait of another machine than --preset and --params say; leave "
+            "them out, or give a gait of theirs"
+        )
+    return Walker(controller_policy(gait.params, laws.design(name, gait)), gait.params)
+
+
+def has_gaits(params: WheelParams) -> bool:
+    """Whether gaits of the machine are shipped, so that others are found within seconds."""
+    return any(gait.params == params for gait in shipped())
+
+
+def gap(evaluation: Evaluation, params: WheelParams) -> float | None:
+    """CoT over the environment's own optimum at the walked speed, minus 1; None without one.
+
+    That is interpolated between the two nearest speeds at which a step lasts a whole number of
+    control intervals.
+    """
+    if not evaluation.walking.any():
+        return None
+    speed = evaluation.speed
+    ticks = math.floor(params.step_length / (speed * CONTROL_PERIOD))
+    nearest = [params.step_length / (n * CONTROL_PERIOD) for n in (ticks, ticks + 1)]
+    try:
+        best = cot_front(params, [speed], FRONT_STEPS, progress=True).envelope[0]
+        held = cot_front(params, nearest, [best.steps], hold=CONTROL_PERIOD, progress=True)
+        return evaluation.cot / float(held(speed)) - 1.0
+    except (NoGaitError, ValueError):  # no gait, or only on one side
+        return None
+
+
+def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Interquartile mean and 95 % interval of each figure over the policies that walk."""
     summary: dict[str, Any] = {}
     for name, _ in COLUMNS[:-1]:
-        values = [getattr(e, name) for e in evaluations]
-        values = [value for value in values if math.isfinite(value)]
+        values = [row[name] for row in rows if row[name] is not None]
         if values:
             low, high = bootstrap_interval(values)
             mean = interquartile_mean(values)
@@ -105,22 +196,27 @@ def over_seeds(evaluations: list[Evaluation]) -> dict[str, Any]:
     return summary
 
 
-def print_table(names: list[str], evaluations: list[Evaluation], summary: dict[str, Any]) -> None:
-    """One line a policy, then the summary."""
+def print_table(names: list[str], rows: list[dict[str, Any]], summary: dict[str, Any]) -> None:
+    """One line a policy, then the summary, then why starts do not count."""
     width = max(24, *(len(name) for name in names))
-    print(" " * width + "".join(f"{title:>14}" for _, title in COLUMNS))
-    for name, evaluation in zip(names, evaluations, strict=True):
-        figures = [getattr(evaluation, column) for column, _ in COLUMNS]
-        print(f"{name:{width}}" + "".join(_cell(figure) for figure in figures))
+    print(" " * width + "".join(f"{title:>16}" for _, title in COLUMNS))
+    for name, row in zip(names, rows, strict=True):
+        print(f"{name:{width}}" + "".join(_cell(column, row[column]) for column, _ in COLUMNS))
     if summary:
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
-            figures = [summary.get(column, {}).get(key, math.nan) for column, _ in COLUMNS]
-            print(f"{title:{width}}" + "".join(_cell(figure) for figure in figures))
+            cells = [_cell(column, summary.get(column, {}).get(key)) for column, _ in COLUMNS]
+            print(f"{title:{width}}" + "".join(cells))
+    for name, row in zip(names, rows, strict=True):
+        if row["faults"]:
+            told = ", ".join(f"{count} {verdict}" for verdict, count in row["faults"].items())
+            print(f"{name}: of {row['protocol']['starts']} starts do not count: {told}")
 
 
-def _cell(figure: float) -> str:
-    """A figure of the table; a dash where nothing walks."""
-    return f"{figure:14.4g}" if math.isfinite(figure) else f"{'-':>14}"
+def _cell(column: str, figure: float | None) -> str:
+    """A figure of the table; a dash where nothing walks, or there is nothing to compare with."""
+    if figure is None or not math.isfinite(figure):
+        return f"{'-':>16}"
+    return f"{figure:>+16.1%}" if column == "gap" else f"{figure:16.4g}"
 
 
 if __name__ == "__main__":

@@ -10,21 +10,31 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from rimless_gym.params import PRESETS, preset
-from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
-from trajopt import NoGaitError, periodic_gait
+from scripts.commandline import (
+    DEFAULT_PRESET,
+    INTERRUPTED,
+    Parser,
+    more_than_zero,
+    terminated_like_ctrl_c,
+    whole,
+)
+from trajopt import periodic_gait
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if the gait passed verification, 1 if not, 2 if none was found."""
     parser = Parser(__doc__)
-    parser.add_argument(
-        "--preset", default="THESIS_PHYSICAL", choices=list(PRESETS), help="machine"
-    )
+    parser.add_machine(DEFAULT_PRESET)
     parser.add_argument("--speed", type=more_than_zero, default=0.5, help="mean speed, m/s")
     parser.add_argument("--steps", type=whole(1), default=2, help="touchdowns per stride")
     parser.add_argument(
         "--regeneration", action="store_true", help="let the battery take energy back"
+    )
+    parser.add_argument(
+        "--hold",
+        type=more_than_zero,
+        help="hold the voltage for so long (s), as the environment does for 0.01; the speed is "
+        "then the nearest at which a stride lasts a whole number of such intervals",
     )
     parser.add_argument(
         "--starts",
@@ -36,22 +46,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="file to save the gait in (.npz)")
     parser.add_argument("--json", action="store_true", help="print figures as JSON")
     options = parser.parse_args(arguments)
+    params = parser.machine(options)
     if options.out is not None:
         parser.require_file(options.out)
     try:
-        with terminated_like_ctrl_c():
+        with parser.refusing(), terminated_like_ctrl_c():
             solution = periodic_gait(
-                preset(options.preset),
+                params,
                 options.speed,
                 options.steps,
                 options.regeneration,
+                hold=options.hold,
                 starts=options.starts,
                 seed=options.seed,
                 workers=options.workers,
                 progress=True,
             )
-    except NoGaitError as error:
-        parser.error(str(error))
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED

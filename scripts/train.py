@@ -17,12 +17,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from agents import learners
 from agents.train import train
 from agents.training import INITS
+from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
-from rimless_gym.params import PRESETS, preset
 from scripts.commandline import (
+    DEFAULT_PRESET,
     DISTURBANCES,
     INTERRUPTED,
     RANGES,
+    TASK,
     Parser,
     json_object,
     terminated_like_ctrl_c,
@@ -44,12 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=whole(0),
         help="control intervals in all; None: as the learner says",
     )
-    parser.add_argument(
-        "--preset", choices=sorted(PRESETS), default="THESIS_PHYSICAL", help="machine"
-    )
+    parser.add_machine(DEFAULT_PRESET)
+    parser.add_argument("--task", type=json_object(as_task), help=TASK)
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     options = parser.parse_args(arguments)
+    params = parser.machine(options)
     parser.require_folder(options.out)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
@@ -59,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 options.seed,
                 options.out,
                 timesteps=options.timesteps,
-                params=preset(options.preset),
+                params=params,
+                task=options.task,
                 ranges=options.ranges,
                 disturbances=options.disturbances,
             )

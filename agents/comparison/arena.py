@@ -41,13 +41,26 @@ class Arena:
 
     @cached_property
     def front(self) -> CotFront:
-        """The optimal front, from the result of its stage."""
-        names = (read_stage(self.out, "front", self.identity)[0] or {})["files"]
+        """The front of optimal gaits with a continuous voltage, from the result of its stage."""
+        return self._front_of("front")
+
+    @cached_property
+    def held_front(self) -> CotFront:
+        """The front that every gap is measured against: of gaits that the environment allows."""
+        return self._front_of("held_front")
+
+    def _front_of(self, stage: str) -> CotFront:
+        names = (read_stage(self.out, stage, self.identity)[0] or {})["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
     @cached_property
+    def held_gait(self) -> Solution:
+        """The environment's own best gait nearest to the study's speed: to hold and to imitate."""
+        return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - self.study.speed))
+
+    @cached_property
     def best_gait(self) -> Solution:
-        """The best gait at the study's speed, of the fewest steps: the one to hold and to imitate.
+        """The best gait at the study's speed with a continuous voltage, of the fewest steps.
 
         Raises:
             NoGaitError: there is none at that speed.

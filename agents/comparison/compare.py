@@ -137,13 +137,14 @@ class Comparison:
         for each in drawn:
             policy = learned_policy(load_policy(each.main_file(self.out)).act)
             walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
-        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.best_gait, walks)
+        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.held_gait, walks)
         points = {
             row["policy"]: (row["speed"], row["cot"])
             for row in rows
             if row["walking_share"] and row["cot"] is not None
         }
-        plot_cot_against_speed(self.out / "cot_against_speed.png", self._arena.front, points)
+        fronts = self._arena.front, self._arena.held_front
+        plot_cot_against_speed(self.out / "cot_against_speed.png", *fronts, points)
         if drawn:
             clip = next(iter(walks.values())).until(ANIMATED)
             animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)

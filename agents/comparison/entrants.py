@@ -19,6 +19,7 @@ from agents.policies import controller_policy, learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
 from agents.training import IMITATION, INITS, SCRATCH
+from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
@@ -76,7 +77,7 @@ class Gait:
         if "missing" in result:
             return []
         gait = Solution.load(arena.out / f"{self.name}.npz")
-        return [gait_row(self.title or strides(gait), gait, result, arena.front)]
+        return [gait_row(self.title or strides(gait), gait, result, arena.held_front)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,12 +99,43 @@ class Front:
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """The row of the best gait at the study's speed."""
         best = arena.best_gait
-        return [gait_row(strides(best), best, result, arena.front)]
+        return [gait_row(strides(best), best, result, arena.held_front)]
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldFront:
+    """The environment's own optimum: the front of gaits whose voltage is held for its 10 ms.
+
+    It has gaits of as many steps as those on the continuous front have. Its row is that of its gait
+    nearest to the study's speed.
+    """
+
+    name: str = "held_front"
+
+    def compete(self, arena: Arena) -> Result:
+        """Solve the gaits of the front that are not in the folder yet."""
+        gaits = arena.front.envelope
+        front = cot_front(
+            arena.params,
+            [gait.speed for gait in gaits],
+            sorted({gait.steps for gait in gaits}),
+            hold=CONTROL_PERIOD,
+            folder=arena.out,
+            progress=arena.progress,
+        )
+        names = [front_file(s.steps, s.speed, s.hold) for s in front.solutions]
+        results = [gait_result(s) | {"steps": s.steps} for s in front.solutions]
+        return {"files": names, "gaits": results, "missing": [list(m) for m in front.missing]}
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """The row of the gait nearest to the study's speed."""
+        title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
+        return [gait_row(title, arena.held_gait, result, arena.held_front)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A feedback law that holds the best gait at the study's speed.
+    """A feedback law that holds the environment's own best gait at the study's speed.
 
     Attributes:
         name: one of `trajopt.feedback.laws.names()`.
@@ -113,13 +145,13 @@ class Law:
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.name, arena.best_gait)
+        controller = laws.design(self.name, arena.held_gait)
         return arena.evaluated(controller_policy(arena.params, controller))
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """Its row."""
         title = ABBREVIATIONS.get(self.name, self.name.replace("_", " "))
-        return [policy_row(f"{title} about the optimum", result, arena.front)]
+        return [policy_row(f"{title} about the optimum", result, arena.held_front)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,7 +185,7 @@ class Learned:
             arena.out / self.name,
             timesteps=arena.study.timesteps if self.learns else 0,
             params=arena.params,
-            expert=laws.design(EXPERT, arena.best_gait) if imitates else None,
+            expert=laws.design(EXPERT, arena.held_gait) if imitates else None,
             progress=arena.progress,
         )
         if trained.interrupted:
@@ -170,9 +202,9 @@ class Learned:
         """A row for each policy shown."""
         (main, _), *others = self.shown.items()
         return [
-            policy_row(main, result, arena.front),
+            policy_row(main, result, arena.held_front),
             *(
-                policy_row(title, result | result[Path(file).stem], arena.front)
+                policy_row(title, result | result[Path(file).stem], arena.held_front)
                 for title, file in others
             ),
         ]
@@ -187,6 +219,7 @@ def entrants() -> tuple[Entrant, ...]:
     return (
         Gait("gait", None, _searched),
         Front(),
+        HeldFront(),
         Gait("swinging", "optimal while the pendulum swings", _swinging),
         *(Law(name) for name in laws.names()),
         Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),

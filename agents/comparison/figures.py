@@ -94,13 +94,14 @@ def plot_limit_cycles(
 
 
 def plot_cot_against_speed(
-    path: Path, front: CotFront, points: Mapping[str, tuple[float, float]]
+    path: Path, front: CotFront, held: CotFront, points: Mapping[str, tuple[float, float]]
 ) -> None:
     """Cost of transport over speed: the optimal gaits by steps per stride, and learned policies.
 
     Args:
         path: of the picture.
-        front: of optimal gaits.
+        front: of optimal gaits with a continuous voltage.
+        held: of gaits whose voltage is held, against which policies are measured.
         points: name -> (speed, CoT); those that are not finite are left out.
     """
     with matplotlib.rc_context(_STYLE):
@@ -116,14 +117,15 @@ def plot_cot_against_speed(
                 markerfacecolor="none",
                 label=f"optimal, {steps} step{'s' if steps > 1 else ''} per stride",
             )
-        best = front.envelope
-        axes.plot(
-            [s.speed for s in best],
-            [s.cot for s in best],
-            color=INK,
-            linewidth=2,
-            label="optimal front",
-        )
+        for of, name, style in ((front, "optimal front", "--"), (held, "the same, held", "-")):
+            axes.plot(
+                [s.speed for s in of.envelope],
+                [s.cot for s in of.envelope],
+                style,
+                color=INK,
+                linewidth=1.5,
+                label=name,
+            )
         for i, (name, (speed, cot)) in enumerate(points.items()):
             if math.isfinite(speed) and math.isfinite(cot):
                 marker, colour = "P*XDv"[i % 5], COLOURS[i % 5]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.params import WheelParams, preset
@@ -14,6 +15,7 @@ class Study:
 
     Attributes:
         preset: name of the machine.
+        changes: fields of the machine that differ from the preset's.
         speed: at which the gait to imitate is optimal (m/s).
         steps: of the gait that is solved for and reported beside the front's best.
         seed: of everything random.
@@ -23,20 +25,22 @@ class Study:
 
     Raises:
         TypeError: a value is of the wrong kind.
-        ValueError: there is no such preset, or a number is out of its range.
+        ValueError: there is no such preset or field, or a number is out of its range.
     """
 
-    preset: str = "THESIS_PHYSICAL"
-    speed: float = 0.5
-    steps: int = 2
+    preset: str = "BUILDABLE"
+    changes: dict[str, Any] = dataclasses.field(default_factory=dict)
+    speed: float = 0.65
+    steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
     starts: int = 4
-    front: tuple[float, ...] = (0.40, 0.45, 0.50, 0.525, 0.55, 0.57, 0.58, 0.59, 0.60)
+    front: tuple[float, ...] = (0.55, 0.60, 0.63, 0.65, 0.66, 0.67)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
-        preset(self.preset)
+        require_kind("changes", self.changes, dict)
+        preset(self.preset).replace(**self.changes)
         positive("speed", self.speed)
         if not isinstance(self.front, (tuple, list)) or not self.front:
             raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
@@ -49,4 +53,4 @@ class Study:
     @property
     def params(self) -> WheelParams:
         """The machine."""
-        return preset(self.preset)
+        return preset(self.preset).replace(**self.changes)

@@ -11,28 +11,7 @@ from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.plain import made_of
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams, preset
-
-#: A machine: a WheelParams, a preset's name, or a mapping of fields that differ from the default's.
-Machine = WheelParams | str | Mapping[str, Any]
-
-
-def as_params(params: Any) -> WheelParams:
-    """The machine given in any of the forms of `Machine`.
-
-    Raises:
-        TypeError: it has the wrong type.
-        ValueError: there is no preset or field of that name, or a value is out of its range.
-    """
-    if isinstance(params, WheelParams):
-        return params
-    if isinstance(params, str):
-        return preset(params)
-    if isinstance(params, Mapping):
-        return THESIS_PHYSICAL.replace(**{str(name): value for name, value in params.items()})
-    raise TypeError(
-        f"params = {params!r}: give a WheelParams, a preset's name or a dictionary of fields"
-    )
+from rimless_gym.params import WheelParams, as_params
 
 
 def as_task(task: Any) -> Task:

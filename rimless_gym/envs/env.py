@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
-    Machine,
-    as_params,
     as_task,
     fleet_of,
     machines_of,
@@ -34,7 +32,7 @@ from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)
@@ -73,13 +71,19 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 5 | 1 while resting on two feet, else 0 | 1 |
 
     ## Rewards
-    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less a charge for an early end. The
-    prices are fields of `task`. The terms are in `info`; summed in this order they give the reward
-    exactly.
+    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
+    early end. The prices are fields of `task`. The terms are in `info`; summed in this order they
+    give the reward exactly.
 
     {terms}
 
-    Resting earns 0, apart from idle power.
+    Resting costs only idle power, `idle_power / ((m1+m2) g)` a second, and less than falling.
+
+    The foot does not slip in the model: it holds, whatever friction that takes. So that no policy
+    gains by what the ground would not bear, every interval in which the demand exceeds
+    `params.friction` is charged. It does not end the episode, because most starts need more
+    friction for a moment before they walk. A policy's evaluation is stricter: a walk that slips
+    in its measured window does not count (`rimless_gym.rules`).
 
     ## Starting State
     One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
@@ -105,8 +109,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     make it diverge, raises a `RuntimeError`; call `reset` before going on.
 
     ## Arguments
-    - `params`: the machine, default `THESIS_PHYSICAL`: a `rimless_gym.WheelParams`, a preset's
-      name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from the default.
+    - `params`: the machine, default `BUILDABLE`: a `rimless_gym.WheelParams`, a preset's
+      name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from `BUILDABLE`'s.
     - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields:
       `{task}`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
@@ -138,8 +142,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `mode`: 0 on one foot, 1 on two;
     - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
       exceeded;
-    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers
-      (in the model the foot holds all the same);
+    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers,
+      by more than a thousandth (in the model the foot holds all the same);
     - the terms of the reward.
 
     Each entry has the same type in every step. `reset` gives the same entries, all 0 except the
@@ -164,7 +168,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(
         self,
-        params: Machine = THESIS_PHYSICAL,
+        params: Machine = BUILDABLE,
         task: Task | Mapping[str, float] | None = None,
         render_mode: str | None = None,
         *,

@@ -27,6 +27,7 @@ from rimless_gym.envs.task import TERM_NAMES, TERMS
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import advance_batch
+from rimless_gym.rules import exceeds
 
 _marks = inner(marks)
 
@@ -93,7 +94,7 @@ def _mark(block, memory, limit, first, last):
         bits[MARK.terminated, i] = ends_episode(failure)
     for i in range(first, last):
         demand = max(block[BLOCK.friction_demand, i], block[BLOCK.impulse_friction_demand, i])
-        bits[MARK.slips, i] = demand > memory[MEMORY.mu, i]
+        bits[MARK.slips, i] = exceeds(demand, memory[MEMORY.friction, i])
     for i in range(first, last):
         bits[MARK.mode, i] = int(memory[MEMORY.mode, i])
     for i in range(first, last):

@@ -28,7 +28,7 @@ class Machine(NamedTuple):
     Attributes:
         voltage_limit: V.
         idle_power: W.
-        mu: friction coefficient of the ground.
+        friction: friction coefficient of the ground.
         weight: N.
         slope: rad.
         leg_scale: scale of the observed leg angle, 2 / alpha (1/rad).
@@ -36,7 +36,7 @@ class Machine(NamedTuple):
 
     voltage_limit: Any
     idle_power: Any
-    mu: Any
+    friction: Any
     weight: Any
     slope: Any
     leg_scale: Any

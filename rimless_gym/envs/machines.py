@@ -54,7 +54,7 @@ def _set_terms(numbers, prices, memory, i):
     machine = Machine(
         voltage_limit=f.voltage_limit,
         idle_power=f.idle_power,
-        mu=f.friction,
+        friction=f.friction,
         weight=weight_of(f),
         slope=f.slope,
         leg_scale=2 / leg_angle_of(f),

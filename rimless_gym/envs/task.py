@@ -12,16 +12,20 @@ from typing import Any
 from rimless_gym.checks import not_negative
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.rules import exceeds
 
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """The price of distance and of an early end; every reward is in metres.
+    """The prices of distance, slipping and an early end; every reward is in metres.
 
     Attributes:
         value_of_distance: reward per metre of travel; it selects the speed on the CoT front.
         fall_distance: travel forfeited when an episode ends early (m). It is more than a wheel
             gains by the lunge that makes it fall, so that such a lunge does not pay.
+        slip_speed: travel forfeited per second of control intervals in which the foot would slip
+            (m/s), as though it slid back at this speed. It is more than the hub ever gains while
+            the wheel walks, so that a moment that slips is worth less than one at rest.
         horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
 
     Raises:
@@ -31,6 +35,7 @@ class Task:
 
     value_of_distance: float = 0.5
     fall_distance: float = 2.0
+    slip_speed: float = 2.0
     horizon: float = EPISODE_STEPS * CONTROL_PERIOD
 
     def __post_init__(self) -> None:
@@ -52,6 +57,17 @@ def energy(interval: Any, machine: Any, task: Any) -> Any:
     return -(interval.electrical_positive + interval.idle) / machine.weight
 
 
+def slip(interval: Any, machine: Any, task: Any) -> Any:
+    """`-value_of_distance * slip_speed * elapsed`, if a force or an impulse exceeds the friction.
+
+    The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
+    charge in proportion to the excess would be less than what the excess saves.
+    """
+    slips = exceeds(interval.friction_demand, machine.friction)
+    slips = slips | exceeds(interval.impulse_friction_demand, machine.friction)
+    return 0.0 - slips * (task.value_of_distance * task.slip_speed * interval.elapsed)
+
+
 def end(interval: Any, machine: Any, task: Any) -> Any:
     """`-(value_of_distance * fall_distance + horizon * idle_power / ((m1+m2) g))` at an early end.
 
@@ -62,7 +78,7 @@ def end(interval: Any, machine: Any, task: Any) -> Any:
 
 
 #: The terms in the order in which they are summed.
-TERMS = (distance, energy, end)
+TERMS = (distance, energy, slip, end)
 
 #: What `info` calls them.
 TERM_NAMES = tuple(f"reward_{term.__name__}" for term in TERMS)

@@ -15,7 +15,6 @@ from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
-    Machine,
     as_task,
     fleet_of,
     machines_of,
@@ -35,7 +34,7 @@ from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import MODE
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, Machine, WheelParams
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -118,7 +117,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def __init__(
         self,
         num_envs: int = 1,
-        params: Machine | Sequence[Machine] = THESIS_PHYSICAL,
+        params: Machine | Sequence[Machine] = BUILDABLE,
         task: Task | Mapping[str, float] | None = None,
         *,
         ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,

@@ -197,7 +197,7 @@ def require_steppable(params: WheelParams) -> None:
         raise ValueError(
             f"friction_width = {params.friction_width:.3g} rad/s: dry friction damps psi' at "
             f"{pole:.3g}/s there, faster than the {MAX_POLE:.3g}/s that stepping allows: raise it, "
-            "or lower hub_friction or gear_loss"
+            "or lower hub_friction, gear_loss or voltage_limit"
         )
     pole = drag_pole(MAX_RATE, c)
     if not pole <= MAX_POLE:

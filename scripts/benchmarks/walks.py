@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym import THESIS_PHYSICAL, WheelParams
+from rimless_gym import BUILDABLE, WheelParams
 from rimless_gym.envs.observation import observe
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.fingerprint import SOURCE_FINGERPRINT
@@ -22,7 +22,7 @@ from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 
 Floats = NDArray[np.float64]
 
-PARAMS: WheelParams = THESIS_PHYSICAL
+PARAMS: WheelParams = BUILDABLE
 SPEED, STEPS = 0.5, 1
 WALKS, SETTLING, RECORDED = 128, 1000, 2000
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
-from rimless_gym.params import PRESETS
-from scripts.documents.machines import eq, impact_ratios, kappa_range
+from scripts.documents.machines import OF_THE_THESIS, eq, impact_ratios, kappa_range
 
 Array = NDArray[np.float64]
 
@@ -38,7 +37,7 @@ def printed_impact(count: int = 200_000) -> dict[str, Any]:
     """What the printed map (3.82) does, beside the plastic one."""
     states = pre_impact_states(count)
     shares = {}
-    machines = PRESETS | {
+    machines = OF_THE_THESIS | {
         f"THESIS_PHYSICAL, n = {n}": THESIS_PHYSICAL.replace(n_legs=n) for n in (4, 6, 8, 12)
     }
     for name, params in machines.items():
@@ -109,7 +108,7 @@ def generalised_force() -> dict[str, dict[str, float]]:
         x = motion.state(t, side="left").T
         dpsi = eq.relative_rate(x[2], x[3], p)
         drawn = np.trapezoid(eq.electrical_power(dpsi, volts, p), t)
-        copper = np.trapezoid(eq.losses(x[2], dpsi, volts, p)[0], t)
+        copper = np.trapezoid(p.Rm * eq.motor_current(dpsi, volts, p) ** 2, t)
         energy = eq.mechanical_energy(*x, p)
         gained = energy[-1] - energy[0]
         table[name] = {
@@ -131,7 +130,7 @@ def rotor(jm: float = 1e-7) -> dict[str, Any]:
     """
     ratio = THESIS_PHYSICAL.gear_ratio
     table: dict[str, Any] = {"jm": jm, "factor": ratio**4}
-    for name, params in PRESETS.items():
+    for name, params in OF_THE_THESIS.items():
         right, none = params.replace(rotor_inertia=jm), params.replace(rotor_inertia=0.0)
         printed = params.replace(rotor_inertia=jm / ratio**4)
         table[name] = {

@@ -13,6 +13,9 @@ from rimless_gym.params import PRESETS
 
 eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
 
+#: The presets that are the thesis's, which know no losses but the motor's.
+OF_THE_THESIS = {name: PRESETS[name] for name in ("THESIS_NOMINAL", "THESIS_PHYSICAL", "PROTOTYPE")}
+
 
 def impact_ratios(
     params: WheelParams, law: str, theta: Any, dphi: Any, dtheta: Any
@@ -39,7 +42,7 @@ def kappa_of_few_legs() -> dict[str, dict[str, list[float]]]:
 
 
 def reach_and_hub(params: WheelParams) -> list[float]:
-    """How far the rod reaches below the hub, and the hub's height on two feet (m)."""
+    """How far the pendulum reaches below the hub, and the hub's height on two feet (m)."""
     p = params.constants
     hub = float(eq.hub_position(p.a, p)[1])
     return [hub - float(eq.pendulum_clearance(p.a, 0.0, p)), hub]

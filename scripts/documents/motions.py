@@ -42,7 +42,7 @@ def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int
 
 def walking(name: str, rng: np.random.Generator) -> Motion:
     """The pendulum is held ahead of the hub. Machines with too weak a motor walk downhill."""
-    slope = {"THESIS_PHYSICAL": 0.0, "THESIS_NOMINAL": 0.1, "PROTOTYPE": 0.45}[name]
+    slope = {"THESIS_NOMINAL": 0.1, "PROTOTYPE": 0.45}.get(name, 0.0)
     params, lean = PRESETS[name].replace(slope=slope), rng.uniform(1.0, 1.4)
     start = hybrid_state(params.constants.a, lean, rng.uniform(1.5, 2.5), 0.0)
     state, volts = start[None].copy(), []

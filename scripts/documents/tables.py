@@ -7,9 +7,31 @@ from typing import Any
 
 from rimless_gym.energy import CHANNELS
 from rimless_gym.params import PRESETS
+from scripts.documents.machines import OF_THE_THESIS
 from scripts.documents.motions import CASES
 
 Results = dict[str, Any]
+
+#: The fields in which presets differ: symbol, what it is about, field, unit.
+PARAMETERS = (
+    ("$m_1$", "", "wheel_mass", "kg"),
+    ("$I_1$", "about the hub", "wheel_inertia", "kg m²"),
+    ("$L_1$", "", "leg_length", "m"),
+    ("$n$", "", "n_legs", ""),
+    ("$m_2$", "", "pendulum_mass", "kg"),
+    ("$L_2$", "hub to centre of mass", "pendulum_length", "m"),
+    ("$I_2$", "about its centre of mass", "pendulum_inertia", "kg m²"),
+    ("", "hub to far end", "pendulum_reach", "m"),
+    ("$K_m$", "", "motor_constant", "N m/A"),
+    ("$N$", "", "gear_ratio", ""),
+    ("$R_m$", "", "armature_resistance", "Ω"),
+    ("$J_m$", "at the motor shaft", "rotor_inertia", "kg m²"),
+    ("$F_0$", "dry friction", "hub_friction", "N m"),
+    ("$c$", "share of the torque", "gear_loss", ""),
+    ("$P_0$", "", "idle_power", "W"),
+    ("$\\mu$", "of the ground", "friction", ""),
+    ("$V$", "largest", "voltage_limit", "V"),
+)
 
 
 def table(head: list[str], rows: list[list[Any]]) -> str:
@@ -17,6 +39,31 @@ def table(head: list[str], rows: list[list[Any]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     texts = [[str(cell).replace("|", r"\|") for cell in line] for line in lines]
     return "\n".join("| " + " | ".join(line) + " |" for line in texts)
+
+
+def parameters_table() -> str:
+    """The presets' parameters, where they differ."""
+    rows = []
+    for symbol, about, field, unit in PARAMETERS:
+        values = [getattr(params, field) for params in PRESETS.values()]
+        if field == "pendulum_reach":
+            values = [params.constants.reach for params in PRESETS.values()]
+        meaning = ", ".join(part for part in (symbol, about) if part)
+        name = f"`{field}` ({unit})" if unit else f"`{field}`"
+        rows.append([meaning, name, *(f"{value:.4g}" for value in values)])
+    return table(["symbol", "field of `WheelParams`", *(f"`{name}`" for name in PRESETS)], rows)
+
+
+def derived_table(results: Results) -> str:
+    """What follows from the presets' parameters."""
+    head = ["", "motor pole (1/s)", "κ", "pendulum's reach (m)", "hub on two feet (m)"]
+    rows = []
+    for name in PRESETS:
+        low, high = results["kappa"][name]
+        reach, hub = results["reach_and_hub"][name]
+        pole = f"{results['motor_pole'][name]:.1f}"
+        rows.append([f"`{name}`", pole, f"{low:.2f} to {high:.2f}", f"{reach:.3f}", f"{hub:.3f}"])
+    return table(head, rows)
 
 
 def accuracy_table(results: Results) -> str:
@@ -68,7 +115,7 @@ def rotor_table(results: Results) -> str:
     rows = [
         [f"`{name}`", *(f"{rotors[name][key]:.2g}" for key in ("right", "printed", "pendulum"))]
         + [f"{rotors[name][key]:.1f}" for key in ("pole", "pole_right")]
-        for name in PRESETS
+        for name in OF_THE_THESIS
     ]
     return table([*head, "motor pole without rotor (1/s)", "with $J_mN^2$"], rows)
 
@@ -120,6 +167,8 @@ def tables(results: Results) -> dict[str, str]:
         "momentum": momentum_table(results),
         "kappa": kappa_table(results),
         "channels": channels_table(),
+        "parameters": parameters_table(),
+        "derived": derived_table(results),
     }
 
 

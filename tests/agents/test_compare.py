@@ -10,7 +10,7 @@ import pytest
 from agents.comparison.arena import Arena
 from agents.comparison.compare import Comparison
 from agents.comparison.entrants import entrants
-from agents.comparison.report import format_table, gap_to_front
+from agents.comparison.report import format_table, gait_row, gap_to_front, policy_row
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
 from trajopt.feedback import laws
@@ -116,13 +116,33 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
 
 def test_a_gap_that_rounds_to_nothing_has_no_minus_sign() -> None:
     row = {"policy": "optimal", "cot": 0.03, "speed": 0.5, "gap": -3e-5, "walking_share": None}
+    row |= {"friction_demand": 0.9, "min_normal_force_over_weight": 0.3}
     assert "| +0.0% |" in format_table([row])
 
 
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
     row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
+    row |= {"friction_demand": None, "min_normal_force_over_weight": None}
     table = format_table([row | {"walking_share": 0.0}])
-    assert table.splitlines()[2] == "| scratch | - | - | - | 0% |"
+    assert table.splitlines()[2] == "| scratch | - | - | - | - | - | 0% |"
+
+
+def test_the_table_shows_what_gaits_and_policies_ask_of_the_ground() -> None:
+    gait = shipped()[0]
+    v, front = gait.verification, CotFront((gait, shipped()[1]))
+    demand = max(v.max_friction_demand, v.max_impulse_friction_demand)
+    lines = format_table([gait_row("optimal", gait, {"wall_time_s": 1.0}, front)]).splitlines()
+    assert lines[2].endswith(f"| {demand:.2f} | {v.min_normal_force_over_weight:.2f} | - |")
+    slipping = {
+        "cot": None,
+        "speed": None,
+        "friction_demand": 0.9,
+        "impulse_friction_demand": 1.2,
+        "min_normal_force_over_weight": 0.06,
+        "walking_share": 0.0,
+    }
+    row = policy_row("slipping", {"evaluation": slipping, "wall_time_s": 1.0}, front)
+    assert format_table([row]).splitlines()[2] == "| slipping | - | - | - | 1.20 | 0.06 | 0% |"
 
 
 def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() -> None:

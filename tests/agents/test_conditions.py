@@ -82,14 +82,15 @@ def test_every_walk_has_a_machine_of_its_own_drawn_from_the_ranges():
 
 
 def test_cost_of_transport_uses_the_weights_of_the_drawn_machines():
-    exact = evaluate(roll, protocol=SMALL)
+    exact = evaluate(roll, THESIS_PHYSICAL, SMALL)
     point = THESIS_PHYSICAL.pendulum_mass
-    same = evaluate(roll, protocol=SMALL, ranges={"pendulum_mass": (point, point)})
+    same = evaluate(roll, THESIS_PHYSICAL, SMALL, ranges={"pendulum_mass": (point, point)})
     assert same.cot == pytest.approx(exact.cot, rel=1e-12)
     heavier = THESIS_PHYSICAL.replace(pendulum_mass=2.3)
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     one = evaluate(roll, heavier, SMALL, starts=starts)
-    drawn = evaluate(roll, protocol=SMALL, starts=starts, ranges={"pendulum_mass": (2.3, 2.3)})
+    ranges = {"pendulum_mass": (2.3, 2.3)}
+    drawn = evaluate(roll, THESIS_PHYSICAL, SMALL, starts=starts, ranges=ranges)
     assert drawn.cot == pytest.approx(one.cot, rel=1e-9)
     assert drawn.objective == pytest.approx(one.objective, rel=1e-9)
     np.testing.assert_allclose(drawn.cots, one.cots, rtol=1e-9)

@@ -15,6 +15,7 @@ from rimless_gym import THESIS_PHYSICAL
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 
+CONDITIONS = Conditions(THESIS_PHYSICAL)
 QUICK = Cloning(
     rounds=2,
     expert_starts=10,
@@ -40,7 +41,7 @@ def new_actor(new_learner):
 
 
 def teach(actor, controller, config=QUICK, seed=0, **arguments):
-    return clone(actor, Teaching(controller, Conditions(), config, seed), **arguments)
+    return clone(actor, Teaching(controller, CONDITIONS, config, seed), **arguments)
 
 
 def weights(actor):
@@ -50,7 +51,7 @@ def weights(actor):
 def error(actor, controller):
     """Root-mean-square error on walks of the controller that were not used for training."""
     label = controller_policy(THESIS_PHYSICAL, controller)
-    seen = walk(Conditions(), label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
+    seen = walk(CONDITIONS, label, draw_starts(THESIS_PHYSICAL, 10, 999), 150)
     return np.sqrt(np.mean((actor.act(seen.observations) - seen.actions) ** 2))
 
 
@@ -122,7 +123,7 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
     actor = new_actor()
     teach(actor, laws.design("lqr", gait), Cloning())
-    result = evaluate(learned_policy(actor.act))
+    result = evaluate(learned_policy(actor.act), THESIS_PHYSICAL)
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
     assert result.speed == pytest.approx(0.5, abs=0.03)

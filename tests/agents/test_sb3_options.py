@@ -8,7 +8,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
 
 from agents import Sb3VecEnv
-from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, Task
+from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, Task
 from rimless_gym.equations import DOUBLE
 from tests.agents.sb3_rows import ID, REST, native
 
@@ -21,13 +21,21 @@ def test_options_and_seeds_apply_to_one_reset_only():
     env.set_options(options)
     expected = [alone[i].reset(seed=5 + i, options=options[i])[0] for i in range(6)]
     np.testing.assert_array_equal(env.reset(), expected)
-    assert env.get_attr("params") == [THESIS_PHYSICAL] * 5 + [PROTOTYPE]
+    assert env.get_attr("params") == [BUILDABLE] * 5 + [PROTOTYPE]
     again = env.reset()
     np.testing.assert_array_equal(again, [each.reset()[0] for each in alone])
     assert not np.array_equal(again, expected)
     env.set_options(REST)
     np.testing.assert_array_equal(env.reset(), [each.reset(options=REST)[0] for each in alone])
     assert [info["mode"] for info in env.reset_infos] == [DOUBLE] * 6
+
+
+def test_machines_may_be_named_in_stable_baselines3_too():
+    kwargs = {"params": "PROTOTYPE", "task": {"slip_speed": 0.0}}
+    env = make_vec_env(ID, n_envs=2, vec_env_cls=Sb3VecEnv, env_kwargs=kwargs)
+    assert env.get_attr("params") == [PROTOTYPE] * 2
+    with pytest.raises(ValueError, match="unknown preset 'CONCRETE': choose from"):
+        make_vec_env(ID, vec_env_cls=Sb3VecEnv, env_kwargs={"params": "CONCRETE"})
 
 
 def test_too_few_options_and_unknown_ones_are_refused():

@@ -7,6 +7,7 @@ import pytest
 from agents.conditions import Conditions
 from agents.sb3.training_env import training_env
 from rimless_gym import THESIS_PHYSICAL, Task
+from rimless_gym.envs.task import TERM_NAMES
 
 
 def test_rewards_are_scaled_for_the_learner_only():
@@ -16,15 +17,14 @@ def test_rewards_are_scaled_for_the_learner_only():
     action = np.full((1, 1), 0.7, dtype=np.float32)
     (_, small, _, infos), (_, large, _, _) = plain.step(action), scaled.step(action)
     assert large[0] == pytest.approx(100 * small[0])
-    terms = ("reward_distance", "reward_energy", "reward_end")
-    assert small[0] == pytest.approx(sum(infos[0][name] for name in terms))
+    assert small[0] == pytest.approx(sum(infos[0][name] for name in TERM_NAMES))
 
 
 @pytest.mark.parametrize("voltage", [0.0, 1.0])
 def test_the_learner_gets_an_episodes_last_observation_and_the_reason_for_its_end(voltage):
     # At rest time runs out, and under full voltage the wheel falls: compared with the plain
     # environment, which no vector environment resets.
-    vector = training_env(3, Conditions(), Task(), 4)
+    vector = training_env(3, Conditions(THESIS_PHYSICAL), Task(), 4)
     alone = [gym.make("RimlessWheel-v0", params=THESIS_PHYSICAL, task=Task()) for _ in range(3)]
     first = np.array([env.reset(seed=4 + i)[0] for i, env in enumerate(alone)])
     np.testing.assert_array_equal(vector.reset(), first)

@@ -66,11 +66,21 @@ class FreeWheel:
         return rows[::2]
 
     def stack(
-        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, feet: tuple[int, ...] = (0,)
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        u: np.ndarray,
+        feet: tuple[int, ...] = (0,),
+        friction: np.ndarray | None = None,
     ) -> SimpleNamespace:
-        """Inertia, force, Jacobian of the feet and its rate at N states, along the first axis."""
+        """Inertia, force, Jacobian of the feet and its rate at N states, along the first axis.
+
+        `friction` is the dry friction's size at each state (N m), by default the machine's.
+        """
+        levels = np.full(len(q), self.params.hub_friction) if friction is None else friction
         out: dict[str, list] = {"inertia": [], "force": [], "jacobian": [], "jacobian_rate": []}
-        for state in zip(q, v, u, strict=True):
+        for *state, level in zip(q, v, u, levels, strict=True):
+            self.model.dof_frictionloss[3] = level
             self.move(*state)
             out["inertia"].append(self.inertia())
             out["force"].append(self.force())

@@ -13,14 +13,18 @@ from hypothesis import strategies as st
 from rimless_gym import params as parameters
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import (
+    BUILDABLE,
     PRESETS,
     PROTOTYPE,
     THESIS_NOMINAL,
     THESIS_PHYSICAL,
     WheelParams,
+    as_params,
     preset,
     shorthand,
 )
+from rimless_gym.reference import simulate
+from rimless_gym.symbolic import HybridModel
 
 POSITIVE = (
     *("leg_length", "gear_ratio", "armature_resistance", "friction_width"),
@@ -41,9 +45,22 @@ def test_presets_are_those_of_the_thesis():
     assert PROTOTYPE.pendulum_mass == pytest.approx(THESIS_PHYSICAL.pendulum_mass / 4)
     assert PROTOTYPE.pendulum_length == pytest.approx(THESIS_PHYSICAL.pendulum_length / 4)
     assert WheelParams() == THESIS_PHYSICAL
-    for machine in PRESETS.values():
+    for machine in (THESIS_NOMINAL, THESIS_PHYSICAL, PROTOTYPE):
         assert (machine.n_legs, machine.voltage_limit, machine.friction) == (5, 20.0, 1.0)
         assert (machine.motor_mount, machine.impact_law) == ("wheel", "plastic")
+        losses = (machine.rotor_inertia, machine.hub_damping, machine.hub_friction)
+        losses += (machine.gear_loss, machine.drag, machine.idle_power)
+        assert losses == (0.0,) * 6
+
+
+def test_the_default_machine_can_be_built():
+    """It has the losses of a real drive, and its pendulum clears the floor in every pose."""
+    assert as_params({}) == BUILDABLE
+    for name in ("rotor_inertia", "hub_friction", "gear_loss", "idle_power"):
+        assert getattr(BUILDABLE, name) > 0
+    assert BUILDABLE.pendulum_length < BUILDABLE.constants.reach
+    hub = BUILDABLE.leg_length * math.cos(BUILDABLE.leg_angle / 2)  # its lowest, on two feet
+    assert hub - BUILDABLE.constants.reach >= 0.01
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -52,7 +69,7 @@ def test_a_preset_is_found_by_its_name(name):
 
 
 def test_an_unknown_preset_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"'CONCRETE'.*THESIS_NOMINAL.*PROTOTYPE"):
+    with pytest.raises(ValueError, match=r"'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"):
         preset("CONCRETE")
 
 
@@ -218,3 +235,26 @@ def test_geometry_of_a_step(n_legs, leg_length):
 def test_motor_pole_of_the_machine_as_built_is_stiff():
     assert 280 < PROTOTYPE.motor_pole < 300
     assert THESIS_PHYSICAL.replace(motor_constant=0).motor_pole == 0
+
+
+def test_a_machine_may_be_given_by_name_or_fields_to_every_tool() -> None:
+    start = [1.5, 0.0, 2.0, 0.0]
+    for form, machine in (("PROTOTYPE", PROTOTYPE), ({"drag": 0.1}, BUILDABLE.replace(drag=0.1))):
+        assert as_params(form) == as_params(machine) == machine
+        assert HybridModel(form).params == machine
+        assert simulate(form, start, [1.0], 0.01).params == machine
+
+
+@pytest.mark.parametrize(
+    ("params", "error", "message"),
+    [
+        ("CONCRETE", ValueError, "unknown preset 'CONCRETE': choose from"),
+        ({"drug": 1}, ValueError, "'drug' is not a field of WheelParams: choose from"),
+        (3, TypeError, "params = 3: give a WheelParams, a preset's name or a dictionary"),
+        (None, TypeError, "params = None: give a WheelParams"),
+    ],
+)
+def test_a_machine_that_does_not_exist_is_refused_by_every_tool(params, error, message) -> None:
+    for use in (as_params, HybridModel, lambda p: simulate(p, [1.5, 0.0, 2.0, 0.0], [1.0], 0.01)):
+        with pytest.raises(error, match=message):
+            use(params)

@@ -205,7 +205,9 @@ def test_a_foot_presses_exactly_when_the_moments_about_the_other_foot_say_so(
 
     weights = moment(hub, p.m1 * gravity) + moment(hub + rod, p.m2 * gravity)
     changes = moment(hub + rod, p.m2 * acceleration) + params.pendulum_inertia * spin
-    outside = number.motor_torque(dtheta, u, p) - p.damping * dtheta  # the frame's, on the machine
+    motor = number.motor_torque(dtheta, u, p)
+    friction = math.hypot(p.F0, p.c * motor) * dtheta / math.hypot(dtheta, p.w)
+    outside = motor - p.damping * dtheta - friction  # the frame's, on the machine
     outside *= params.motor_mount == "frame"
     trailing_force = (weights + outside - changes) / params.step_length
     total = number.ground_reaction(p.a, theta, 0.0, dtheta, 0.0, spin, p)[1]
@@ -217,7 +219,8 @@ def test_a_foot_presses_exactly_when_the_moments_about_the_other_foot_say_so(
 
 
 def test_motor_pole_is_the_fastest_decay_of_the_relative_rate(params):
-    params = params.replace(drag=0.0)
+    """But for dry friction and air drag, which have rates of their own."""
+    params = params.replace(drag=0.0, hub_friction=0.0, gear_loss=0.0)
     model = HybridModel(params)
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     damping = ca.jacobian(model.flow(x, u)[2:], x[2:])

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import importlib
+import json
+import math
 import os
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from agents.evaluate import evaluate
+from agents.protocol import Protocol
+from scripts import evaluate as command
 from scripts.commandline import terminated_like_ctrl_c, whole
+from trajopt import periodic_gait
+from trajopt.gaits.shipped import FOLDER, shipped
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
@@ -112,6 +122,7 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("solve_gait", ["--steps", "0"], "must be an integer of at least 1"),
         ("solve_gait", ["--starts", "-1"], "must be an integer of at least 0"),
         ("solve_gait", ["--preset", "x"], "invalid choice"),
+        ("solve_gait", ["--hold", "0"], "--hold: '0': must be a number greater than 0"),
         ("train", ["--seed", "-1"], "--seed: '-1': must be an integer of at least 0"),
         ("train", ["--timesteps", "many"], "at least 0"),
         ("train", ["--algo", "td3"], "invalid choice"),
@@ -119,6 +130,18 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("compare", ["--front", "0.5", "-1"], "must be a number greater than 0"),
         ("compare", ["--preset", "x"], "invalid choice"),
         ("compare", ["--steps", "0"], "at least 1"),
+        ("compare", ["--params", '{"drug": 1}'], "'drug' is not a field of WheelParams: choose"),
+        ("train", ["--params", '{"drag": -1}'], "--params: drag = -1.0: must be at least 0"),
+        ("train", ["--params", '{"drag": "x"}'], "--params: drag = 'x': must be a real number"),
+        ("train", ["--task", '{"price": 1}'], "task: 'price' is not a field of Task: choose"),
+        ("train", ["--task", '{"slip_speed": -1}'], "slip_speed = -1.0: must be at least 0"),
+        ("solve_gait", ["--params", '{"n_legs": 2}'], "n_legs = 2: must be an integer"),
+        ("solve_gait", ["--params", "PROTOTYPE"], "'PROTOTYPE': not JSON"),
+        ("evaluate", ["--params", '{"drug": 1}', "imitation"], "'drug' is not a field"),
+        ("evaluate", ["--preset", "PROTOTYPE", "imitation"], "trained on another machine"),
+        ("evaluate", ["--gait", "none.npz", "lqr"], "none.npz"),
+        ("evaluate", ["--speed", "0", "lqr"], "must be a number greater than 0"),
+        ("evaluate", ["--speed", "50", "lqr"], "must be at most"),
         ("thesis", ["--workers", "0"], "at least 1"),
         ("thesis", ["--experiment", "7"], "invalid choice"),
         ("thesis", ["--experiment", "1", "--prototype"], "not allowed with"),
@@ -226,3 +249,47 @@ def test_a_page_that_is_missing_or_not_text_is_refused(
 def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "table.md").write_text("| table |\n")
     assert "imitation.gif is missing" in refused("publish", "--study", tmp_path)
+
+
+@pytest.fixture
+def gait_file() -> Path:
+    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.500.npz")
+    return path
+
+
+def test_a_law_about_a_gait_of_another_machine_is_refused(
+    refused: Callable, gait_file: Path
+) -> None:
+    line = refused("evaluate", "--preset", "PROTOTYPE", "--gait", gait_file, "lqr")
+    assert "a gait of another machine" in line
+
+
+def test_a_law_is_measured_beside_policies(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
+) -> None:
+    short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
+    brief = partial(evaluate, protocol=short)
+    monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
+    arguments = ["lqr", "imitation", "--gait", str(gait_file), "--no-gap"]
+    assert command.main([*arguments, "--json"]) == 0
+    results = json.loads(capsys.readouterr().out)["policies"]
+    assert list(results) == ["lqr", "imitation"]
+    assert [row["gap"] for row in results.values()] == [None, None]
+    assert command.main(arguments) == 0
+    told = capsys.readouterr().out
+    for name, row in results.items():
+        counted = sum(row["faults"].values())
+        assert (f"{name}: of 2 starts do not count: " in told) == (counted > 0)
+
+
+@pytest.mark.slow
+def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> None:
+    best = periodic_gait("THESIS_PHYSICAL", 0.5, 1, hold=0.01)
+    walking = SimpleNamespace(walking=np.array([True]), speed=best.speed, cot=1.1 * best.cot)
+    assert command.gap(walking, best.params) == pytest.approx(0.1, abs=2e-3)
+
+
+def test_there_is_no_gap_where_nothing_walks() -> None:
+    best = shipped()[0]
+    standing = SimpleNamespace(walking=np.array([False]), speed=math.nan, cot=math.nan)
+    assert command.gap(standing, best.params) is None

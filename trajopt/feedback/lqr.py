@@ -81,7 +81,8 @@ class TransverseLqr:
         params = solution.params
         n = max(FEWEST_POINTS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
-        t: Floats = period * np.arange(0.5, n)
+        first = 0.5 * period if solution.hold != CONTROL_PERIOD else solution.first_tick
+        t: Floats = np.asarray(first + period * np.arange(n), dtype=np.float64)
         states, voltages = solution.state(t), mean_voltage(solution, t, period)
         metric = 1.0 / np.var(states, axis=0)
         if solution.theta_turns:  # theta goes round and round: its variance means nothing

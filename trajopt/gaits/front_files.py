@@ -21,22 +21,25 @@ class Wanted(NamedTuple):
         speed: m/s.
         steps: per stride.
         regeneration: whether the battery takes energy back.
+        hold: period of the clock (s); None without one.
     """
 
     params: WheelParams
     speed: float
     steps: int
     regeneration: bool
+    hold: float | None = None
 
 
-def front_file(steps: int, speed: float) -> str:
+def front_file(steps: int, speed: float, hold: float | None = None) -> str:
     """The name of the file in which a gait is kept."""
-    return f"front_{steps}_steps_{speed:g}.npz"
+    clock = "" if hold is None else f"_hold_{hold:g}"
+    return f"front_{steps}_steps_{speed:g}{clock}.npz"
 
 
 def keep(folder: Path, wanted: Wanted, found: Solution | str) -> None:
     """Write the gait that was found, or the reason why none was."""
-    path = folder / front_file(wanted.steps, wanted.speed)
+    path = folder / front_file(wanted.steps, wanted.speed, wanted.hold)
     if isinstance(found, str):
         write_arrays(path, MISSING, _described(wanted) | {"why": found}, {})
     else:
@@ -48,15 +51,15 @@ def kept(folder: Path, wanted: Wanted) -> Solution | str | None:
 
     A file of another machine or speed counts as missing.
     """
-    path = folder / front_file(wanted.steps, wanted.speed)
+    path = folder / front_file(wanted.steps, wanted.speed, wanted.hold)
     if not path.exists():
         return None
     try:
         gait = Solution.load(path)
     except GaitFileError:
         return _why(path, wanted)
-    same = (gait.params, gait.steps, gait.regeneration) == (
-        *(wanted.params, wanted.steps, wanted.regeneration),
+    same = (gait.params, gait.steps, gait.regeneration, gait.hold) == (
+        *(wanted.params, wanted.steps, wanted.regeneration, wanted.hold),
     )
     return gait if same and abs(gait.speed - wanted.speed) < 1e-9 else None
 

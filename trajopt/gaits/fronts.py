@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from rimless_gym.checks import flag, integer, positive, real_array, require_kind
-from rimless_gym.params import WheelParams
+from rimless_gym.checks import flag, integer, positive, real_array
+from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.front_files import Wanted, keep, kept
+from trajopt.gaits.held.clock import held_speed
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
+from trajopt.gaits.resting import Rest, rests
 from trajopt.gaits.shipped import by_promise, leads_for
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
@@ -44,6 +46,16 @@ class CotFront:
                 best[speed] = solution
         return tuple(best[speed] for speed in sorted(best))
 
+    @cached_property
+    def rests(self) -> tuple[Rest | None, ...]:
+        """For every gait of the envelope what walking faster and resting in between would cost.
+
+        None where walking on is no dearer. A bound: see `trajopt.gaits.resting`.
+        """
+        best, params = self.envelope, self.envelope[0].params
+        speeds, cots = [s.speed for s in best], [s.cot for s in best]
+        return rests(speeds, cots, params.weight, params.idle_power)
+
     def __call__(self, speed: ArrayLike) -> Array:
         """Optimal CoT at speed (m/s), linear between the gaits; of any shape.
 
@@ -62,21 +74,27 @@ class CotFront:
 
 
 def cot_front(
-    params: WheelParams,
+    params: Machine,
     speeds: Sequence[float],
     steps: Sequence[int] = (1, 2, 3),
     *,
     regeneration: bool = False,
+    hold: float | None = None,
     folder: Path | None = None,
     progress: bool = False,
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
 
+    With a `hold`, the gaits are those of `periodic_gait` with that hold, each led from one without
+    it. Their speeds are those nearest to `speeds` at which a *step* lasts a whole number of
+    periods, so that strides of any number of steps share them.
+
     Args:
-        params: the machine.
+        params: the machine, or a preset's name.
         speeds: m/s.
         steps: numbers of steps per stride to consider.
         regeneration: whether the battery takes energy back.
+        hold: period of the clock between whose ticks the voltage is constant (s), or None.
         folder: where each gait is saved when it has been solved, and read from if it is there.
         progress: whether to show a progress bar.
 
@@ -85,29 +103,32 @@ def cot_front(
         TypeError: an argument is of the wrong type.
         ValueError: no speed or number of steps is given, or one is out of its range.
     """
-    require_kind("params", params, WheelParams)
+    params = as_params(params)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     speeds = [positive("speeds", speed) for speed in _row("speeds", speeds)]
     steps = [integer("steps", count, 1, MOST_STEPS) for count in _row("steps", steps)]
+    if hold is not None:
+        speeds = sorted({held_speed(params, speed, 1, hold) for speed in speeds})
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []
     bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
     for count in steps:
         own: list[Solution] = []
+        held: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
             bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
-            solution = None if folder is None else kept(folder, wanted)
-            if solution is None:
-                solution = _best_of(wanted, own)
-                if folder is not None:
-                    keep(folder, wanted, solution)
+            solution = _known(wanted, own, folder)
+            if isinstance(solution, Solution):
+                own.append(solution)
+                if hold is not None:
+                    solution = _known(wanted._replace(hold=hold), [solution], folder)
             if isinstance(solution, str):
                 missing.append((count, speed, solution))
-            else:
-                own.append(solution)
+            elif hold is not None:
+                held.append(solution)
             bar.update()
-        solutions += sorted(own, key=lambda s: s.speed)
+        solutions += sorted(own if hold is None else held, key=lambda s: s.speed)
     bar.close()
     verified = tuple(s for s in solutions if s.verification.passed)
     for s in solutions:
@@ -126,12 +147,31 @@ def _row(name: str, values: Any) -> list[Any]:
     return list(array.tolist())
 
 
+def _known(wanted: Wanted, own: Sequence[Solution], folder: Path | None) -> Solution | str:
+    """A gait, or why there is none: from the folder if it is there, else solved and kept there."""
+    found = None if folder is None else kept(folder, wanted)
+    if found is None:
+        found = _best_of(wanted, own) if wanted.hold is None else _held(wanted, own[0])
+        if folder is not None:
+            keep(folder, wanted, found)
+    return found
+
+
+def _held(wanted: Wanted, lead: Solution) -> Solution | str:
+    """A gait under a clock, led from one without; or why there is none."""
+    params, speed, steps, regeneration, hold = wanted
+    try:
+        return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=lead)
+    except NoGaitError as error:
+        return str(error)
+
+
 def _best_of(wanted: Wanted, own: Sequence[Solution]) -> Solution | str:
     """A gait led from the most promising known one; or why there is none.
 
     Known are the shipped gaits and those already on this front.
     """
-    params, speed, steps, regeneration = wanted
+    params, speed, steps, regeneration, _ = wanted
     known = [s for s in [*leads_for(params, speed, steps), *own] if s.params == params]
     guess = next(iter(by_promise(known, params, speed)), None)
     try:

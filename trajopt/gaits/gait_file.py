@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.checks import flag, integer
+from rimless_gym.checks import flag, integer, positive
 from rimless_gym.params import WheelParams
 from trajopt.files import read_arrays, require_names, write_arrays
 from trajopt.gaits.gait_problem import MOST_TURNS
@@ -25,7 +25,7 @@ FORMAT = "rimless-gym gait 3"
 REMEDY = "copy it again, or solve it again with scripts/solve_gait.py"
 
 #: Entries of the header that are written as they are.
-PLAIN = ("theta_turns", "regeneration", "provenance")
+PLAIN = ("theta_turns", "regeneration", "provenance", "hold")
 
 
 class GaitFileError(ValueError):
@@ -63,6 +63,9 @@ def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str,
     params = WheelParams(**header["params"])
     verification = Verification.from_dict(header["verification"])
     _require_stride(params, phases, verification)
+    hold = header.get("hold")  # gaits saved by earlier versions have none
+    if hold is not None:
+        _require_held(positive("hold", hold), phases)
     return {
         "params": params,
         "phases": phases,
@@ -72,6 +75,7 @@ def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str,
         "optimality": Optimality(**header["optimality"]),
         "optima": tuple(LocalOptimum(**optimum) for optimum in header["optima"]),
         "provenance": header["provenance"],
+        "hold": hold,
     }
 
 
@@ -93,3 +97,12 @@ def _require_stride(
     ):
         if not math.isclose(own, verified, rel_tol=1e-9):
             raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
+
+
+def _require_held(hold: float, phases: Sequence[PhaseTrajectory]) -> None:
+    """Refuse phases whose voltage is not held over the periods of a clock."""
+    ticks = sum(phase.duration for phase in phases) / hold
+    if abs(ticks - round(ticks)) > 1e-6:
+        raise ValueError(f"its stride lasts {ticks:g} periods of its clock, not a whole number")
+    if any(phase.controls.shape[1] != 1 for phase in phases):
+        raise ValueError("its voltage is not held")

@@ -6,8 +6,8 @@ import dataclasses
 import math
 from functools import lru_cache
 
-from rimless_gym.checks import flag, integer, positive, require_kind
-from rimless_gym.params import WheelParams
+from rimless_gym.checks import flag, integer, positive
+from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.stance import WheelPhases
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.refinement import MAX_ELEMENTS
@@ -17,7 +17,7 @@ MOST_TURNS = 600
 
 
 def gait_problem(
-    params: WheelParams,
+    params: Machine,
     *,
     speed: float,
     steps: int,
@@ -29,7 +29,7 @@ def gait_problem(
     Problems of one machine and number of steps differ only in numbers, and share their functions.
 
     Args:
-        params: the machine.
+        params: the machine, or a preset's name.
         speed: mean speed along the ground (m/s), imposed through the stride's duration.
         steps: touchdowns per stride.
         theta_turns: whole turns that theta gains in a stride.
@@ -39,7 +39,7 @@ def gait_problem(
         TypeError: an argument is of the wrong type.
         ValueError: a number is out of its range.
     """
-    require_kind("params", params, WheelParams)
+    params = as_params(params)
     positive("speed", speed)
     integer("steps", steps, 1, MAX_ELEMENTS)
     integer("theta_turns", theta_turns, -MOST_TURNS, MOST_TURNS)

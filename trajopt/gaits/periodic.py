@@ -6,13 +6,16 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
-from rimless_gym.checks import flag, integer, positive, require_kind
+from rimless_gym.checks import flag, integer, positive
 from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.params import WheelParams
+from rimless_gym.params import Machine, WheelParams, as_params
 from trajopt.gaits.finishing import finished
 from trajopt.gaits.gait_problem import gait_problem
+from trajopt.gaits.held.clock import held_speed, ticks_of_stride
+from trajopt.gaits.held.gait import held_gait
 from trajopt.gaits.leading import led
 from trajopt.gaits.optimality import LocalOptimum
+from trajopt.gaits.power import lacks_power
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Solution
@@ -38,8 +41,14 @@ WORTH_REFINING = 1.05
 #: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
+#: Farthest that a second lead may be in speed (m/s).
+SECOND_LEAD = 0.06
+
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
+
+#: Speeds (m/s) that differ by less are the same.
+SAME = 1e-9
 
 #: An optimum and its number of turns of theta per stride.
 Turning: TypeAlias = tuple[Extremal, int]
@@ -50,11 +59,12 @@ class NoGaitError(ValueError):
 
 
 def periodic_gait(
-    params: WheelParams,
+    params: Machine,
     speed: float = 0.5,
     steps: int = 2,
     regeneration: bool = False,
     *,
+    hold: float | None = None,
     starts: int | None = None,
     seed: int = 0,
     guess: Solution | None = None,
@@ -67,15 +77,26 @@ def periodic_gait(
     is shipped with the package, led to the wanted speed in small steps; and from `starts` random
     motions. The best result is solved on a refined mesh and re-simulated.
 
+    With a `hold`, the voltage is constant between the ticks of a clock, as it is in the
+    environment with ``hold=0.01``. The touchdowns fall anywhere between two ticks; where, the
+    optimisation chooses. A stride must last a whole number of periods to repeat itself. So the
+    speed is not the one asked for, but the nearest of those that are possible
+    (`trajopt.gaits.held.clock.held_speed`): see the result's `speed`. The search starts from the
+    gait with a continuous voltage at that speed.
+
     Args:
-        params: the machine.
-        speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly.
+        params: the machine, a preset's name, or a dictionary of fields that differ from the
+            default's.
+        speed: mean speed (m/s), > 0 and at most `fastest_walk(params)`, imposed exactly unless
+            there is a `hold`.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
+        hold: period of the clock (s), at least 1 ms and at most half a step, or None.
         starts: number of random starts; by default none if a gait of the same machine is known,
             else `DEFAULT_STARTS`.
         seed: of the random starts.
-        guess: a gait of as many steps to start from, instead of the shipped ones.
+        guess: a gait of as many steps to start from, instead of the shipped ones. One that has a
+            hold itself, or the very speed, is what the search for a held gait starts from.
         workers: processes for the random starts.
         progress: whether to show a progress bar.
 
@@ -87,9 +108,15 @@ def periodic_gait(
         TypeError: an argument is of the wrong type.
         ValueError: an argument is out of its range.
     """
+    params = as_params(params)
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
+    if hold is not None:
+        search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
+        search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
+        lead = _unheld(params, (speed, hold), guess, **search_for)
+        return _held(lead, speed, hold, regeneration)
     leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
     if starts is None:
         known = any(lead.params == params for lead in leads)
@@ -120,17 +147,64 @@ def periodic_gait(
     return solutions[0]
 
 
+def _unheld(
+    params: WheelParams, wanted: tuple[float, float], guess: Solution | None, **search: Any
+) -> Solution:
+    """The gait from which the search for a held one starts.
+
+    Args:
+        params: the machine.
+        wanted: the speed asked for (m/s), and the hold (s).
+        guess: the caller's guess. It will do if it has a hold too, or the very speed.
+        search: further arguments of `periodic_gait`.
+    """
+    (speed, hold), steps = wanted, search["steps"]
+    at = held_speed(params, speed, steps, hold)
+    if guess is not None:
+        near = guess.hold is not None or abs(guess.speed - at) < SAME
+        if near and guess.params == params:
+            return guess
+    try:
+        return periodic_gait(params, at, guess=guess, **search)
+    except NoGaitError as error:
+        raise NoGaitError(
+            f"{error}\n({at:.6g} m/s is the speed nearest to {speed:g} m/s at which a stride lasts "
+            f"a whole number of intervals of hold = {hold:g} s)"
+        ) from None
+
+
+def _held(lead: Solution, speed: float, hold: float, regeneration: bool) -> Solution:
+    """The held gait that a known gait leads to."""
+    ticks = ticks_of_stride(lead.params, speed, lead.steps, hold)
+    settings = {"speed": speed, "hold": hold, "lead_cot": lead.cot}
+    gait, failures = held_gait(lead, hold, ticks, regeneration, settings)
+    if gait is None:
+        raise NoGaitError(_no_gait(lead.params, speed, lead.steps, failures))
+    return gait
+
+
 def _from_leads(
     params: WheelParams, leads: Sequence[Solution], speed: float, regeneration: bool
 ) -> tuple[list[Turning], list[str]]:
-    """The gait to which the first suitable lead leads, if any; and why those before it did not."""
+    """The gaits to which the first suitable leads lead, if any; and why those before did not.
+
+    The first gait will do if its lead has the very speed, or is of another machine. Between two
+    known gaits the nearer one need not lead to the cheaper gait, so that one more is tried.
+    """
+    solved: list[Turning] = []
     failures: list[str] = []
     for lead in leads:
+        gap = abs(lead.speed - speed)
+        if solved and gap > SECOND_LEAD:
+            break
         found, obstacle = led(params, lead, speed, regeneration)
-        if found is not None:
-            return [(found, lead.theta_turns)], failures
-        failures.append(obstacle)
-    return [], failures
+        if found is None:
+            failures.append(obstacle)
+            continue
+        solved.append((found, lead.theta_turns))
+        if len(solved) == 2 or gap < SAME or lead.params != params:
+            break
+    return solved, failures
 
 
 def _best_refined(family: GaitFamily, optima: Sequence[Optimum], most: float) -> list[Turning]:
@@ -158,10 +232,9 @@ def _outcome(found: Extremal, turns: int) -> Outcome:
 
 
 def _arguments(
-    params: Any, speed: Any, steps: Any, starts: Any, guess: Any
+    params: WheelParams, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
     """Speed, steps and starts as plain numbers; refuses those with which there is no gait."""
-    require_kind("params", params, WheelParams)
     speed, steps = positive("speed", speed), integer("steps", steps, 1)
     starts = None if starts is None else integer("starts", starts, 0)
     fastest = fastest_walk(params)
@@ -176,6 +249,8 @@ def _arguments(
             f"{MAX_ELEMENTS} elements and each step needs {ELEMENTS}; solve for a shorter stride, "
             "which repeats itself"
         )
+    if lacking := lacks_power(params, speed, steps):
+        raise NoGaitError(lacking)
     if guess is not None and not isinstance(guess, Solution):
         raise TypeError(
             f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"

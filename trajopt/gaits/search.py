@@ -96,13 +96,27 @@ def same_gait(one: Outcome, other: Outcome) -> bool:
 def random_guess(
     params: WheelParams, steps: int, duration: float, rng: np.random.Generator
 ) -> tuple[Guess, int]:
-    """A random motion, and its number of turns of theta per stride.
+    """A random motion, and its number of turns of theta per stride; see `random_motion`."""
+    turns = int(rng.integers(0, 2) * rng.integers(-2 * steps, 2 * steps, endpoint=True))
+    return random_motion(params, steps, duration, turns, rng), turns
+
+
+def random_motion(
+    params: WheelParams, steps: int, duration: float, turns: int, rng: np.random.Generator
+) -> Guess:
+    """A random motion of a stride with so many turns of theta.
 
     The leg may rock back inside a step; the pendulum hangs or stands, swings with the stride's
     harmonics, or turns over and over.
+
+    Args:
+        params: the machine.
+        steps: per stride.
+        duration: of the stride (s).
+        turns: whole turns of theta in the stride.
+        rng: what is random is drawn from it.
     """
     c = params.constants
-    turns = int(rng.integers(0, 2) * rng.integers(-2 * steps, 2 * steps, endpoint=True))
     centre = rng.choice([0.0, 0.0, math.pi, rng.uniform(-math.pi, math.pi)])
     amplitudes = rng.uniform(0.0, 2.5 if turns == 0 else 1.0) * np.array(
         [1.0, rng.uniform(), 0.5 * rng.uniform()]
@@ -121,4 +135,4 @@ def random_guess(
         x = np.stack([phi, theta, np.gradient(phi, t), np.gradient(theta, t)], axis=1)
         phases.append(polyline(t, x))
         begin += T
-    return tuple(phases), turns
+    return tuple(phases)

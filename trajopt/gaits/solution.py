@@ -42,6 +42,8 @@ class Solution:
         optimality: of the problem's solution that it came from.
         optima: distinct local optima met in the search, best first.
         provenance: versions, git revision and settings with which it was made.
+        hold: period of the clock (s) between whose ticks the voltage is constant; None if it may
+            change at any time.
     """
 
     params: WheelParams
@@ -52,12 +54,14 @@ class Solution:
     optimality: Optimality
     optima: tuple[LocalOptimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+    hold: float | None = None
 
     def __repr__(self) -> str:
         verdict = "passed" if self.verification.passed else "FAILED"
+        held = "" if self.hold is None else f"held for {1e3 * self.hold:g} ms, "
         return (
             f"Solution({self.steps} steps per stride at {self.speed:.4g} m/s, CoT {self.cot:.4g}, "
-            f"verification {verdict})"
+            f"{held}verification {verdict})"
         )
 
     # -- trajectory ---------------------------------------------------------------------------
@@ -103,7 +107,8 @@ class Solution:
     def control(self, t: ArrayLike, side: str = "right") -> Any:
         """Voltage (V) at time t (s): a float for a scalar, else shape (N,).
 
-        The transcription's own polynomials; it may jump between elements.
+        The transcription's own polynomials; it may jump between elements. With a `hold` it is
+        constant from tick to tick.
         """
         _, phase, local = self._locate(t, side)
         volts = np.empty(len(local))
@@ -117,6 +122,32 @@ class Solution:
         """Times within a stride at which the control may jump (s), its end included."""
         starts = zip(self.phase_times, self.phases, strict=False)
         return np.append(np.concatenate([t + p.edges[:-1] for t, p in starts])[1:], self.duration)
+
+    @property
+    def first_tick(self) -> float:
+        """Time (s) of the first tick of the clock, at which a stride can begin that is held.
+
+        Raises:
+            ValueError: the voltage is not held.
+        """
+        if self.hold is None:
+            raise ValueError("hold = None: this gait has no clock; solve it with hold=0.01")
+        return float(self.phases[0].edges[1])
+
+    @property
+    def held_voltages(self) -> Array:
+        """Voltages (V) of the control intervals from `first_tick` on, a stride of them, (ticks,).
+
+        Divided by `params.voltage_limit` they are numbers of single precision, as the environment's
+        actions are.
+
+        Raises:
+            ValueError: the voltage is not held.
+        """
+        first, hold = self.first_tick, self.hold
+        assert hold is not None
+        ticks = round(self.duration / hold)
+        return np.asarray(self.control(first + hold * (np.arange(ticks) + 0.5)))
 
     def _locate(self, t: ArrayLike, side: str) -> tuple[Array, Any, Array]:
         require_side(side)
@@ -179,6 +210,7 @@ class Solution:
             "steps": self.steps,
             "theta_turns": self.theta_turns,
             "regeneration": self.regeneration,
+            "hold": self.hold,
             "cost": self.cost,
             "cot": self.cot,
             "cot_with_regeneration": self.cot_with_regeneration,
@@ -199,7 +231,7 @@ class Solution:
         hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
         demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
         lines = [
-            f"Periodic gait, {self.steps} step(s) per stride at {self.speed:.4f} m/s",
+            f"Periodic gait, {self.steps} step(s) per stride at {self.speed:.4f} m/s{self._held()}",
             f"  verification            {verdict}",
             f"  cost of transport       {self.cot:.6f} (with regeneration "
             f"{self.cot_with_regeneration:.6f})",
@@ -218,8 +250,7 @@ class Solution:
             f"  energy audit            off by {v.energy_audit:.1e} J",
             f"  CoT at 100 Hz hold      {hold}",
             f"  mesh error              {self.optimality.mesh_error:.1e}",
-            f"  Hamiltonian             spread {self.optimality.hamiltonian_spread:.1e}, "
-            f"transversality {self.optimality.transversality_error:.1e}",
+            *self._certainty(),
             f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
         ]
         for o in self.optima:
@@ -227,6 +258,27 @@ class Solution:
                 f"  optimum met             CoT {o.cot:.4f}, k = {o.theta_turns}, {o.found} time(s)"
             )
         return "\n".join(lines)
+
+    def _held(self) -> str:
+        """What a report's heading says of the clock."""
+        if self.hold is None:
+            return ""
+        ticks = round(self.duration / self.hold)
+        return f", voltage held for {1e3 * self.hold:g} ms ({ticks} intervals)"
+
+    def _certainty(self) -> list[str]:
+        """What a report says of optimality or, under a clock, of how the stride repeats itself."""
+        v, o = self.verification, self.optimality
+        if self.hold is None:
+            return [
+                f"  Hamiltonian             spread {o.hamiltonian_spread:.1e}, "
+                f"transversality {o.transversality_error:.1e}"
+            ]
+        return [
+            f"  stepped on the kernel   repeats itself to {v.repeat_error:.1e}, "
+            f"ledger off by {v.repeat_residual:.1e} J",
+            f"  first tick              {self.first_tick:.6f} s after the touchdown",
+        ]
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""

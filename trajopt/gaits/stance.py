@@ -13,6 +13,7 @@ import numpy as np
 from rimless_gym import hybrid
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
+from rimless_gym.rules import may_touch
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt.ocp.pose.constraint import Constraint
 from trajopt.ocp.pose.linkage import Linkage
@@ -24,7 +25,8 @@ CONTROLS = ("V",)
 #: Highest degree of the control polynomials. Where the motor coasts, V = K psi' is curved.
 CONTROL_DEGREE = 3
 
-#: Least normal force, in weights: feedback could not hold a gait on the brink of lift-off.
+#: Least normal force, in weights: feedback could not hold a gait on the brink of lift-off. This is
+#: a margin of the design; a walk counts while its foot is pressed down (`rimless_gym.rules`).
 MIN_NORMAL_FORCE = 0.05
 
 #: Least phi' just before and just after a touchdown (rad/s), so that the guard is crossed.
@@ -78,7 +80,7 @@ class WheelPhases:
             flow=self.of("flow"),
             powers=self._power,
             floor=self._floor,
-            path=self._contact("ground_reaction"),
+            path=self._limits(),
             at_end=Constraint(
                 impulse,
                 np.array([0.0, 0.0, 0.0, MIN_TOUCHDOWN_RATE]),
@@ -154,19 +156,26 @@ class WheelPhases:
     def _power(self, x: Any, u: Any, p: Any) -> Any:
         return self.of("electrical_power")(x, u, p) + self.params.idle_power
 
-    def _contact(self, reaction: str) -> Constraint:
-        force, weight = self.of(reaction), self.of("weight")
+    def _limits(self) -> Constraint:
+        """The friction cone; and the pendulum's clearance, where it may touch the floor.
 
-        def cone(x: Any, u: Any, p: Any) -> Any:
+        Of a machine that is to be designed, the pendulum is not known here: verification judges it.
+        """
+        force, weight = self.of("ground_reaction"), self.of("weight")
+        height, length = self.of("pendulum_clearance"), self.params.leg_length
+        clears = self.design is None and may_touch(self.params)
+
+        def inside(x: Any, u: Any, p: Any) -> Any:
             fx, fy = ca.vertsplit(force(x, u, p) / weight(x, p))
-            return self.inside_cone(fx, fy)
+            cone = self.inside_cone(fx, fy)
+            return ca.vertcat(cone, height(x, p) / length) if clears else cone
 
-        return Constraint(
-            cone,
-            np.array([MIN_NORMAL_FORCE, 0.0, 0.0]),
-            np.full(3, np.inf),
-            ("normal force", "friction cone (forward)", "friction cone (backward)"),
-        )
+        least = [MIN_NORMAL_FORCE, 0.0, 0.0]
+        names = ["normal force", "friction cone (forward)", "friction cone (backward)"]
+        if clears:
+            least.append(0.0)
+            names.append("pendulum's clearance")
+        return Constraint(inside, np.array(least), np.full(len(least), np.inf), tuple(names))
 
 
 def _rates() -> dict[str, float | tuple[float, float]]:

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import MAX_RATE
@@ -36,7 +36,7 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"sate": [1.4, 0, 0, 0]}, "unknown reset option 'sate'"),
         ({"state": [0.1, 0, 0, 0]}, "phi = 0.1"),
         (
-            {"state": [1.5, 3.0, 0, MAX_RATE]},
+            {"params": THESIS_PHYSICAL, "state": [1.5, 3.0, 0, MAX_RATE]},
             r"no voltage from -20 to 20 V .* largest force is -.* greater than 0: give a slower",
         ),
         ({"state": [1.5, 1e300, 0, 0]}, r"theta = 1e\+300: must be within 100000 rad"),
@@ -50,7 +50,7 @@ def test_reset_options_set_state_mode_and_params() -> None:
         ({"mode": "single_stance"}, "goes with 'state'"),
         ({"mode": np.array(["double_stance"] * 2)}, "goes with 'state'"),
         ({"params": THESIS_PHYSICAL.replace(armature_resistance=1e-6)}, "motor damps"),
-        ({"params": "CONCRETE"}, "'CONCRETE': choose from THESIS_NOMINAL, .*PROTOTYPE"),
+        ({"params": "CONCRETE"}, "'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"),
     ],
 )
 def test_bad_reset_options_are_refused_by_name(options: dict, message: str) -> None:
@@ -81,7 +81,7 @@ def test_a_refused_reset_changes_nothing() -> None:
     before = env.state
     with pytest.raises(ValueError, match="phi = 9"):
         env.reset(options={"params": PROTOTYPE, "state": [9, 9, 9, 9]})
-    assert env.params == THESIS_PHYSICAL
+    assert env.params == BUILDABLE
     assert np.array_equal(env.state, before)
 
 
@@ -109,6 +109,6 @@ def test_invalid_seeds_are_refused_and_change_nothing(seed: Any, error: type) ->
     before = env.get_state()
     with pytest.raises(error, match=r"seed = .*: must be an integer of at least 0"):
         env.reset(seed=seed, options={"params": PROTOTYPE})
-    assert env.params == THESIS_PHYSICAL
+    assert env.params == BUILDABLE
     assert env.np_random_seed == 0
     assert env.get_state()["generators"] == before["generators"]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import math
 from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 import rimless_gym
 from rimless_gym import THESIS_PHYSICAL, Task
@@ -14,41 +16,74 @@ from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.layout import Interval
 from rimless_gym.envs.task import TERM_NAMES, TERMS
 from rimless_gym.equations import DOUBLE
-from rimless_gym.hybrid import MAX_RATE
-
-P = THESIS_PHYSICAL.constants
+from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 
 
 def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: gym.Env) -> None:
     rng = np.random.default_rng(1)
+    task, params = env.unwrapped.task, env.unwrapped.params
+    fall = task.value_of_distance * task.fall_distance
+    fall += task.horizon * params.idle_power / params.weight
     env.reset(seed=1)
-    ends = 0
+    ends = slips = 0
     for i in range(3000):
         if i % 25 == 0:  # held so long that the wheel sometimes falls
             action = rng.uniform(-1, 1, 1).astype(np.float32)
         _, reward, ended, truncated, info = env.step(action)
         terms = [info[name] for name in TERM_NAMES]
         assert reward == sum(terms)
-        assert terms[0] == 0.5 * info["distance"]
-        assert terms[1] == -(info["electrical_positive"]) / THESIS_PHYSICAL.weight
-        assert terms[2] == (-1.0 if ended else 0.0)
+        assert terms[0] == task.value_of_distance * info["distance"]
+        assert terms[1] == -(info["electrical_positive"] + info["idle"]) / params.weight
+        back = task.value_of_distance * task.slip_speed * info["elapsed"]
+        assert terms[2] == (-back if info["slips"] else 0.0)
+        assert terms[3] == pytest.approx(-fall if ended else 0.0, rel=1e-15)
+        slips += info["slips"]
         if ended or truncated:
             ends += ended
             env.reset()
     assert ends
+    assert slips
 
 
-def test_resting_is_legal_free_and_ends_only_by_truncation(env: gym.Env) -> None:
-    env.reset(options={"state": [P.a, 0, 0, 0], "mode": "double_stance"})
+@pytest.mark.parametrize("by", ["friction_demand", "impulse_friction_demand"])
+def test_slipping_costs_more_than_the_travel_while_it_lasts(by: str) -> None:
+    """In the foot's stance as in a touchdown's impulse, however far beyond the limit they are."""
+    for mu, value in ((1.0, 0.5), (0.6, 10.0)):
+        task, params = Task(value_of_distance=value), THESIS_PHYSICAL.replace(friction=mu)
+        travel = 0.01 * 1.5  # at 1.5 m/s, faster than any hub in a walk
+        for demand, slips in ((0.99 * mu, False), (1.01 * mu, True), (math.inf, True)):
+            values = dict.fromkeys(Interval._fields, 0.0) | {"elapsed": 0.01, "distance": travel}
+            interval = SimpleNamespace(**values | {by: demand})
+            reward = sum(term(interval, params, task) for term in TERMS)
+            assert (reward < 0.0) == slips
+            assert math.isfinite(reward)
+
+
+def test_terms_take_numbers_and_arrays_alike() -> None:
+    rng, n = np.random.default_rng(0), 50
+    columns = {name: rng.uniform(0.0, 2.0, n) for name in Interval._fields}
+    columns["friction_demand"][::7] = np.inf
+    rows = [SimpleNamespace(**{k: v[i] for k, v in columns.items()}) for i in range(n)]
+    for term in TERMS:
+        each = [term(row, THESIS_PHYSICAL, Task()) for row in rows]
+        assert np.array_equal(term(SimpleNamespace(**columns), THESIS_PHYSICAL, Task()), each)
+        assert len(set(each)) > 1
+
+
+def test_resting_is_legal_costs_only_idle_power_and_ends_only_by_truncation(env: gym.Env) -> None:
+    params = env.unwrapped.params
+    env.reset(options={"state": [params.constants.a, 0, 0, 0], "mode": "double_stance"})
     total = 0.0
     for _ in range(rimless_gym.EPISODE_STEPS):
         _, reward, terminated, truncated, info = env.step(np.zeros(1, np.float32))
         total += reward
+        assert reward == -info["idle"] / params.weight
         assert not terminated
         if truncated:
             break
     assert truncated
-    assert total == 0.0
+    idle = params.idle_power * rimless_gym.EPISODE_STEPS * CONTROL_PERIOD / params.weight
+    assert total == pytest.approx(-idle, rel=1e-12)
     assert info["mode"] == DOUBLE
 
 
@@ -78,16 +113,19 @@ def test_a_lunge_that_ends_in_a_fall_does_not_pay() -> None:
 
 
 def test_rewards_are_bounded(env: gym.Env) -> None:
-    p, machine = P, THESIS_PHYSICAL
-    speed = MAX_RATE * 10 * p.L1  # no step is trusted with more
+    task, machine = env.unwrapped.task, env.unwrapped.params
+    p, speed = machine.constants, MAX_RATE * 10 * machine.leg_length  # no step is trusted with more
     current = (machine.voltage_limit + p.K * 20 * MAX_RATE) / machine.armature_resistance
-    step = 0.01 * (0.5 * speed + machine.voltage_limit * current / machine.weight)
+    power = machine.voltage_limit * current + machine.idle_power
+    step = task.value_of_distance * (speed + task.slip_speed) + power / machine.weight
+    end = task.value_of_distance * task.fall_distance
+    end += task.horizon * machine.idle_power / machine.weight
     rng = np.random.default_rng(0)
     env.reset(seed=0)
     for i in range(3000):
         if i % 20 == 0:
             action = np.sign(rng.uniform(-1, 1, 1)).astype(np.float32)
         _, reward, terminated, truncated, _ = env.step(action)
-        assert abs(reward) < step + 1.0
+        assert abs(reward) < CONTROL_PERIOD * step + end
         if terminated or truncated:
             env.reset()

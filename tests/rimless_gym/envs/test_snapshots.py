@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from rimless_gym import PROTOTYPE, Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise, Task
+from rimless_gym import (
+    PROTOTYPE,
+    THESIS_PHYSICAL,
+    Disturbances,
+    Pushes,
+    RimlessWheelVectorEnv,
+    SensorNoise,
+    Task,
+)
 from rimless_gym.envs.env import RimlessWheelEnv
 from tests.rimless_gym.envs.rows import NEXT, ROUGH, SAME, make, swinging
 
@@ -214,7 +222,8 @@ def test_a_snapshot_with_a_nan_observation_is_refused() -> None:
 
 
 def test_a_snapshot_can_be_restored_after_refused_actions_and_lost_motions() -> None:
-    envs = make(3, params=[{"voltage_limit": 1e7}, "PROTOTYPE", {"impact_law": "thesis"}])
+    machines = [THESIS_PHYSICAL.replace(voltage_limit=1e7), PROTOTYPE]
+    envs = make(3, params=[*machines, THESIS_PHYSICAL.replace(impact_law="thesis")])
     backward = {"state": [PROTOTYPE.constants.a + 0.001, 0.0, -1.0, 0.0]}
     envs.reset(seed=0, options=backward)
     before = pickle.dumps(envs.get_state())

@@ -11,9 +11,9 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from rimless_gym import (
+    BUILDABLE,
     PROTOTYPE,
     THESIS_NOMINAL,
-    THESIS_PHYSICAL,
     Disturbances,
     Pushes,
     Ranges,
@@ -108,9 +108,9 @@ def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
     env = RimlessWheelEnv("PROTOTYPE", {"value_of_distance": 0.8})
     assert env.params == PROTOTYPE
     assert env.task == Task(value_of_distance=0.8)
-    assert RimlessWheelEnv(UPHILL).params == THESIS_PHYSICAL.replace(**UPHILL)
+    assert RimlessWheelEnv(UPHILL).params == BUILDABLE.replace(**UPHILL)
     env.reset(options={"params": {"drag": 0.1}})
-    assert env.params == THESIS_PHYSICAL.replace(drag=0.1)
+    assert env.params == BUILDABLE.replace(drag=0.1)
     disturbances = ARGUMENTS["dictionaries"]["disturbances"]
     assert Disturbances(**disturbances) == Disturbances(
         pushes=Pushes(rate=4.0, impulse=(0.0, 1.0)),
@@ -122,7 +122,7 @@ def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"params": "CONCRETE"}, ValueError, "'CONCRETE': choose from THESIS_NOMINAL, .*PROTOTYPE"),
+        ({"params": "CONCRETE"}, ValueError, "'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"),
         ({"params": {"leg_lenght": 1}}, ValueError, "'leg_lenght' .*choose from .*'leg_length'"),
         ({"params": {3: 1}}, ValueError, "'3' is not a field of WheelParams: choose from"),
         ({"params": {"drag": -1}}, ValueError, "drag = -1.0: must be at least 0"),

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
 from tests.rimless_gym.envs.rows import DISABLED, ROUGH, make, swinging
 
 
@@ -160,7 +160,7 @@ def test_invalid_seeds_are_refused_and_change_nothing(seed: Any, error: type, me
     with pytest.raises(error, match=message):
         envs.reset(seed=seed, options={"params": PROTOTYPE})
     assert envs.np_random_seed == (0, 1, 2)
-    assert envs.unwrapped.params == (THESIS_PHYSICAL,) * 3
+    assert envs.unwrapped.params == (BUILDABLE,) * 3
     twin = make(3)
     assert np.array_equal(first, twin.reset(seed=0)[0])
     assert np.array_equal(envs.reset()[0], twin.reset()[0])

@@ -91,6 +91,37 @@ def test_verification_names_a_touchdown_that_slips() -> None:
     assert "a touchdown slips" in over.failures
 
 
+def test_a_gait_whose_pendulum_enters_the_floor_fails_where_there_is_one() -> None:
+    assert ONE.verification.clearance < -0.1
+    assert ONE.verification.passed
+    floored = P.replace(leg_length=0.682)  # just longer than the pendulum
+    found = verify(floored, ONE.phases, ONE.theta_turns)
+    assert found.clearance < -0.01
+    assert "the pendulum touches the floor" in found.failures
+
+
+@pytest.mark.parametrize(("length", "reaches_floor"), [(0.14, False), (0.17, True), (0.34, False)])
+def test_gaits_may_not_enter_the_floor_where_there_is_one(
+    length: float, reaches_floor: bool
+) -> None:
+    params = P.replace(pendulum_length=length)
+    path = Problem((WheelPhases(params).single_stance(),)).phases[0].path
+    low, high = ([params.constants.a, theta, 0.0, 0.0] for theta in (0.0, 2.0))
+    refused = [
+        {
+            name
+            for name, by in zip(
+                path.names,
+                path.violation(np.asarray(path.function(x, [0.0], [])).ravel()),
+                strict=True,
+            )
+            if by > 0
+        }
+        for x in (low, high)
+    ]
+    assert [("pendulum's clearance" in names) for names in refused] == [reaches_floor, False]
+
+
 @pytest.mark.parametrize("friction", [0.45, 0.52, 0.6])
 @pytest.mark.parametrize("slope", [0.0, 0.05])
 def test_a_phase_may_end_only_where_friction_holds_the_touchdown(

@@ -64,7 +64,12 @@ def quadrature_weights(degree: int) -> Array:
 
 @lru_cache
 def control_nodes(degree: int) -> Array:
-    """Chebyshev-Lobatto points in [0, 1] that carry the control's values, shape (degree + 1,)."""
+    """Chebyshev-Lobatto points in [0, 1] that carry the control's values, shape (degree + 1,).
+
+    Of degree 0, the middle.
+    """
+    if degree == 0:
+        return np.array([0.5])
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree))
 
 

@@ -34,7 +34,7 @@ def radau(degree: int, control_degree: int | None = None) -> Scheme:
 
     Args:
         degree: of the state.
-        control_degree: of the control, from 1 to max(1, degree - 1), the default.
+        control_degree: of the control, from 0 to max(1, degree - 1), the default.
     """
     nodes, most = radau_nodes(degree), max(1, degree - 1)
     control_degree = most if control_degree is None else min(control_degree, most)

@@ -1,0 +1,120 @@
+"""What every walk must respect, an optimal gait and a learned policy alike.
+
+The model's foot holds whatever it is asked for, and its pendulum swings through the floor. Neither
+would be a walk on a real floor. `breaches` is the one judge of that: gaits are verified with it
+(`trajopt.gaits.verify`), policies are evaluated with it (`agents.evaluate`), and the environment
+marks and charges slipping by the same limit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from rimless_gym import hybrid
+from rimless_gym.checks import real
+from rimless_gym.jit import inner
+from rimless_gym.params import WheelParams
+
+#: By how much (relative) a walk may exceed a limit: optimal gaits are held to their limits at the
+#: nodes of a mesh, and may exceed them a little in between.
+LIMIT_TOLERANCE = 1e-3
+
+#: The rules, each by the name of its breach, in the order in which they are checked.
+BREACHES = {
+    "lifts": "the stance foot is not pressed down",
+    "slips": "the stance foot slips",
+    "slips_at_touchdown": "a touchdown slips",
+    "touches": "the pendulum touches the floor",
+}
+
+
+class Extremes(NamedTuple):
+    """The extremes of a walk, named as in `info`.
+
+    Attributes:
+        min_normal_force: least normal force in stance (N).
+        friction_demand: largest |Fx| / Fy in stance.
+        impulse_friction_demand: largest |Px| / Py of a touchdown's impulse.
+        clearance: least height of the pendulum's end over the floor (m).
+    """
+
+    min_normal_force: float
+    friction_demand: float
+    impulse_friction_demand: float
+    clearance: float
+
+
+def breaches(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
+    """The rules that a walk breaks, by their names in `BREACHES`; none for a walk that counts.
+
+    A foot must be pressed down, no more: that optimal gaits keep a margin
+    (`trajopt.gaits.stance.MIN_NORMAL_FORCE`) is a choice of their design, not a limit of the
+    ground.
+
+    Args:
+        params: the machine.
+        extremes: of its walk.
+    """
+    broken = {
+        "lifts": not extremes.min_normal_force > 0.0,
+        "slips": exceeds(extremes.friction_demand, params.friction),
+        "slips_at_touchdown": exceeds(extremes.impulse_friction_demand, params.friction),
+        "touches": has_floor(params) and extremes.clearance < -_tolerance(params),
+    }
+    return tuple(name for name in BREACHES if broken[name])
+
+
+@inner
+def exceeds(demand: Any, friction: Any) -> Any:
+    """Whether a friction demand makes a foot slip, on ground of this friction coefficient."""
+    return demand > friction * (1.0 + LIMIT_TOLERANCE)
+
+
+def has_floor(params: WheelParams) -> bool:
+    """Whether the machine walks on a floor that its pendulum must not touch.
+
+    A pendulum that hangs clear of the ground under the highest hub must clear it always. One that
+    is as long as a leg or longer cannot hang over a floor at all: such a machine, as the thesis's
+    `THESIS_NOMINAL` and `THESIS_PHYSICAL`, stands for one on a raised track or between two rims of
+    legs.
+    """
+    return _hanging_clearance(params, math.pi / 2) > _tolerance(params)
+
+
+def least_clearance(params: WheelParams) -> float:
+    """The pendulum's least height over the ground (m) in any pose: it hangs, on two feet."""
+    return _hanging_clearance(params, params.constants.a)
+
+
+def require_clearance(params: WheelParams, clearance: float) -> None:
+    """Refuse a machine whose pendulum can come nearer to the floor than `clearance` (m).
+
+    Raises:
+        TypeError: `clearance` is not a number.
+        ValueError: it is not finite, or the pendulum comes nearer in some pose.
+    """
+    clearance = real("clearance", clearance)
+    least = least_clearance(params)
+    if least < clearance:
+        hub = params.leg_length * math.cos(params.leg_angle / 2)
+        raise ValueError(
+            f"clearance = {least:.4g} m where the pendulum hangs and the wheel stands on two feet: "
+            f"must be at least {clearance:.4g} m; the pendulum reaches {hub - least:.4g} m below "
+            f"the hub, which is {hub:.4g} m high there: shorten the pendulum to a reach of "
+            f"{hub - clearance:.4g} m, or give the wheel longer or more legs"
+        )
+
+
+def may_touch(params: WheelParams) -> bool:
+    """Whether the machine has a floor that its pendulum touches in some pose."""
+    return has_floor(params) and least_clearance(params) < 0.0
+
+
+def _hanging_clearance(params: WheelParams, phi: float) -> float:
+    return float(hybrid.pendulum_clearance(phi, 0.0, params.constants))
+
+
+def _tolerance(params: WheelParams) -> float:
+    """Depth (m) to which a pendulum may enter the floor."""
+    return LIMIT_TOLERANCE * params.leg_length

@@ -1,0 +1,78 @@
+"""The rules of walking: what breaks them, on which machines, and by how little."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL
+from rimless_gym.hybrid import pendulum_clearance
+from rimless_gym.rules import (
+    BREACHES,
+    LIMIT_TOLERANCE,
+    Extremes,
+    breaches,
+    has_floor,
+    least_clearance,
+    may_touch,
+    require_clearance,
+)
+
+FINE = Extremes(
+    min_normal_force=1.0, friction_demand=0.5, impulse_friction_demand=0.5, clearance=0.01
+)
+BETWEEN = PROTOTYPE.replace(pendulum_length=0.17)  # reaches 0.34 m; the hub is 0.30 to 0.375 m high
+
+
+def test_a_walk_within_all_limits_breaks_no_rule() -> None:
+    for params in (PROTOTYPE, BETWEEN, THESIS_PHYSICAL):
+        assert breaches(params, FINE) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        ({"min_normal_force": 0.0}, ("lifts",)),
+        ({"min_normal_force": -1.0, "friction_demand": math.inf}, ("lifts", "slips")),
+        ({"friction_demand": 1 + 2 * LIMIT_TOLERANCE}, ("slips",)),
+        ({"friction_demand": 1 + LIMIT_TOLERANCE / 2}, ()),
+        ({"impulse_friction_demand": 1.01}, ("slips_at_touchdown",)),
+        ({"clearance": -0.01}, ("touches",)),
+        ({"clearance": -1e-5}, ()),
+        ({"min_normal_force": math.nan}, ("lifts",)),
+    ],
+)
+def test_each_limit_has_its_rule_and_its_tolerance(change: dict, broken: tuple) -> None:
+    assert breaches(BETWEEN.replace(friction=1.0), FINE._replace(**change)) == broken
+    assert set(broken) <= set(BREACHES)
+
+
+def test_a_pendulum_as_long_as_a_leg_needs_a_track_and_has_no_floor_to_touch() -> None:
+    deep = FINE._replace(clearance=-0.3)
+    for params in (THESIS_NOMINAL, THESIS_PHYSICAL):
+        assert not has_floor(params)
+        assert not may_touch(params)
+        assert breaches(params, deep) == ()
+    assert has_floor(BETWEEN)
+    assert breaches(BETWEEN, deep) == ("touches",)
+
+
+def test_the_least_clearance_is_that_of_the_worst_pose() -> None:
+    for params in (PROTOTYPE, BETWEEN, THESIS_PHYSICAL):
+        p = params.constants
+        poses = [
+            float(pendulum_clearance(p.a + k / 20 * p.alpha, j / 10 * math.pi, p))
+            for k in range(21)
+            for j in range(-10, 11)
+        ]
+        assert least_clearance(params) == pytest.approx(min(poses), abs=1e-12)
+    assert [may_touch(params) for params in (PROTOTYPE, BETWEEN)] == [False, True]
+
+
+def test_a_machine_without_the_clearance_asked_for_is_refused_with_a_remedy() -> None:
+    require_clearance(PROTOTYPE, 0.1)
+    with pytest.raises(ValueError, match=r"clearance = -0\.03.* at least 0\.01 m.*shorten"):
+        require_clearance(BETWEEN, 0.01)
+    with pytest.raises(ValueError, match="clearance = nan"):
+        require_clearance(PROTOTYPE, math.nan)

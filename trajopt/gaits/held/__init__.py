@@ -1,0 +1,1 @@
+"""Periodic gaits whose voltage is held over every interval of a clock."""

@@ -1,0 +1,223 @@
+"""The periodic gait under a held voltage as a nonlinear program, solved by IPOPT."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from rimless_gym.symbolic import HybridModel
+from trajopt.gaits.held.intervals import GRAZE, PAID_AT, SCHEME, interval_equations
+from trajopt.gaits.held.pattern import Pattern
+from trajopt.gaits.held.stride import LEAST_SHARE, Stride, bounded
+from trajopt.gaits.stance import STATES
+from trajopt.ocp.arrays import Array, Indices
+from trajopt.ocp.interrupted import heeded
+from trajopt.ocp.transcribe.nlp import INTERRUPTED
+from trajopt.ocp.transcribe.options import IPOPT, QUIET
+from trajopt.ocp.transcribe.program import Block, assembled
+from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
+from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+
+NX, INNER, PHI = len(STATES), len(SCHEME.nodes) - 2, STATES.index("phi")
+
+#: How much above the powers of a guess its slacks begin (W).
+SLACK = 1e-2
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What IPOPT returned.
+
+    Attributes:
+        stride: the solution.
+        energy: of a stride by the program (J), idle left out.
+        success: IPOPT's verdict.
+        status: IPOPT's name for it.
+    """
+
+    stride: Stride
+    energy: float
+    success: bool
+    status: str
+
+
+class Layout:
+    """Where each unknown is in the vector of all.
+
+    Attributes:
+        edges: for each step, the states at touchdowns and ticks, (whole + 3, 4).
+        inner: for each step, the states at the nodes inside its elements, (whole + 2, nodes, 4).
+        slacks: for each step, those of its elements, (whole + 2, slacks).
+        voltages: (ticks,).
+        shares: (steps,).
+        size: how many unknowns there are.
+    """
+
+    def __init__(self, pattern: Pattern, slacks: int) -> None:
+        self.size = 0
+        elements = [whole + 2 for whole in pattern.whole]
+        self.edges = [self._next(e + 1, NX) for e in elements]
+        self.inner = [self._next(e, INNER, NX) for e in elements]
+        self.slacks = [self._next(e, slacks) for e in elements]
+        self.voltages, self.shares = self._next(pattern.ticks), self._next(pattern.steps)
+
+    def _next(self, *shape: int) -> Indices:
+        first = self.size
+        self.size += math.prod(shape)
+        return np.arange(first, self.size).reshape(shape)
+
+
+class HeldProgram:
+    """The least energy of a stride with a given pattern, the phase of the clock free within it.
+
+    Args:
+        params: the machine.
+        pattern: in which intervals the touchdowns fall.
+        theta_turns: whole turns that theta gains in a stride.
+        regeneration: whether the battery takes energy back.
+    """
+
+    def __init__(
+        self, params: WheelParams, pattern: Pattern, theta_turns: int, regeneration: bool
+    ) -> None:
+        self.params, self.pattern, self.theta_turns = params, pattern, theta_turns
+        self.equations = interval_equations(params, pattern.hold, regeneration)
+        self.layout = Layout(pattern, self.equations.slacks)
+        self.limits: list[tuple[Array, Array]] = []
+        self.rows = 0
+        blocks = list(self._blocks())
+        self.program = assembled(blocks, self.layout.size, self.rows)
+
+    @heeded()
+    def solve(self, guess: Stride, **options: Any) -> Found:
+        """A local optimum near a guess with the same pattern.
+
+        Args:
+            guess: where to start.
+            options: of IPOPT, over `trajopt.ocp.transcribe.options.IPOPT`.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        """
+        settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
+        settings |= self.program.derivatives
+        solver = ca.nlpsol("nlp", "ipopt", self.program.symbols, settings)
+        lower, upper = self._bounds()
+        least, most = (np.concatenate(side) for side in zip(*self.limits, strict=True))
+        start = np.clip(self._packed(guess), lower, upper)
+        found = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=most)
+        stats = solver.stats()
+        if stats["return_status"] in INTERRUPTED:
+            raise KeyboardInterrupt
+        return Found(
+            self._unpacked(np.asarray(found["x"]).ravel()),
+            float(found["f"]),
+            bool(stats["success"]),
+            str(stats["return_status"]),
+        )
+
+    # -- equations ----------------------------------------------------------------------------
+
+    def _blocks(self) -> Any:
+        pattern, layout, equations = self.pattern, self.layout, self.equations
+        whole, parts, lengths = [], [], []
+        for step in range(pattern.steps):
+            columns = self._elements(step)
+            whole.append(columns[:, 1:-1])
+            shares = layout.shares[[step - 1, step]]
+            parts.append(np.vstack([columns[:, [0, -1]], shares]))
+            lengths.append([[1.0, 0.0], [-1.0, 1.0]])
+        intervals = np.hstack(whole)
+        if intervals.size:
+            none = np.empty((0, intervals.shape[1]))
+            yield self._block(equations.whole, intervals, none, equations.whole_bounds)
+        bounds = equations.part_bounds
+        yield self._block(equations.part, np.hstack(parts), np.hstack(lengths), bounds)
+        lower, upper = equations.touchdown_bounds
+        for step in range(pattern.steps):
+            after = layout.edges[(step + 1) % pattern.steps][0]
+            turned = np.zeros(len(lower))
+            if step == pattern.steps - 1:
+                turned[STATES.index("theta")] = -2 * math.pi * self.theta_turns
+            states = np.concatenate([layout.edges[step][-1], after])[:, None]
+            limits = lower + turned, upper + turned
+            yield self._block(equations.touchdown, states, np.empty((0, 1)), limits)
+
+    def _elements(self, step: int) -> Indices:
+        """The unknowns of a step's elements but for shares, one column each."""
+        layout = self.layout
+        edges, inner, slacks = layout.edges[step], layout.inner[step], layout.slacks[step]
+        volts = layout.voltages[self.pattern.voltages_of(step)]
+        inside = inner.reshape(len(inner), -1)
+        return np.hstack([edges[:-1], inside, edges[1:], volts[:, None], slacks]).T
+
+    def _block(
+        self, function: ca.Function, variables: Indices, data: Array, limits: tuple[Array, Array]
+    ) -> Block:
+        outputs, count = len(limits[0]), variables.shape[1]
+        rows = self.rows + np.arange(outputs * count).reshape(outputs, count, order="F")
+        self.rows += rows.size
+        self.limits.append((np.tile(limits[0], count), np.tile(limits[1], count)))
+        return Block(function, variables, rows, np.asarray(data, dtype=np.float64))
+
+    # -- unknowns -----------------------------------------------------------------------------
+
+    def _bounds(self) -> tuple[Array, Array]:
+        layout, phase = self.layout, self.equations.phase
+        lower, upper = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+        margin = GRAZE * self.pattern.hold**2
+        for edges, inner, slacks in zip(layout.edges, layout.inner, layout.slacks, strict=True):
+            for where, name, distance in (
+                *((edges, "all along", 0.0), (inner, "all along", 0.0)),
+                *((edges[2:-2], "all along", margin), (inner[1:-1], "all along", margin)),
+                *((edges[0], "start", 0.0), (edges[-1], "end", 0.0)),
+            ):
+                lower[where], upper[where] = phase.state_bounds(name)
+                lower[where[..., PHI]] += distance
+                upper[where[..., PHI]] -= distance
+            lower[slacks] = 0.0
+        (lower[layout.voltages],), (upper[layout.voltages],) = phase.control_bounds()
+        lower[layout.shares], upper[layout.shares] = LEAST_SHARE, 1.0 - LEAST_SHARE
+        return lower, upper
+
+    def _packed(self, guess: Stride) -> Array:
+        layout, pattern, w = self.layout, self.pattern, np.zeros(self.layout.size)
+        shares = bounded(guess.shares)
+        w[layout.voltages], w[layout.shares] = guess.voltages, shares
+        powers = HybridModel(self.params).functions["electrical_power"]
+        basis = lagrange_matrix(SCHEME.nodes, PAID_AT)
+        for step, phase in enumerate(guess.phases):
+            edges = pattern.edges_of(step, shares)
+            times = edges[:-1, None] + np.diff(edges)[:, None] * SCHEME.nodes
+            times *= phase.duration / edges[-1]
+            states = phase.state(times.ravel()).reshape(*times.shape, NX)
+            w[layout.edges[step]] = np.vstack([states[:, 0], states[-1:, -1]])
+            w[layout.inner[step]] = states[:, 1:-1]
+            if layout.slacks[step].size:
+                volts = np.repeat(guess.voltages[pattern.voltages_of(step)], len(PAID_AT))
+                taken = np.asarray(powers((basis @ states).reshape(-1, NX).T, volts[None]))
+                w[layout.slacks[step]] = np.maximum(taken, 0.0).reshape(-1, len(PAID_AT)) + SLACK
+        return w
+
+    def _unpacked(self, w: Array) -> Stride:
+        layout, pattern, phases = self.layout, self.pattern, []
+        shares, voltages = w[layout.shares], w[layout.voltages]
+        for step in range(pattern.steps):
+            edges, inner = w[layout.edges[step]], w[layout.inner[step]]
+            states = np.concatenate([edges[:-1, None], inner, edges[1:, None]], axis=1)
+            volts = voltages[pattern.voltages_of(step)]
+            phases.append(
+                PhaseTrajectory(
+                    edges=pattern.edges_of(step, shares),
+                    nodes=SCHEME.nodes,
+                    states=states,
+                    control_nodes=SCHEME.control_nodes,
+                    controls=volts[:, None, None],
+                )
+            )
+        return Stride(pattern, shares, voltages, tuple(phases))
