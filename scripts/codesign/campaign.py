@@ -25,7 +25,7 @@ LEGS = (5, 6, 7, 8, 9, 10)
 TURNS, TRIED_ON = (-2, 0, 1), ((5, "35:1"), (6, "35:1"), (8, "28:1"))
 
 #: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
-BOBS, ARMS = (1.3, 1.45, 1.6, 1.75), (0.145, 0.16, 0.175, 0.19, 0.205)
+BOBS, ARMS = (1.25, 1.35, 1.45, 1.55), (0.127, 0.137, 0.147, 0.157)
 
 #: Random starts of a pendulum on the map, which begins from the best one's gait too.
 FEW_STARTS = 1
@@ -37,7 +37,7 @@ CLOSE = 1.5
 FINAL_STARTS, MAP_STARTS = 24, 16
 
 #: Speeds of the preset's own table (m/s), and a finalist's second speed in units of its best.
-SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.62, 0.66), 0.9
+SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62), 0.9
 
 
 def campaign(folder: Path, workers: int, docs: Path | None) -> None:
@@ -50,14 +50,14 @@ def campaign(folder: Path, workers: int, docs: Path | None) -> None:
     """
     landscape = _landscape(folder, workers)
     families = _families(folder, workers)
+    own = _own(folder, landscape, workers)
     finals = _finals(folder, landscape, workers)
     pendulums = _pendulums(folder, landscape, workers)
-    own = _own(folder, pendulums, workers)
     found = {
         "landscape": {key: page.row(gait) for key, gait in landscape.items()},
         "families": {key: page.row(gait) for key, gait in families.items()},
         "finals": finals,
-        "pendulums": pendulums["rows"],
+        "pendulums": pendulums,
         "preset": own,
         "provenance": provenance(),
     }
@@ -113,30 +113,33 @@ def _finals(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, 
 
 def _pendulums(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
     """Gaits and start-up over bob and arm, on the build of the preset."""
-    gear = min(GPX_22_UP, key=lambda g: abs(g.ratio - BUILDABLE.gear_ratio))
-    build = Build(gear, BUILDABLE.n_legs)
+    build = _own_build()
     known = _gaits([landscape[_key(Case(build))]])
     cases = {
         _key(case): case
         for case in (Case(build, bob=b, arm=a, lifts=False) for b in BOBS for a in ARMS)
     }
     tasks = {key: (case, known, FEW_STARTS) for key, case in cases.items()}
-    first = stage(folder, "pendulums", tasks, cheapest, workers)
-    gaits = _swept(folder, "pendulums from neighbours", cases, first, workers)
+    gaits = stage(folder, "pendulums", tasks, cheapest, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
     starts = {key: (gait, MAP_STARTS) for key, gait in walking.items()}
-    rows = stage(folder, "start-up of pendulums", starts, joined, workers)
-    return {"gaits": walking, "rows": rows}
+    return stage(folder, "start-up of pendulums", starts, joined, workers)
 
 
-def _own(folder: Path, pendulums: dict[str, Any], workers: int) -> dict[str, Any]:
+def _own(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
     """The preset's own gaits over speed, and their start-up."""
-    known = tuple(pendulums["gaits"].values())
+    known = _gaits([landscape[_key(Case(_own_build()))]])
     tasks = {f"{speed:.2f}": (BUILDABLE, speed, known) for speed in SPEEDS}
     gaits = stage(folder, "preset", tasks, at_speeds, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
     starts = {key: (gait,) for key, gait in walking.items()}
     return stage(folder, "start-up of the preset", starts, judged, workers)
+
+
+def _own_build() -> Build:
+    """The build of the preset."""
+    gear = min(GPX_22_UP, key=lambda g: abs(g.ratio - BUILDABLE.gear_ratio))
+    return Build(gear, BUILDABLE.n_legs)
 
 
 def _gaits(found: Any) -> tuple[Solution, ...]:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from rimless_gym import simulate
+from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.export import JOINTS, TIMESTEP, joint_state, to_mjcf, to_urdf
 from rimless_gym.kernel.stepping import advance
-from rimless_gym.params import PRESETS, THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import BUILDABLE, PRESETS, THESIS_PHYSICAL, WheelParams
 
 BARE = WheelParams(
     n_legs=8, slope=0.08, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0, friction=5.0
@@ -129,6 +130,28 @@ def test_dry_friction_stops_the_pendulum_where_it_stops_in_mujoco():
     assert state[0, 4] == DOUBLE
     assert abs(ours[-1] - ours[-20]) < 1e-3  # it stands
     assert np.abs(np.subtract(theirs, ours)).max() < 0.01
+
+
+def test_a_driven_pendulum_with_losses_swings_as_in_mujoco():
+    """The default machine, but for what the gear loses under load, which MuJoCo does not have."""
+    params = BUILDABLE.replace(gear_loss=0.0, friction_width=1e-2, hub_damping=0.02)
+    model, p = load(to_mjcf(params)), params.constants
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("rest").id)
+    angle = data.qpos[3]
+    state = np.array([[p.a, 0.0, 0.0, 0.0, DOUBLE, 0.0]])
+    stall = 0.3 * p.S2 * p.gy * p.Rm / p.K  # V: the motor holds the pendulum 0.3 rad up
+    theirs, ours, friction = [], [], 0.0
+    for k in range(300):
+        data.ctrl[0] = stall * math.sin(0.06 * k)
+        mujoco.mj_step(model, data, round(0.01 / TIMESTEP))
+        friction += advance(params, state, data.ctrl.copy())[0, ROW.friction]
+        theirs.append(data.qpos[3] - angle)
+        ours.append(state[0, 1])
+        assert state[0, 4] == DOUBLE
+    assert np.ptp(ours) > 0.3
+    assert friction > 0.01
+    assert np.abs(np.subtract(theirs, ours)).max() < 0.003 * np.ptp(ours)
 
 
 def test_volts_reach_the_joint_as_the_motors_torque():

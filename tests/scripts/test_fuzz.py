@@ -23,7 +23,6 @@ from scripts.fuzzing.tally import Tally
 from scripts.fuzzing.trial import Trial
 
 ROOT = Path(__file__).parents[2]
-PLAIN = 6  # the seed of a trial of 64 machines without disturbances, reset by hand
 
 
 def fuzz(*arguments: str) -> list[str]:
@@ -33,6 +32,14 @@ def fuzz(*arguments: str) -> list[str]:
 @pytest.fixture(autouse=True)
 def _compiled() -> None:
     trial.warm_up()
+
+
+@pytest.fixture(scope="module")
+def plain() -> int:
+    """The seed of a trial without ranges and disturbances: only those are reintegrated."""
+    trial.warm_up()
+    tallies = ((seed, Trial(seed).run()) for seed in range(50))
+    return next(seed for seed, tally in tallies if tally.reintegrated > 10)
 
 
 @pytest.mark.parametrize("seeds", [range(5), range(100, 104)])
@@ -46,9 +53,10 @@ def test_a_short_fuzz_finds_nothing(seeds: range) -> None:
     assert 0.0 < tally.difference < 1e-8
 
 
-def test_the_seed_determines_a_trial() -> None:
-    assert Trial(PLAIN).run() == Trial(PLAIN).run()
-    assert Trial(PLAIN).run() != Trial(PLAIN + 1).run()
+def test_the_seed_determines_a_trial(plain: int) -> None:
+    tally = Trial(plain).run()
+    assert tally == Trial(plain).run()
+    assert tally != Trial(plain + 1).run()
 
 
 class Biased(RimlessWheelVectorEnv):
@@ -94,11 +102,11 @@ class Sunken(RimlessWheelVectorEnv):
 
 
 class Heavier(RimlessWheelVectorEnv):
-    """An environment with slightly stronger gravity than its parameters say."""
+    """An environment with stronger gravity, by a thousandth, than its parameters say."""
 
     def __init__(self, n: int, params: Any, **settings: Any) -> None:
         self.said = tuple(params if isinstance(params, list) else [params] * n)
-        real = [machine.replace(gravity=machine.gravity * (1 + 1e-5)) for machine in self.said]
+        real = [machine.replace(gravity=machine.gravity * 1.001) for machine in self.said]
         super().__init__(n, real, **settings)
 
     @property
@@ -119,19 +127,21 @@ class Heavier(RimlessWheelVectorEnv):
     ],
 )
 def test_a_fuzz_finds_an_environment_that_is_wrong(
-    kind: type[RimlessWheelVectorEnv], trouble: str, monkeypatch: pytest.MonkeyPatch
+    plain: int, kind: type[RimlessWheelVectorEnv], trouble: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trial, "MOST_CASES", 1000)
-    cases = Trial(PLAIN, kind).run().cases
+    cases = Trial(plain, kind).run().cases
     assert any(re.search(trouble, case.trouble) for case in cases)
-    assert all(case.seed == PLAIN for case in cases)
-    assert json.loads(str(cases[0]).removeprefix("FAILURE "))["seed"] == PLAIN
+    assert all(case.seed == plain for case in cases)
+    assert json.loads(str(cases[0]).removeprefix("FAILURE "))["seed"] == plain
 
 
-def test_a_fuzz_finds_a_step_that_takes_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fuzz_finds_a_step_that_takes_too_long(
+    plain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(trial, "SLOWEST_ROW", 0.0)
     monkeypatch.setattr(trial, "SLOWEST_CALL", 0.0)
-    assert "a step took" in Trial(PLAIN).run().cases[0].trouble
+    assert "a step took" in Trial(plain).run().cases[0].trouble
 
 
 def test_a_process_that_crashes_is_reported_with_its_seed() -> None:
