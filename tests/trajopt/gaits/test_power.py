@@ -26,6 +26,7 @@ P = THESIS_PHYSICAL
         ({"hub_damping": 100.0}, "hub_damping = 100"),
         ({"voltage_limit": 0.5}, "voltage_limit = 0.5 V"),
         ({"drag": 1000.0}, "drag = 1000"),
+        ({"hub_friction": 50.0}, "hub_friction = 50"),
         ({"slope": -1.0, "gear_ratio": 5.0, "voltage_limit": 5.0}, "slope = -1"),
     ],
 )
@@ -57,16 +58,21 @@ def test_the_thesis_law_which_creates_energy_is_never_refused() -> None:
 
 
 @settings(max_examples=8)
-@given(st.floats(0.0, 20.0), st.floats(1.0, 20.0), st.integers(0, 2**32 - 1))
+@given(
+    *(st.floats(0.0, 20.0), st.sampled_from([(0.0, 0.0), (0.5, 0.0), (0.2, 0.3)])),
+    *(st.floats(1.0, 20.0), st.integers(0, 2**32 - 1)),
+)
 def test_no_motion_takes_more_power_from_the_hub_than_its_mean_rate_allows(
-    damping: float, limit: float, seed: int
+    damping: float, dry: tuple[float, float], limit: float, seed: int
 ) -> None:
-    params = P.replace(hub_damping=damping, voltage_limit=limit)
+    changes = dict(zip(("hub_friction", "gear_loss"), dry, strict=True))
+    params = P.replace(hub_damping=damping, voltage_limit=limit, **changes)
     rng = np.random.default_rng(seed)
     volts, fast = rng.uniform(-limit, limit, 30), rng.uniform(-20.0, 20.0)
     run = simulate(params, [1.4, 0.5, 0.5, fast], volts, 0.3)
     ledger, t = run.ledger, np.linspace(0.0, run.t[-1], 3001)
-    fed = ledger.electrical - ledger.losses.copper - ledger.losses.friction
+    lost = ledger.losses
+    fed = ledger.electrical - lost.copper - lost.damping - lost.friction - lost.gear
     x = run.state(t)
     mean = np.abs(x[:, 2] + x[:, 3]).mean()
     assert fed / run.t[-1] <= most_power_at_hub(params, 0.999 * mean) + 1e-3
