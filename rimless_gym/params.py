@@ -79,8 +79,8 @@ class WheelParams:
     """Physical parameters of the actuated rimless wheel, in SI units and radians.
 
     The fields' defaults are `THESIS_PHYSICAL`, the machine of Mihevc (2015), Table 4.6 and Table
-    4.2; the environment's default machine is `BUILDABLE`. No number may exceed 1e30 in size. Numbers that must be greater than 0, and the sum of the masses, must be at least
-    1e-30.
+    4.2; the environment's default machine is `BUILDABLE`. No number may exceed 1e30 in size.
+    Numbers that must be greater than 0, and the sum of the masses, must be at least 1e-30.
 
     Args:
         wheel_mass: ``m1`` (kg), >= 0.
