@@ -21,14 +21,15 @@ from pydrake.multibody.plant import MultibodyPlant  # noqa: E402
 from pydrake.multibody.tree import JacobianWrtVariable  # noqa: E402
 from pydrake.systems.analysis import Simulator  # noqa: E402
 
+FRICTIONLESS = {"hub_friction": 0.0, "gear_loss": 0.0}  # Drake's joints have no dry friction
 LOSSES = {"rotor_inertia": 3e-7, "hub_damping": 0.2, "drag": 0.5}
 EXTRAS = {
     "plain": {},
-    "downhill, every loss": LOSSES | {"slope": 0.15},
-    "uphill, every loss, frame mount": LOSSES | {"slope": -0.2, "motor_mount": "frame"},
+    "downhill, losses": LOSSES | {"slope": 0.15},
+    "uphill, losses, frame mount": LOSSES | {"slope": -0.2, "motor_mount": "frame"},
 }
 CASES = {
-    f"{name}, {n_legs} legs, {extra}": machine.replace(n_legs=n_legs, **changes)
+    f"{name}, {n_legs} legs, {extra}": machine.replace(n_legs=n_legs, **FRICTIONLESS, **changes)
     for name, machine in PRESETS.items()
     for n_legs in (4, 5, 6, 8)
     for extra, changes in EXTRAS.items()
@@ -88,7 +89,7 @@ class Free:
 def test_accelerations_and_ground_reaction_are_drakes(params, kind):
     free, rng, p = Free(params, kind), np.random.default_rng(params.n_legs), params.constants
     x = rng.uniform([p.a, -7, -6, -12], [p.b, 7, 6, 12], (1000, 4))
-    u = rng.uniform(-20, 20, 1000)
+    u = rng.uniform(-params.voltage_limit, params.voltage_limit, 1000)
     q, v = joint_state(params, x)
     model = HybridModel(params)
     ours = np.asarray(model.flow(x.T, u[None])).T[:, 2:]
