@@ -106,26 +106,31 @@ class Front:
 class HeldFront:
     """The environment's own optimum: the front of gaits whose voltage is held for its 10 ms.
 
-    It has gaits of as many steps as those on the continuous front have. Its row is that of its gait
-    nearest to the study's speed.
+    Its gaits have as many steps as the continuous front's nearest in speed. Its row is that of its
+    gait nearest to the study's speed.
     """
 
     name: str = "held_front"
 
     def compete(self, arena: Arena) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
-        gaits = arena.front.envelope
-        front = cot_front(
-            arena.params,
-            [gait.speed for gait in gaits],
-            sorted({gait.steps for gait in gaits}),
-            hold=CONTROL_PERIOD,
-            folder=arena.out,
-            progress=arena.progress,
-        )
-        names = [front_file(s.steps, s.speed, s.hold) for s in front.solutions]
-        results = [gait_result(s) | {"steps": s.steps} for s in front.solutions]
-        return {"files": names, "gaits": results, "missing": [list(m) for m in front.missing]}
+        best = arena.front.envelope
+        solutions: list[Solution] = []
+        missing: list[tuple[int, float, str]] = []
+        for steps in sorted({gait.steps for gait in best}):
+            front = cot_front(
+                arena.params,
+                [gait.speed for gait in best if gait.steps == steps],
+                [steps],
+                hold=CONTROL_PERIOD,
+                folder=arena.out,
+                progress=arena.progress,
+            )
+            solutions += front.solutions
+            missing += front.missing
+        names = [front_file(s.steps, s.speed, s.hold) for s in solutions]
+        results = [gait_result(s) | {"steps": s.steps} for s in solutions]
+        return {"files": names, "gaits": results, "missing": [list(m) for m in missing]}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """The row of the gait nearest to the study's speed."""
