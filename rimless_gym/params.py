@@ -90,7 +90,7 @@ class WheelParams:
         pendulum_mass: ``m2`` (kg), >= 0.
         pendulum_inertia: ``I2`` about the pendulum's centre of mass (kg m^2), >= 0.
         pendulum_length: ``L2``, pivot to centre of mass (m), >= 0.
-        pendulum_reach: pivot to the pendulum's far end (m), >= 0; by default ``2 L2``, a rod.
+        pendulum_reach: pivot to the pendulum's far end (m), >= ``L2``; by default ``2 L2``, a rod.
         motor_constant: ``Km`` (N m/A), >= 0; 0 is a wheel without a motor.
         gear_ratio: ``N``, > 0.
         armature_resistance: ``Rm`` (ohm), > 0.
@@ -156,6 +156,11 @@ class WheelParams:
                 continue
             if getattr(self, field.name) < 0:
                 raise ValueError(f"{field.name} = {getattr(self, field.name)}: must be at least 0")
+        if reach_of(self) < self.pendulum_length:
+            raise ValueError(
+                f"pendulum_reach = {self.pendulum_reach}: must be at least pendulum_length = "
+                f"{self.pendulum_length}, the distance of the centre of mass; change both"
+            )
         if self.gear_loss >= 1:
             raise ValueError(
                 f"gear_loss = {self.gear_loss}: must be less than 1, a share of torque"

@@ -48,7 +48,7 @@ MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 #: In a step, psi' and the gear's torque change by no more than this share of their distance from
 #: where dry friction bends most.
-MAX_BEND_STEP = 0.5
+MAX_BEND_STEP = 0.35
 
 #: Narrowest peak of the accelerations (rad) that steps resolve; below it, balances get worse.
 LEAST_PEAK = 0.01

@@ -158,6 +158,7 @@ def test_machines_of_any_mass_are_accepted(scale):
             r"rotor_inertia = 3e-07: with gear_ratio = 1e\+15 .*lower rotor_inertia or gear_ratio",
         ),
         ({"wheel_mass": 0, "pendulum_mass": 0}, r"wheel_mass \+ pendulum_mass = 0: one of them"),
+        ({"pendulum_reach": 0.1}, r"pendulum_reach = 0.1: must be at least pendulum_length"),
         ({"pendulum_inertia": 0, "pendulum_length": 0}, r"singular.*pendulum_inertia > 0"),
         ({"pendulum_mass": 0, "pendulum_inertia": 0}, r"singular.*pendulum_inertia > 0"),
         (
