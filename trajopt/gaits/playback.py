@@ -14,7 +14,6 @@ from rimless_gym.trajectory import Trajectory
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-
 #: Time around a touchdown (s) within which the simulation is expected to land.
 SWITCHED = 1e-6
 
