@@ -22,13 +22,14 @@ from trajopt.provenance import provenance
 LEGS = (5, 6, 7, 8, 9, 10)
 
 #: Families by turns of the pendulum per step, and the builds they are tried on.
-TURNS, TRIED_ON = (-2, 0, 1), ((5, "35:1"), (6, "35:1"), (8, "28:1"))
+TURNS, TRIED_ON = (-2, 0, 1), ((6, "35:1"), (7, "21:1"), (8, "28:1"))
 
 #: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
 BOBS, ARMS = (1.25, 1.35, 1.45, 1.55), (0.127, 0.137, 0.147, 0.157)
 
-#: Random starts of a pendulum on the map, which begins from the best one's gait too.
-FEW_STARTS = 1
+#: Random starts of a pendulum on the map, which begins from the best one's gait too, and of a
+#: family that is seldom found.
+FEW_STARTS, MANY_STARTS = 1, 8
 
 #: Builds that cost at most so much more than the cheapest one are tried on starts.
 CLOSE = 1.5
@@ -96,7 +97,8 @@ def _swept(
 def _families(folder: Path, workers: int) -> dict[str, Any]:
     gears = {f"{gear.ratio:.0f}:1": gear for gear in GPX_22_UP}
     cases = [Case(Build(gears[g], n), turns) for n, g in TRIED_ON for turns in TURNS]
-    return stage(folder, "families", {_key(c): (c,) for c in cases}, cheapest, workers)
+    tasks = {_key(case): (case, (), MANY_STARTS) for case in cases}
+    return stage(folder, "families", tasks, cheapest, workers)
 
 
 def _finals(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:

@@ -30,8 +30,9 @@ from trajopt.ocp.transcribe.mesh import Mesh
 #: Gaits are near the envelope if they cost less than this times it; at most so many of a speed.
 NEAR_FRONT, MOST = 1.25, 3
 
-#: Refinements of the fine mesh at most: at first, and if the gait then fails its verification.
-PASSES = (4, 6)
+#: Refinements of the fine mesh at most and their tolerance: at first, and where the gait then fails
+#: its verification.
+REFINED: tuple[dict[str, Any], ...] = ({"passes": 4}, {"passes": 6, "tolerance": 1e-9})
 
 #: A stride that costs as much as a shorter one that it may repeat (relative) is not solved.
 REPEATED = 2e-3
@@ -129,8 +130,8 @@ def polish(params: WheelParams, gait: Found) -> Polished:
     mesh = Mesh.uniform(problem, elements, DEGREE, control_degree=CONTROL_DEGREE)
     settings = {"speed": gait.speed, "found_by": gait.origin, "cot_of_search": gait.cot}
     phases, solution, failure = gait.phases, None, ""
-    for passes in PASSES:
-        found = solve(problem, phases, mesh, verify=False, passes=passes, mu_init=WARM_BARRIER)
+    for refined in REFINED:
+        found = solve(problem, phases, mesh, verify=False, mu_init=WARM_BARRIER, **refined)
         if not found.succeeded:
             failure = failure or f"no gait on a fine mesh: {found.status}"
             break

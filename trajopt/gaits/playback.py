@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,9 @@ from rimless_gym.trajectory import Trajectory
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
+#: Time around a touchdown (s) within which the simulation is expected to land.
+SWITCHED = 1e-6
+
 
 def playback(
     phases: Sequence[PhaseTrajectory],
@@ -23,17 +27,24 @@ def playback(
         phases: each with one control.
 
     Returns:
-        Times (s), and a function (t, x) -> V of t alone. After the end it continues the last
-        element's polynomial.
+        Times (s), and a function (t, x) -> V of t alone, but for `SWITCHED` around a touchdown
+        between two phases: there a state shows whether the foot has landed. (The simulation lands a
+        picosecond early or late, and the next step's voltage could make the old foot slip.) The
+        state may be None. After the end the last element's polynomial goes on.
     """
     begins = np.cumsum([0.0, *(p.duration for p in phases)])
     edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
     edges = np.append(edges, begins[-1])
     polynomials = [element for phase in phases for element in _polynomials(phase)]
+    first = np.cumsum([len(p.edges) - 1 for p in phases])
 
     def law(t: float, x: Any) -> float:
         i = int(np.searchsorted(edges, t, side="right")) - 1
         i = min(max(i, 0), len(polynomials) - 1)
+        if x is not None:
+            for begin, landed in zip(begins[1:-1], first[:-1], strict=True):
+                if abs(t - begin) < SWITCHED:
+                    i = int(landed) - (x[0] > math.pi / 2)
         s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
         for coefficient in polynomials[i]:
             value = value * s + coefficient

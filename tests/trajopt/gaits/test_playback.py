@@ -36,3 +36,15 @@ def test_playback_is_extended_just_far_enough_for_the_last_touchdown() -> None:
     run = played_to_last_touchdown(GAIT.params, GAIT.phases, (early, late, later))
     assert run.steps == 2
     assert run.t[-1] == pytest.approx(GAIT.duration + late, abs=1e-12)
+
+
+def test_around_a_touchdown_the_state_shows_which_steps_voltage_acts() -> None:
+    first, second = GAIT.phases
+    _, law = playback(GAIT.phases)
+    before, after = first.end, second.start
+    last, next_ = first.control([first.duration], "left")[0, 0], second.control(0.0)[0, 0]
+    assert last != pytest.approx(next_)
+    for t in (first.duration - 1e-9, first.duration + 1e-9):
+        assert law(t, before) == pytest.approx(last, abs=1e-5)
+        assert law(t, after) == pytest.approx(next_, abs=1e-5)
+    assert law(first.duration + 1e-4, before) == law(first.duration + 1e-4, None)
