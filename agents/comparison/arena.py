@@ -55,12 +55,12 @@ class Arena:
 
     @cached_property
     def held_gait(self) -> Solution:
-        """The environment's own best gait nearest to the study's speed: to hold and to imitate."""
+        """The environment's own best gait nearest to the study's speed."""
         return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - self.study.speed))
 
     @cached_property
     def best_gait(self) -> Solution:
-        """The best gait at the study's speed with a continuous voltage, of the fewest steps.
+        """The best gait at the study's speed with a continuous voltage, of the fewest steps: held, imitated.
 
         Raises:
             NoGaitError: there is none at that speed.

@@ -30,12 +30,12 @@ class Study:
 
     preset: str = "BUILDABLE"
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
-    speed: float = 0.6
+    speed: float = 0.56
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
     starts: int = 4
-    front: tuple[float, ...] = (0.56, 0.58, 0.60, 0.62, 0.6375)
+    front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
