@@ -60,7 +60,7 @@ class Arena:
 
     @cached_property
     def best_gait(self) -> Solution:
-        """The best gait at the study's speed with a continuous voltage, of the fewest steps: held, imitated.
+        """The best gait at the study's speed, of the fewest steps: for laws and clones.
 
         Raises:
             NoGaitError: there is none at that speed.
