@@ -35,7 +35,8 @@ GRID = 0.1
 
 
 def known(speed: float = 0.5, turns: int = -1) -> Solution:
-    gaits = [g for g in shipped() if (g.steps, g.theta_turns) == (1, turns)]
+    of = [g for g in shipped() if g.params == THESIS_PHYSICAL]
+    gaits = [g for g in of if (g.steps, g.theta_turns) == (1, turns)]
     return min(gaits, key=lambda g: abs(g.speed - speed))
 
 

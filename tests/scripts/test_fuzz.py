@@ -73,7 +73,7 @@ class Biased(RimlessWheelVectorEnv):
 
 class Overdrawn(Biased):
     def alter(self, observations: Any, rewards: Any, ends: Any, limits: Any, info: Any) -> None:
-        info["electrical"] *= 1 + 1e-6
+        info["electrical"] *= 1 + 1e-4
 
 
 class Undefined(Biased):

@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
+from rimless_gym.params import THESIS_PHYSICAL
 from scripts.thesis.prototype.gait import cheaper, cheapest
 from scripts.thesis.prototype.points import Point, store, stored
 from scripts.thesis.prototype.variant import SCALES, VARIANTS, Variant
@@ -56,7 +57,7 @@ def study(
 
 def _first() -> tuple[Solution, ...]:
     """The cheapest shipped gaits of one step: their machine is that of the largest scale."""
-    known = [gait for gait in shipped() if gait.steps == 1]
+    known = [gait for gait in shipped() if gait.steps == 1 and gait.params == THESIS_PHYSICAL]
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
