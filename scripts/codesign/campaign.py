@@ -25,7 +25,7 @@ LEGS = (5, 6, 7, 8, 9, 10)
 TURNS, TRIED_ON = (-2, 0, 1), ((6, "35:1"), (7, "21:1"), (8, "28:1"))
 
 #: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
-BOBS, ARMS = (1.25, 1.35, 1.45, 1.55), (0.127, 0.137, 0.147, 0.157)
+BOBS, ARMS = (1.4, 1.45, 1.5, 1.55), (0.137, 0.147, 0.157, 0.167)
 
 #: Random starts of a pendulum on the map, which begins from the best one's gait too, and of a
 #: family that is seldom found.

@@ -27,8 +27,8 @@ WANTED = ", ".join(f"<!-- codesign: {n} --> and <!-- end of {n} -->" for n in TA
 
 #: Total cost of transport of walkers, as published.
 OTHERS = (
-    ("Cornell Ranger (2011), 65 km on one charge, all its power", 0.19),
-    ("RR2, all its power", 0.13),
+    ("Cornell Ranger at its best, all its power (its 65 km cost 0.28)", 0.19),
+    ("RR2 at its best, all its power", 0.13),
     ("a human, metabolic, at the cheapest speed", 0.3),
 )
 

@@ -34,8 +34,8 @@ from scripts.fronts.board import Board
 from scripts.fronts.campaign import searched
 from scripts.fronts.crew import crew
 from scripts.fronts.drawing import drawn
+from scripts.fronts.fine import polished
 from scripts.fronts.library import ship
-from scripts.fronts.polish import candidates, polished
 from scripts.fronts.record import chosen, record, same_machine
 from trajopt.files import write_text
 from trajopt.gaits.shipped import FOLDER, shipped
@@ -92,7 +92,7 @@ def _searched(
     board, budget = Board(params, search), 60.0 * options.minutes * options.workers
     with crew(options.workers) as workers:
         sweeps = searched(board, options.grid, budget, workers)
-        done = polished(candidates(board), board, folder / "gaits", workers, budget)
+        done = polished(board, folder / "gaits", workers, budget)
     gaits = chosen(done, same_machine(shipped(), params))
     found = record(name, board, gaits, done, sweeps, options.minutes, options.workers)
     size = ship(library, name, gaits, found)

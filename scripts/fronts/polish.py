@@ -1,21 +1,15 @@
-"""The search's gaits solved on fine meshes and verified: only these count as the front."""
+"""A gait of the search solved on a fine mesh and verified, and its files."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rimless_gym.params import WheelParams
-from scripts.fronts.board import STEPS, Board
-from scripts.fronts.campaign import LAST, SEEDS
-from scripts.fronts.cells import Found, Place
-from scripts.fronts.crew import Crew, bar, while_affordable
+from scripts.fronts.cells import Found
 from scripts.fronts.pieces import elements_for
-from scripts.fronts.plans import distinct
 from trajopt.files import write_text
 from trajopt.gaits.finishing import finished
 from trajopt.gaits.gait_file import GaitFileError
@@ -27,15 +21,9 @@ from trajopt.ocp.solving.runs import WARM_BARRIER
 from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.mesh import Mesh
 
-#: Gaits are near the envelope if they cost less than this times it; at most so many of a speed.
-NEAR_FRONT, MOST = 1.25, 3
-
 #: Refinements of the fine mesh at most and their tolerance: at first, and where the gait then fails
 #: its verification.
 REFINED: tuple[dict[str, Any], ...] = ({"passes": 4}, {"passes": 6, "tolerance": 1e-9})
-
-#: A stride that costs as much as a shorter one that it may repeat (relative) is not solved.
-REPEATED = 2e-3
 
 
 class Polished(NamedTuple):
@@ -52,73 +40,6 @@ class Polished(NamedTuple):
     solution: Solution | None
     failure: str
     seconds: float
-
-
-def candidates(board: Board) -> list[Found]:
-    """The gaits worth solving finely, the most important first.
-
-    First the envelope; then at every speed the best of each number of steps, the best without
-    turns, and those near the envelope. The best of each number of steps and without turns are
-    wanted at the speeds that were screened with random starts, and near the envelope at all.
-    """
-    first: list[Found] = []
-    later: list[Found] = []
-    near: list[Found] = []
-    for speed, best in sorted(board.envelope(LAST).items()):
-        gaits = _different(board, speed)
-        first += gaits[:1]
-        if any(board.cell(Place(seed, speed, 1)).starts for seed in SEEDS):
-            kinds = [[g for g in gaits if g.steps == steps] for steps in STEPS]
-            kinds.append([g for g in gaits if g.turns == 0])
-            later += [kind[0] for kind in kinds if kind]
-        near += [gait for gait in gaits if gait.cot <= NEAR_FRONT * best.cot][:MOST]
-    return list({gait.key: gait for gait in (*first, *later, *near)}.values())
-
-
-def _different(board: Board, speed: float) -> list[Found]:
-    """The best gait of every family of a speed, best first, without repeated shorter strides."""
-    gaits: list[Found] = []
-    for steps in STEPS:
-        for gait in distinct(board.cell(Place(LAST, speed, steps)).gaits):
-            if not any(_repeats(gait, shorter) for shorter in gaits):
-                gaits.append(gait)
-    return sorted(gaits, key=lambda g: (g.cot, g.steps))
-
-
-def _repeats(gait: Found, shorter: Found) -> bool:
-    times, rest = divmod(gait.steps, shorter.steps)
-    same = rest == 0 and gait.turns == times * shorter.turns
-    return same and gait.cot > (1 - REPEATED) * shorter.cot
-
-
-def polished(
-    gaits: Iterable[Found], board: Board, folder: Path, crew: Crew, budget: float
-) -> list[Polished]:
-    """The gaits solved finely and verified, as long as the budget lasts.
-
-    Args:
-        gaits: of the search, the most important first.
-        board: of the search.
-        folder: of finished gaits; those that are there are not solved again.
-        crew: that does the work.
-        budget: of computing time, over all processes, the search included (s).
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    kept = {gait.key: _kept(folder, gait) for gait in gaits}
-    done = [each for each in kept.values() if each is not None]
-    wanted = [gait for gait in gaits if kept[gait.key] is None]
-
-    def affordable() -> bool:
-        return board.seconds + sum(each.seconds for each in done) < budget
-
-    work = while_affordable(wanted, affordable)
-    with bar(len(wanted), "fine meshes and verification") as progress:
-        for _, each in crew(partial(polish, board.params), work):
-            _keep(folder, each)
-            done.append(each)
-            progress.update()
-    order = {gait.key: i for i, gait in enumerate(gaits)}
-    return sorted(done, key=lambda each: order[each.gait.key])
 
 
 def polish(params: WheelParams, gait: Found) -> Polished:
@@ -148,7 +69,8 @@ def _files(folder: Path, gait: Found) -> tuple[Path, Path]:
     return folder / f"{name}.json", folder / f"{name}.npz"
 
 
-def _keep(folder: Path, each: Polished) -> None:
+def keep(folder: Path, each: Polished) -> None:
+    """Write what became of a gait."""
     note, path = _files(folder, each.gait)
     if each.solution is not None:
         each.solution.save(path)
@@ -156,7 +78,7 @@ def _keep(folder: Path, each: Polished) -> None:
     write_text(note, json.dumps(header) + "\n")
 
 
-def _kept(folder: Path, gait: Found) -> Polished | None:
+def kept(folder: Path, gait: Found) -> Polished | None:
     """What became of a gait earlier; None if it is not known, or its file was damaged."""
     note, path = _files(folder, gait)
     try:

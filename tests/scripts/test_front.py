@@ -21,10 +21,11 @@ from scripts.fronts.cells import Attempt, Cell, Found, Place, load, save
 from scripts.fronts.command import main
 from scripts.fronts.crew import while_affordable
 from scripts.fronts.drawing import drawn
+from scripts.fronts.fine import different, polished
 from scripts.fronts.library import record_file
 from scripts.fronts.pieces import Family, Join, Lead, Piece, Screen, attempts
 from scripts.fronts.plans import families, leads, one_step
-from scripts.fronts.polish import Polished, candidates, polished
+from scripts.fronts.polish import Polished
 from scripts.fronts.record import SHIPPED, chosen, record
 from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.shipped import FOLDER, shipped
@@ -35,8 +36,8 @@ GRID = 0.1
 
 
 def known(speed: float = 0.5, turns: int = -1) -> Solution:
-    of = [g for g in shipped() if g.params == THESIS_PHYSICAL]
-    gaits = [g for g in of if (g.steps, g.theta_turns) == (1, turns)]
+    own = [g for g in shipped() if g.params == THESIS_PHYSICAL]
+    gaits = [g for g in own if (g.steps, g.theta_turns) == (1, turns)]
     return min(gaits, key=lambda g: abs(g.speed - speed))
 
 
@@ -233,33 +234,70 @@ def test_joined_steps_add_their_turns() -> None:
 
 
 def test_a_cheaper_gait_that_was_shipped_before_stays() -> None:
-    old = known(0.5)
-    dearer = dataclasses.replace(
-        old,
-        verification=dataclasses.replace(
-            old.verification, electrical_positive=2 * old.verification.electrical_positive
-        ),
-    )
+    old, dearer = known(0.5), costing(2 * known(0.5).cot)
     done = [Polished(found(0.5, 0.06), dearer, "", 1.0)]
     assert chosen(done, [old]) == [old]
     assert chosen(done, []) == [dearer]
     assert chosen([done[0]._replace(failure="slips")], [old]) == []
 
 
+class Verified:
+    """A crew that verifies every gait, at a cost of transport that a table gives."""
+
+    def __init__(self, cots: dict[int, float]) -> None:
+        self.cots, self.solved = cots, list[int]()
+
+    def __call__(self, function: Any, inputs: Iterable[Any]) -> Generator[Any, None, None]:
+        for gait in inputs:
+            self.solved.append(gait.turns)
+            cot = self.cots.get(gait.turns)
+            solution = None if cot is None else costing(cot)
+            failure = "" if solution else "no gait on a fine mesh"
+            yield gait, Polished(gait, solution, failure, 1.0)
+
+
+def costing(cot: float) -> Solution:
+    gait = known()
+    energy = gait.verification.electrical_positive * cot / gait.cot
+    return dataclasses.replace(
+        gait, verification=dataclasses.replace(gait.verification, electrical_positive=energy)
+    )
+
+
+def a_speed_with(cots: dict[int, float], folder: Path) -> Board:
+    folder.mkdir()
+    board, cell = Board(THESIS_PHYSICAL, folder), Cell(Place(2, 0.5, 1))
+    for turns, cot in cots.items():
+        cell = cell.with_gait(found(0.5, cot, turns))
+    board.keep(cell)
+    return board
+
+
 def test_a_finished_gait_is_not_solved_again(tmp_path: Path) -> None:
-    board, gait = Board(THESIS_PHYSICAL, tmp_path), found(0.5, 0.03)
-    calls = []
-
-    def crew(function: Any, inputs: Iterable[Any]) -> Generator[Any, None, None]:
-        for each in inputs:
-            calls.append(each)
-            yield each, Polished(each, known(), "", 1.0)
-
+    board, crew = a_speed_with({-1: 0.03}, tmp_path / "search"), Verified({-1: 0.03})
     for _ in range(2):
-        (done,) = polished([gait], board, tmp_path / "gaits", crew, 60.0)
-    assert len(calls) == 1
+        (done,) = polished(board, tmp_path / "gaits", crew, 60.0)
+    assert crew.solved == [-1]
     assert done.solution is not None
-    assert done.solution.cot == known().cot
+    assert done.solution.cot == pytest.approx(0.03)
+
+
+def test_gaits_are_solved_finely_until_the_next_could_not_be_cheaper(tmp_path: Path) -> None:
+    search = {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05}
+    board, crew = a_speed_with(search, tmp_path / "search"), Verified({-2: 0.045, -3: 0.041})
+    done = polished(board, tmp_path / "gaits", crew, 60.0)
+    assert crew.solved == [-1, -2, -3]
+    assert [each.failure == "" for each in done] == [False, True, True]
+
+
+def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(tmp_path: Path) -> None:
+    board = a_speed_with({-1: 0.02}, tmp_path / "search")
+    board.keep(Cell(Place(2, 0.6, 1)).with_gait(found(0.6, 0.01, turns=-2)))
+    crew = Verified({-1: 0.02})
+    done = polished(board, tmp_path / "gaits", crew, 60.0)
+    (there,) = [each for each in done if each.gait.speed == 0.6 and not each.failure]
+    assert there.gait.turns == -1
+    assert there.gait.origin.endswith("led from 0.5 m/s on a fine mesh")
 
 
 def test_repeated_strides_are_not_solved_finely(tmp_path: Path) -> None:
@@ -267,14 +305,14 @@ def test_repeated_strides_are_not_solved_finely(tmp_path: Path) -> None:
     board.keep(Cell(Place(2, 0.5, 1)).with_gait(found(0.5, 0.03)))
     board.keep(Cell(Place(2, 0.5, 2)).with_gait(found(0.5, 0.03, turns=-2, steps=2)))
     board.keep(Cell(Place(2, 0.5, 3)).with_gait(found(0.5, 0.02, turns=-3, steps=3)))
-    assert [gait.steps for gait in candidates(board)] == [3]
+    assert [gait.steps for gait in different(board, 0.5)] == [3, 1]
 
 
 def test_the_page_and_the_figure_show_the_record(tmp_path: Path) -> None:
     (tmp_path / "search").mkdir()
     board = Board(THESIS_PHYSICAL, tmp_path / "search")
     sweeps = searched(board, GRID, 1000.0, Pretended())
-    gaits = [known(0.45), known(0.5)]
+    gaits = [dataclasses.replace(known(speed), provenance={}) for speed in (0.45, 0.5)]
     text = record("TRIAL", board, gaits, [], sweeps, 10.0, 1)
     assert json.loads(json.dumps(text, allow_nan=False)) == text
     assert [row["found_by"] for row in text["front"]] == [SHIPPED, SHIPPED]
