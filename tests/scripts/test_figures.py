@@ -68,7 +68,7 @@ def test_the_integrator_converges_at_the_recorded_order() -> None:
 
 def test_the_recorded_accuracy_meets_its_targets() -> None:
     for name, params in PRESETS.items():
-        rounding = 3e-8 if params.hub_friction > 0 else 1e-9  # friction turns round so quickly
+        rounding = 1e-7 if params.hub_friction > 0 else 1e-9  # friction turns round so quickly
         assert RECORDED["missed_dips"][name]["unlike"] == 0
         for case in CASES:
             recorded = RECORDED["accuracy"][name][case]
