@@ -16,6 +16,7 @@ from scripts.fronts.cells import Attempt, Found, Place
 from trajopt.gaits.gait_problem import gait_problem, posed
 from trajopt.gaits.leading import BARRIER
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
+from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.interrupted import heeded
 from trajopt.ocp.pose.problem import Problem
@@ -27,6 +28,10 @@ from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Longest element of the search's mesh (s), as far as the largest mesh allows; elements per step.
 ELEMENT_TIME, MESHES = 0.15, (SEARCH_ELEMENTS, 20, 30, 40)
+
+#: A gait whose deviations grow by more in a stride is not counted: rounding alone would make its
+#: simulation miss the tolerance of its verification. Such gaits stand on one leg for seconds.
+MOST_GROWTH = 1e7
 
 #: Times that a gait is solved again on a finer mesh, because a step became longer.
 REMESHED = 2
@@ -169,10 +174,15 @@ def joined(params: WheelParams, piece: Join) -> Attempt:
 def _found(
     params: WheelParams, place: Place, turns: int, result: Result, origin: str
 ) -> Found | None:
-    if not result.success:
+    if not result.success or _growth(params, result.phases) > MOST_GROWTH:
         return None
     cot = result.cost / (params.weight * place.steps * params.step_length)
     return Found(place.speed, turns, cot, _plain(result.phases), origin)
+
+
+def _growth(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> float:
+    """The factor by which a deviation grows in a stride."""
+    return float(np.abs(floquet_multipliers(params, phases)).max())
 
 
 def _plain(phases: Sequence[PhaseTrajectory]) -> tuple[PhaseTrajectory, ...]:

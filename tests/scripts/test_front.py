@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from scripts.fronts import page
+from scripts.fronts import page, pieces
 from scripts.fronts.agreement import disagreements, midpoints
 from scripts.fronts.board import Board
 from scripts.fronts.campaign import costs, searched
@@ -218,6 +218,17 @@ def test_a_gait_led_to_another_speed_costs_there_what_a_fine_mesh_gives() -> Non
     assert attempt.found is not None
     assert attempt.found.speed == other.speed
     assert attempt.found.cot == pytest.approx(other.cot, rel=1e-2)
+
+
+def test_a_gait_too_unstable_to_be_verified_does_not_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gait = known(0.5)
+    lead = Lead(Place(0, 0.51, 1), Found(gait.speed, -1, gait.cot, gait.phases, "shipped"))
+    monkeypatch.setattr(pieces, "MOST_GROWTH", 2 * abs(gait.floquet[0]))
+    assert attempts(THESIS_PHYSICAL, lead)[0].found is not None
+    monkeypatch.setattr(pieces, "MOST_GROWTH", abs(gait.floquet[0]) / 2)
+    assert attempts(THESIS_PHYSICAL, lead)[0].found is None
 
 
 def test_joined_steps_add_their_turns() -> None:
