@@ -94,8 +94,9 @@ def _first_positive(
     """Two times that bracket the first crossing: samples, or a sample and a maximum between."""
     if not np.all(np.isfinite(values)):
         return None  # a pin joint never lets go
-    last = len(times) - 1
     bend = np.abs(np.diff(values, 2)).max()  # a maximum is at most bend / 8 above a sample
+    times, values = _closer(guard, times, values, bend)
+    last = len(times) - 1
     for i, value in enumerate(values):
         if i and value > GUARD_TOLERANCE:
             return times[i - 1], times[i]
@@ -107,3 +108,18 @@ def _first_positive(
             if -top.fun > GUARD_TOLERANCE:
                 return times[before], float(top.x)
     return None
+
+
+def _closer(
+    guard: Callable[[float], float], times: Array, values: Array, bend: float
+) -> tuple[Array, Array]:
+    """The samples, and more of them where the guard is so near 0 that it may turn more than once."""
+    if values[0] > GUARD_TOLERANCE or not np.any(values > -bend):
+        return times, values
+    near = np.flatnonzero(np.maximum(values[:-1], values[1:]) > -bend)
+    between = [np.linspace(times[i], times[i + 1], SAMPLES + 1)[1:-1] for i in near]
+    more = np.concatenate(between)
+    every = np.concatenate([times, more])
+    order = np.argsort(every)
+    seen = np.concatenate([values, [guard(t) for t in more]])
+    return every[order], seen[order]

@@ -63,7 +63,7 @@ def falling_back(name: str, rng: np.random.Generator) -> Motion:
 def rocking(name: str, rng: np.random.Generator) -> Motion:
     """The wheel rocks on two feet under an alternating voltage."""
     params = PRESETS[name]
-    volts = 20 * np.sin(rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6))
+    volts = params.voltage_limit * np.sin(rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6))
     start = hybrid_state(params.constants.a + 0.02, rng.uniform(-1.5, 1.5), 0.0, 0.0)
     return Motion(params, start, volts)
 
@@ -75,7 +75,7 @@ def resting(name: str, rng: np.random.Generator) -> Motion:
         params.constants.a + rng.uniform(0.01, 0.05), rng.uniform(-0.3, 0.3), 0.0, 0.0
     )
     sign = rng.choice([-1.0, 1.0])
-    return Motion(params, start, np.where(np.arange(150) < 100, 0.0, 20 * sign))
+    return Motion(params, start, np.where(np.arange(150) < 100, 0.0, sign * params.voltage_limit))
 
 
 def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:

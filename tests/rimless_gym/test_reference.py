@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Trajectory, WheelParams, hybrid, simulate
+from rimless_gym.crossings import first_crossing
 from rimless_gym.kernel.stepping import FOOT, advance
 
 P = THESIS_PHYSICAL.constants
@@ -153,3 +154,12 @@ def test_a_lift_off_at_the_start_moves_the_foot_as_in_the_kernel() -> None:
             assert motion.steps == state[0, FOOT]
             found.add(motion.steps)
     assert found == {0, -1}
+
+
+def test_the_first_of_three_crossings_between_two_samples_is_found() -> None:
+    def guards(t: float, y: np.ndarray) -> tuple[float, ...]:
+        return (float((t - 0.51) * (t - 0.55) * (t - 0.56)),)
+
+    found = first_crossing(guards, lambda t: np.array([t]), 0.0, 1.0)
+    assert found is not None
+    assert found[1] == pytest.approx(0.51, abs=1e-12)
