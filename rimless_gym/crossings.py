@@ -113,7 +113,7 @@ def _first_positive(
 def _closer(
     guard: Callable[[float], float], times: Array, values: Array, bend: float
 ) -> tuple[Array, Array]:
-    """The samples, and more of them where the guard is so near 0 that it may turn more than once."""
+    """The samples, and more where the guard is so near 0 that it may turn more than once."""
     if values[0] > GUARD_TOLERANCE or not np.any(values > -bend):
         return times, values
     near = np.flatnonzero(np.maximum(values[:-1], values[1:]) > -bend)

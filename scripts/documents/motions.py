@@ -63,7 +63,9 @@ def falling_back(name: str, rng: np.random.Generator) -> Motion:
 def rocking(name: str, rng: np.random.Generator) -> Motion:
     """The wheel rocks on two feet under an alternating voltage."""
     params = PRESETS[name]
-    volts = params.voltage_limit * np.sin(rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6))
+    volts = params.voltage_limit * np.sin(
+        rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6)
+    )
     start = hybrid_state(params.constants.a + 0.02, rng.uniform(-1.5, 1.5), 0.0, 0.0)
     return Motion(params, start, volts)
 
