@@ -188,9 +188,15 @@ def measure(tile, pull):
         common = common and tile[of.GOAL + lane] == 0.0 and tile[of.CUT + lane] == 0.0
         waits = tile[of.LEFT + lane] <= 0.0 or tile[of.FAILURE + lane] != OK
         rate, rate_end = relative_rate(y.dphi, y.dtheta, p), relative_rate(end.dphi, end.dtheta, p)
-        currents = motor_current(rate, u, p) * motor_current(rate_end, u, p)
-        flips = of.CURRENT if currents < 0.0 else of.PLAIN
+        i, i_end = motor_current(rate, u, p), motor_current(rate_end, u, p)
+        flips = of.CURRENT if i * i_end < 0.0 else of.PLAIN
         flips = of.SPLIT if rate * rate_end < 0.0 else flips
+        ddpsi = relative_rate(acc.ddphi, acc.ddtheta, p)
+        ddpsi_end = relative_rate(acc_end.ddphi, acc_end.ddtheta, p)
+        beyond = h * max(abs(ddpsi), abs(ddpsi_end))  # psi' goes no further beyond its ends
+        close = min(abs(rate), abs(rate_end)) < beyond
+        close = close or min(abs(i), abs(i_end)) < p.K * p.G * beyond
+        flips = of.SPLIT if ddpsi * ddpsi_end < 0.0 and close else flips
         flag = flips if common else of.FLAGGED
         flag = of.IDLE if waits else flag
         tile[of.FLAG + lane] = flag

@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams, hybrid, simulate
+from rimless_gym import (
+    BUILDABLE,
+    PROTOTYPE,
+    THESIS_NOMINAL,
+    THESIS_PHYSICAL,
+    WheelParams,
+    hybrid,
+    simulate,
+)
 from rimless_gym.energy import ROW, Ledger, Row, balance
 from rimless_gym.equations import DOUBLE, MODE_NAMES, SINGLE
-from rimless_gym.hybrid import CONTACT_LOST, OK, RATE_EXCEEDED
+from rimless_gym.hybrid import CONTACT_LOST, CONTROL_PERIOD, OK, RATE_EXCEEDED
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance, machine_arrays
 
 EVERYTHING = THESIS_PHYSICAL.replace(
@@ -278,3 +286,13 @@ def test_air_drag_that_would_need_too_many_steps_is_refused() -> None:
     with pytest.raises(ValueError, match=r"drag = 1e\+20 damps phi'"):
         machine_arrays([params])
     machine_arrays([THESIS_PHYSICAL.replace(drag=100.0)])
+
+
+def test_work_is_split_where_the_current_changes_sign_twice_in_one_interval() -> None:
+    start, volts = (1.67365781, -0.12882735, 0.10302742, 11.61752467), np.array([5.6262938])
+    rows = advance(BUILDABLE, np.array([[*start, 0.0, 0.0]]), volts, pull=math.inf)[0]
+    ledger = Ledger.from_rows(rows, BUILDABLE)
+    known = simulate(BUILDABLE, start, volts, CONTROL_PERIOD).ledger
+    assert known.electrical_positive > max(known.electrical, 0.0) + 1e-5
+    assert ledger.electrical_positive == pytest.approx(known.electrical_positive, abs=1e-8)
+    assert ledger.shaft == pytest.approx(known.shaft, abs=1e-8)
