@@ -81,8 +81,7 @@ class TransverseLqr:
         params = solution.params
         n = max(FEWEST_POINTS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
-        first = 0.5 * period if solution.hold != CONTROL_PERIOD else solution.first_tick
-        t: Floats = np.asarray(first + period * np.arange(n), dtype=np.float64)
+        t: Floats = period * (np.arange(n) + 0.5)  # away from the touchdown at t = 0
         states, voltages = solution.state(t), mean_voltage(solution, t, period)
         metric = 1.0 / np.var(states, axis=0)
         if solution.theta_turns:  # theta goes round and round: its variance means nothing
@@ -102,9 +101,26 @@ class TransverseLqr:
 
 def mean_voltage(solution: Solution, t: Floats, period: float) -> Floats:
     """Mean of the gait's voltage over [t, t + period], shape (N,): the nearest to it when held."""
+    knots = np.concatenate([[0.0], solution.breakpoints])
+    sums = np.cumsum([0.0, *_integrals(solution, knots[:-1], knots[1:])])
+
+    def integral(times: Floats) -> Floats:
+        """From the stride's start (V s)."""
+        strides, within = np.divmod(times, solution.duration)
+        last = np.searchsorted(knots, within, side="right") - 1
+        last = np.minimum(last, len(knots) - 2)
+        rest = _integrals(solution, knots[last], within)
+        return np.asarray(strides * sums[-1] + sums[last] + rest)
+
+    return (integral(t + period) - integral(t)) / period
+
+
+def _integrals(solution: Solution, begins: Floats, ends: Floats) -> Floats:
+    """Integrals (V s) of the voltage between times without a breakpoint between them, (N,)."""
     s, weights = np.polynomial.legendre.leggauss(16)
-    times = t[:, None] + 0.5 * period * (s + 1)
-    return np.asarray(0.5 * solution.control(times.ravel()).reshape(times.shape) @ weights)
+    half = 0.5 * (ends - begins)
+    times = begins[:, None] + half[:, None] * (s + 1)
+    return np.asarray(half * (solution.control(times.ravel()).reshape(times.shape) @ weights))
 
 
 def held_dynamics(
