@@ -60,7 +60,7 @@ class Arena:
 
     @cached_property
     def best_gait(self) -> Solution:
-        """The best gait at the study's speed, of the fewest steps: for laws and clones.
+        """The best gait at the study's speed, of the fewest steps, with a continuous voltage.
 
         Raises:
             NoGaitError: there is none at that speed.

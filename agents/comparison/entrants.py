@@ -140,7 +140,7 @@ class HeldFront:
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A feedback law that holds the best gait at the study's speed.
+    """A feedback law that holds the environment's own best gait nearest to the study's speed.
 
     Attributes:
         name: one of `trajopt.feedback.laws.names()`.
@@ -150,7 +150,7 @@ class Law:
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.name, arena.best_gait)
+        controller = laws.design(self.name, arena.held_gait)
         return arena.evaluated(controller_policy(arena.params, controller))
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
@@ -190,7 +190,7 @@ class Learned:
             arena.out / self.name,
             timesteps=arena.study.timesteps if self.learns else 0,
             params=arena.params,
-            expert=laws.design(EXPERT, arena.best_gait) if imitates else None,
+            expert=laws.design(EXPERT, arena.held_gait) if imitates else None,
             progress=arena.progress,
         )
         if trained.interrupted:
