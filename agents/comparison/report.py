@@ -66,7 +66,10 @@ def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> flo
 
 
 def format_table(rows: list[dict[str, Any]]) -> str:
-    """The comparison as a Markdown table; what does not apply or does not walk is a dash."""
+    """The comparison as a Markdown table; what does not apply or does not walk is a dash.
+
+    Rows that read alike are one.
+    """
 
     def figure(value: float | None, form: str) -> str:
         return "-" if value is None or not math.isfinite(value) else format(value, form)
@@ -87,4 +90,4 @@ def format_table(rows: list[dict[str, Any]]) -> str:
             figure(row["walking_share"], ".0%"),
         )
         lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", NOTES])
+    return "\n".join([*dict.fromkeys(lines), "", NOTES])
