@@ -12,7 +12,7 @@ from scripts.codesign.budget import Build
 from scripts.codesign.gaits import cheaper, cheapest
 from scripts.codesign.parts import GPX_22_UP
 from scripts.codesign.problem import Case, neighbours
-from scripts.codesign.slower import at_speed, at_speeds
+from scripts.codesign.slower import at_speed, at_speeds, held_gait
 from scripts.codesign.stages import stage
 from scripts.codesign.startup import joined, judged
 from trajopt.files import jsonable, write_text
@@ -38,7 +38,7 @@ CLOSE = 1.5
 FINAL_STARTS, MAP_STARTS = 24, 16
 
 #: Speeds of the preset's own table (m/s), and a finalist's second speed in units of its best.
-SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62), 0.9
+SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62, 0.6375), 0.9
 
 
 def campaign(folder: Path, workers: int, docs: Path | None) -> None:
@@ -123,18 +123,22 @@ def _pendulums(folder: Path, landscape: dict[str, Any], workers: int) -> dict[st
     }
     tasks = {key: (case, known, FEW_STARTS) for key, case in cases.items()}
     gaits = stage(folder, "pendulums", tasks, cheapest, workers)
+    gaits = _swept(folder, "pendulums from neighbours", cases, gaits, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
     starts = {key: (gait, MAP_STARTS) for key, gait in walking.items()}
     return stage(folder, "start-up of pendulums", starts, joined, workers)
 
 
 def _own(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
-    """The preset's own gaits over speed, and their start-up."""
+    """The preset's own gaits over speed, and their start-up with the voltage held."""
     known = _gaits([landscape[_key(Case(_own_build()))]])
     tasks = {f"{speed:.2f}": (BUILDABLE, speed, known) for speed in SPEEDS}
     gaits = stage(folder, "preset", tasks, at_speeds, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
-    starts = {key: (gait,) for key, gait in walking.items()}
+    held = stage(
+        folder, "preset, held", {k: (gait,) for k, gait in walking.items()}, held_gait, workers
+    )
+    starts = {key: (gait,) for key, gait in held.items() if isinstance(gait, Solution)}
     return stage(folder, "start-up of the preset", starts, judged, workers)
 
 

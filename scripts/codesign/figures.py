@@ -39,26 +39,24 @@ def landscape(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 def pendulums(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Cost of transport and start-up over the bob's mass and the arm's length."""
+    """Cost of transport and start-up over the bob's mass and the arm's length, where one walks."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     bob = [row["bob"] for row in rows]
     arm = [1000 * row["arm"] for row in rows]
-    costs = left.scatter(
-        arm, bob, c=[row["cot"] for row in rows], s=500, marker="s", cmap="viridis_r", vmax=0.1
-    )
-    shares = right.scatter(
-        arm, bob, c=[row["joined"] for row in rows], s=500, marker="s", vmin=0, vmax=1
-    )
-    for row, x, y in zip(rows, arm, bob, strict=True):
-        left.annotate(f"{row['cot']:.3f}", (x, y), ha="center", va="center", size=7, color="w")
-        right.annotate(f"{row['joined']:.0%}", (x, y), ha="center", va="center", size=7, color="r")
+    cot, joined = ([row[name] for row in rows] for name in ("cot", "joined"))
+    costs = left.scatter(arm, bob, c=cot, s=900, marker="s", cmap="viridis_r")
+    shares = right.scatter(arm, bob, c=joined, s=900, marker="s", vmin=0, vmax=1)
+    for panel, values, form in ((left, cot, ".3f"), (right, joined, ".0%")):
+        for value, x, y in zip(values, arm, bob, strict=True):
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            panel.annotate(f"{value:{form}}", (x, y), ha="center", va="center", size=7, bbox=box)
     own = chosen(BUILDABLE)
     for panel in (left, right):
-        panel.plot(1000 * own[1], own[0], "k+", ms=26, label="BUILDABLE")
+        panel.plot(1000 * own[1], own[0], "rs", ms=33, mfc="none", mew=2, label="BUILDABLE")
         panel.set_xlabel("arm (mm)")
-        panel.margins(0.12)
-        panel.legend(loc="lower left")
+        panel.margins(0.15)
+        panel.legend(loc="lower left", markerscale=0.3)
     left.set_ylabel("bob (kg)")
     figure.colorbar(costs, ax=left, label="least cost of transport")
     figure.colorbar(shares, ax=right, label="in the gait within 10 s")

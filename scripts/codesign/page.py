@@ -71,7 +71,7 @@ def tables(found: Mapping[str, Any]) -> dict[str, str]:
 
 
 _PRESET = {
-    "speed": "{speed:.2f}",
+    "speed": "{speed:.3f}",
     "CoT": "{cot:.4f}",
     "open-loop multiplier": "{multiplier:.1f}",
     "friction demand": "{friction_demand:.2f}",
@@ -130,13 +130,13 @@ def _budget() -> list[str]:
 def _comparison(rows: Mapping[str, Any]) -> list[str]:
     lines = ["| walker | total cost of transport |", "| --- | --- |"]
     best = min(rows.values(), key=lambda each: float(each["cot"]))
-    own = [f"BUILDABLE, optimal gait at {best['speed']:.2f} m/s (a model)", best["cot"]]
+    own = [f"BUILDABLE, optimal gait at {best['speed']:.3f} m/s (a model)", best["cot"]]
     lines.append(f"| {own[0]} | {own[1]:.3f} |")
     steady: Sequence[Any] = [r for r in rows.values() if r["joined"] > 0.95]
     if steady:
         held = min(steady, key=lambda each: float(each["cot_of_walks"]))
         lines.append(
-            f"| BUILDABLE under the LQR at 100 Hz, for the gait of {held['speed']:.2f} m/s "
+            f"| BUILDABLE under the LQR at 100 Hz, for the gait of {held['speed']:.3f} m/s "
             f"(a model) | {held['cot_of_walks']:.3f} |"
         )
     return lines + [f"| {name} | {cot:.2f} |" for name, cot in OTHERS]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
@@ -32,3 +33,11 @@ def at_speeds(params: WheelParams, speed: float, known: Sequence[Solution]) -> S
         else:
             reason = "; ".join(led.verification.failures)
     return least_first(found, lambda each: each.cot)[0] if found else reason
+
+
+def held_gait(gait: Solution) -> Solution | str:
+    """The gait that the environment allows, its voltage held, near one that is not; or why none."""
+    try:
+        return periodic_gait(gait.params, gait.speed, gait.steps, hold=CONTROL_PERIOD, guess=gait)
+    except NoGaitError as error:
+        return str(error)
