@@ -177,7 +177,7 @@ class _Search:
                 f"within {self.budget / 60:.3g} minutes of computing: give the search more time, "
                 "or the machine a higher voltage limit or friction"
             )
-        walks = [v for v in screened if found and min(found) <= v <= max(found)]
+        walks = [v for v in screened if min(found) <= v <= max(found)]
         between = [v + i * self.spacing for v in walks for i in range(1, SCREENED)]
         self.board.widen([*screened, *between])
         self._settle(AGREED, SEEDS)

@@ -57,7 +57,10 @@ def section(found: dict[str, Any]) -> str:
 
 def _cells(row: dict[str, Any], found: dict[str, Any]) -> list[str]:
     rest, gaps = row["rest"], found["agreement"]["differences"]
-    gap = gaps.get(f"{row['speed']:g}")
+    speed = f"{row['speed']:g}"
+    apart = "" if speed not in gaps else "one found none"
+    if gaps.get(speed) is not None:
+        apart = f"{gaps[speed]:.2%}"
     return [
         f"{row['speed']:g}",
         f"{row['cot']:.5f}",
@@ -66,7 +69,7 @@ def _cells(row: dict[str, Any], found: dict[str, Any]) -> list[str]:
         "" if rest is None else f"{rest['cot']:.5f}, walking at {rest['walking']:g}",
         f"{row['friction_demand']:.2f}",
         f"{row['clearance']:.3f}",
-        "one found none" if gap is None else f"{gap:.2%}",
+        apart,
         row["found_by"],
     ]
 
@@ -95,9 +98,7 @@ def _did(found: dict[str, Any]) -> list[str]:
         speeds = ", ".join(f"{v:g}" for v in found["speeds_without_verified_gait"])
         texts.append(f"No gait at {speeds} m/s passed verification, or time was up before.")
     if resting:
-        texts.append(
-            f"Resting pays, or may pay, at {len(resting)} of the speeds: see the column with rests."
-        )
+        texts.append(f"Resting may pay at {len(resting)} of the speeds: see the column with rests.")
     return texts
 
 
@@ -105,10 +106,10 @@ def _earned(rows: Sequence[dict[str, Any]], price: float) -> str:
     """Which of the gaits earns most reward, and how it compares with its neighbours."""
     rates = {row["speed"]: (price - row["cot"]) * row["speed"] for row in rows}
     best = max(rates, key=lambda speed: rates[speed])
-    slower = [f"{rates[v] / rates[best]:.1%} of it at {v:g} m/s" for v in rates if v < best][-3:]
+    slower = [f"{rates[v] / rates[best]:.1%} at {v:g} m/s" for v in rates if v < best][-3:]
     return (
         f"At the environment's price of distance, {price:g}, the walk at {best:g} m/s earns most, "
-        f"{rates[best]:.4f} per second ({', '.join(slower)})."
+        f"{rates[best]:.4f} m per second. Slower walks earn less: {', '.join(slower)} of that."
     )
 
 
@@ -124,11 +125,14 @@ def _agreement(apart: Sequence[str], largest: float, wanted: float, count: int) 
 def _swept(sweeps: Sequence[dict[str, Any]]) -> str:
     texts = []
     for i, sweep in enumerate(sweeps, start=1):
-        better = (
-            f"lowered the cost at {sweep['speed']:g} m/s by {sweep['gain']:.2%}, and elsewhere less"
-            if sweep["gain"] > 1e-4
-            else "found nothing better"
-        )
+        better = "found nothing better"
+        if sweep["gain"] > 1e-4:
+            better = (
+                f"lowered the cost at {sweep['speed']:g} m/s by {sweep['gain']:.2%}, and "
+                "elsewhere less"
+            )
+        if sweep["gain"] == 1.0:
+            better = f"found a gait at {sweep['speed']:g} m/s, where there was none"
         cut = "" if sweep["complete"] else " before time was up"
         texts.append(f"Last sweep {i} {better}{cut}.")
     return " ".join(texts)

@@ -13,6 +13,7 @@ from scripts.fronts.campaign import LAST, SEEDS, Sweep, costs
 from scripts.fronts.polish import Polished
 from trajopt.files import jsonable
 from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.solution import Solution
 from trajopt.provenance import provenance
 
@@ -25,17 +26,22 @@ def chosen(done: Iterable[Polished], shipped: Iterable[Solution]) -> list[Soluti
 
     Args:
         done: the search's gaits on fine meshes.
-        shipped: gaits of the same machine that were shipped before; one is kept if it is cheaper
-            than the search's at a speed of the search.
+        shipped: gaits of the same machine that were shipped before; one is kept unless the search
+            found a cheaper one at its speed, steps and turns.
+
+    Raises:
+        NoGaitError: there is none at all.
     """
     passed = [each.solution for each in done if each.solution is not None and not each.failure]
-    speeds = {round(gait.speed, 4) for gait in passed}
-    old = [gait for gait in shipped if round(gait.speed, 4) in speeds]
     best: dict[tuple[float, int, int], Solution] = {}
-    for gait in (*passed, *old):
+    for gait in (*passed, *shipped):
         place = round(gait.speed, 4), gait.steps, gait.theta_turns
         if place not in best or gait.cot < best[place].cot:
             best[place] = gait
+    if not best:
+        raise NoGaitError(
+            "no gait passed its verification yet: give the same command more --minutes"
+        )
     return [best[place] for place in sorted(best)]
 
 

@@ -27,7 +27,7 @@ from scripts.fronts.pieces import Family, Join, Lead, Piece, Screen, attempts
 from scripts.fronts.plans import families, leads, one_step
 from scripts.fronts.polish import Polished
 from scripts.fronts.record import SHIPPED, chosen, record
-from trajopt.gaits.periodic import periodic_gait
+from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.shipped import FOLDER, shipped
 from trajopt.gaits.solution import Solution
 
@@ -249,7 +249,9 @@ def test_a_cheaper_gait_that_was_shipped_before_stays() -> None:
     done = [Polished(found(0.5, 0.06), dearer, "", 1.0)]
     assert chosen(done, [old]) == [old]
     assert chosen(done, []) == [dearer]
-    assert chosen([done[0]._replace(failure="slips")], [old]) == []
+    assert chosen([done[0]._replace(failure="slips")], [old]) == [old]
+    with pytest.raises(NoGaitError, match="--minutes"):
+        chosen([done[0]._replace(failure="slips")], [])
 
 
 class Verified:

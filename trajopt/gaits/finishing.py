@@ -10,7 +10,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.optimality import LocalOptimum, Optimality
-from trajopt.gaits.playback import played
+from trajopt.gaits.playback import played_to_last_touchdown
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import SPARE_TIMES, STATE_TOLERANCE, stride_error, verify
@@ -66,7 +66,7 @@ def polished(
     for _ in range(NEWTON_STEPS):
         if best < 0.1 * STATE_TOLERANCE:
             break
-        run = played(params, current, sum(p.duration for p in current) + SPARE_TIMES[0])
+        run = played_to_last_touchdown(params, current, SPARE_TIMES[:1])
         target = kept[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
         gap = run.x[-1] - target
         if run.steps != len(phases) or np.abs(gap).max() > LARGEST_GAP:

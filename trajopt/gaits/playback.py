@@ -70,7 +70,8 @@ def played_to_last_touchdown(
 ) -> Trajectory:
     """Simulate until there have been as many steps as there are phases.
 
-    The last touchdown is at the very end, but for rounding, so a little more is simulated.
+    The last touchdown is at the very end, but for rounding, so a little more is simulated, under
+    the first phase's voltage.
 
     Args:
         params: the machine.
@@ -79,8 +80,9 @@ def played_to_last_touchdown(
             the last touchdown is taken; if none is, the last one.
     """
     duration = sum(p.duration for p in phases)
+    breakpoints, law = playback([*phases, phases[0]])
     for spare in spare_times:
-        run = played(params, phases, duration + spare)
+        run = simulate(params, phases[0].start, law, duration + spare, breakpoints=breakpoints)
         if run.steps >= len(phases):
             break
     return run

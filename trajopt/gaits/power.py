@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.equations import THESIS, equations
+from rimless_gym.equations import PLASTIC, equations
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 
@@ -47,7 +47,7 @@ def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
         steps: touchdowns per stride.
     """
     p = params.constants
-    if p.law == THESIS:  # its touchdowns may create energy
+    if p.law != PLASTIC:  # other touchdowns may create energy
         return ""
     mean = least_mean_rate(params, speed, steps)
     hub = most_power_at_hub(params, mean)
@@ -56,13 +56,13 @@ def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
     slope = params.weight * math.sin(params.slope) * speed
     if hub + slope >= drag - _CERTAIN * (abs(hub) + abs(slope) + drag):
         return ""
-    costly = [f"{name} = {getattr(params, name):g}" for name in _COSTLY if getattr(params, name)]
+    costly = [f", {name} = {getattr(params, name):g}" for name in _COSTLY if getattr(params, name)]
     return (
-        f"speed = {speed:g} m/s: losses and back-EMF take more than the motor can deliver: within "
-        f"voltage_limit = {params.voltage_limit:g} V{''.join(f', {each}' for each in costly)}, and "
-        f"with |psi'| of {mean:.3g} rad/s or more on average, at most {hub:.4g} W reach wheel and "
-        f"pendulum, and {slope:.4g} W come from the slope, but air drag takes {drag:.4g} W: lower "
-        "the losses, raise voltage_limit, or try another speed"
+        f"speed = {speed:g} m/s: the motor is too weak. With |psi'| of at least {mean:.3g} rad/s "
+        f"on average, voltage_limit = {params.voltage_limit:g} V{''.join(costly)}, friction at the "
+        f"hub leaves it at most {hub:.4g} W. The slope adds {slope:.4g} W, and air drag takes "
+        f"{drag:.4g} W, which is more than both: lower the losses, raise voltage_limit, or try "
+        "another speed"
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from trajopt.gaits.playback import playback, played, played_to_last_touchdown
-from trajopt.gaits.shipped import nearest
+from trajopt.gaits.shipped import nearest, shipped
 
 GAIT = nearest(THESIS_PHYSICAL, 0.5, 2)[0]
 
@@ -48,3 +48,10 @@ def test_around_a_touchdown_the_state_shows_which_steps_voltage_acts() -> None:
         assert law(t, before) == pytest.approx(last, abs=1e-5)
         assert law(t, after) == pytest.approx(next_, abs=1e-5)
     assert law(first.duration + 1e-4, before) == law(first.duration + 1e-4, None)
+
+
+def test_after_the_last_touchdown_the_next_strides_voltage_is_played() -> None:
+    gait = next(g for g in shipped() if abs(g.control(0.0) - g.control(g.duration, "left")) > 1.0)
+    run = played_to_last_touchdown(gait.params, gait.phases, [1e-6])
+    assert run.t[-1] > run.touchdowns[-1].time
+    assert run.u[-1] == pytest.approx(gait.control(0.0), abs=1e-3)
