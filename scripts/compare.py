@@ -1,10 +1,11 @@
 #!/usr/bin/env python
 """Learned against optimal cost of transport: the main job.
 
-Solves the optimal gait and the front of optimal gaits around its speed, holds the best one with
-feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO from scratch for the
-same budget, and measures them all in the same way. Writes results.json, table.md, two plots and
-an animation. However it was stopped, the same command goes on, and ends with the same table.
+Solves the optimal gait and the front of optimal gaits around its speed, holds the one that the
+environment allows with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO
+from scratch for the same budget, and measures them all in the same way. Writes results.json,
+table.md, two plots and an animation. However it was stopped, the same command goes on, and ends
+with the same table.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser, default = Parser(__doc__), Study()
     parser.add_argument("--out", type=Path, default=Path("runs/compare"), help="results' folder")
-    parser.add_machine(default.preset, "machine; gaits are shipped for the default only")
+    parser.add_machine(default.preset, "machine; BUILDABLE and THESIS_PHYSICAL have shipped gaits")
     parser.add_argument(
         "--speed", type=more_than_zero, default=default.speed, help="of the gait (m/s)"
     )

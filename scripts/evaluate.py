@@ -1,10 +1,11 @@
 #!/usr/bin/env python
 """Measure policies and feedback laws: 128 fixed starts, 50 s, the last 30 s of those that walk.
 
-A start walks if it still takes steps at the end, and neither slips nor touches the floor with the
-pendulum in the last 30 s. The gap is to the best periodic gait of 1 to 3 steps per stride at the
-walked speed. With --seeds the policies are those of several seeds of one training: below them
-stand the interquartile mean and its 95 % bootstrap interval.
+A start walks if it still takes steps at the end, and if in the last 30 s its foot is pressed down
+and does not slip, and its pendulum does not touch the floor. The gap is to the best periodic gait
+of 1 to 3 steps per stride, its voltage held for 10 ms, at the walked speed. With --seeds the
+policies are those of several seeds of one training: below them stand the interquartile mean and its
+95 % bootstrap interval.
 """
 
 from __future__ import annotations
@@ -92,8 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--gap",
         action=argparse.BooleanOptionalAction,
-        help="solve the best gait at the walked speed, and print the gap to it; None: where gaits "
-        "of the machine are shipped, since elsewhere it takes minutes",
+        help="solve the best gaits near the walked speed, and print the gap to them; None: where "
+        "gaits of the machine are shipped, since elsewhere it takes minutes",
     )
     parser.add_argument(
         "--trust-pickle",
@@ -185,7 +186,7 @@ def gap(evaluation: Evaluation, params: WheelParams) -> float | None:
 
 
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Interquartile mean and 95 % interval of each figure over the policies that walk."""
+    """Interquartile mean and 95 % interval of each figure over the policies that have it."""
     summary: dict[str, Any] = {}
     for name, _ in COLUMNS[:-1]:
         values = [row[name] for row in rows if row[name] is not None]

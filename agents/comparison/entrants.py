@@ -20,7 +20,7 @@ from agents.policy_files import load_policy
 from agents.train import EXPERT, train
 from agents.training import IMITATION, INITS, SCRATCH
 from rimless_gym.hybrid import CONTROL_PERIOD
-from trajopt import Solution, periodic_gait
+from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
@@ -69,6 +69,8 @@ class Gait:
         gait = self.solve(arena)
         if isinstance(gait, str):
             return {"missing": gait}
+        if not gait.verification.passed:
+            return {"missing": "; ".join(gait.verification.failures)}
         gait.save(arena.out / f"{self.name}.npz")
         return gait_result(gait) | {"files": [f"{self.name}.npz"]}
 
@@ -118,16 +120,23 @@ class HeldFront:
         solutions: list[Solution] = []
         missing: list[tuple[int, float, str]] = []
         for steps in sorted({gait.steps for gait in best}):
-            front = cot_front(
-                arena.params,
-                [gait.speed for gait in best if gait.steps == steps],
-                [steps],
-                hold=CONTROL_PERIOD,
-                folder=arena.out,
-                progress=arena.progress,
-            )
+            speeds = [gait.speed for gait in best if gait.steps == steps]
+            try:
+                front = cot_front(
+                    arena.params,
+                    speeds,
+                    [steps],
+                    hold=CONTROL_PERIOD,
+                    folder=arena.out,
+                    progress=arena.progress,
+                )
+            except NoGaitError as error:
+                missing += [(steps, speed, str(error)) for speed in speeds]
+                continue
             solutions += front.solutions
             missing += front.missing
+        if not solutions:
+            raise NoGaitError("\n".join(why for _, _, why in missing))
         names = [front_file(s.steps, s.speed, s.hold) for s in solutions]
         results = [gait_result(s) | {"steps": s.steps} for s in solutions]
         return {"files": names, "gaits": results, "missing": [list(m) for m in missing]}
@@ -259,7 +268,10 @@ def _swinging(arena: Arena) -> Solution | str:
     swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == arena.params]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"
-    return periodic_gait(arena.params, study.speed, study.steps, guess=swinging[0])
+    try:
+        return periodic_gait(arena.params, study.speed, study.steps, guess=swinging[0])
+    except NoGaitError as error:
+        return str(error)
 
 
 def strides(gait: Solution) -> str:

@@ -117,7 +117,10 @@ def plot_cot_against_speed(
                 markerfacecolor="none",
                 label=f"optimal, {steps} step{'s' if steps > 1 else ''} per stride",
             )
-        for of, name, style in ((front, "optimal front", "--"), (held, "the same, held", "-")):
+        for of, name, style in (
+            (front, "optimal, voltage free", "--"),
+            (held, f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms", "-"),
+        ):
             axes.plot(
                 [s.speed for s in of.envelope],
                 [s.cot for s in of.envelope],

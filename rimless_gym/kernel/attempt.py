@@ -65,18 +65,18 @@ def peak(p):
 
 
 @inlined
-def friction_rate(y, acc, turning, u, p):
+def friction_rate(y, acc, rate, u, p):
     """How fast (1/s) dry friction makes the motion change: 0 without it.
 
-    Steps must resolve how it brakes psi'; its change of direction, which happens within the width w
-    of psi' = 0; and the bend in its level, within F0 / c of where the gear transmits nothing.
-    `turning` is the fastest rate of the angles (rad/s).
+    Steps must resolve three things: how fast friction damps psi'; its change of direction, where
+    |psi'| is about w; and the bend in its level, where the gear's torque is about F0 / c. `rate` is
+    the fastest rate of the angles (rad/s).
     """
     dpsi, ddpsi = relative_rate(y.dphi, y.dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
     torque = gear_torque(dpsi, ddpsi, u, p)
     gearing = p.Jr * psi_mobility(0.0, p)  # share of a torque at the hub that turns the rotor
-    swing = p.S2 * (p.gy + abs(p.gx)) + p.Je3 * turning * turning
-    change = (1 - gearing) * p.K * p.K * p.G * abs(ddpsi) + gearing * swing * turning
+    swing = p.S2 * (p.gy + abs(p.gx)) + p.Je3 * rate * rate  # gravity's and centrifugal torque
+    change = (1 - gearing) * p.K * p.K * p.G * abs(ddpsi) + gearing * swing * rate
     level = np.sqrt((p.c * torque) ** 2 + p.F0 * p.F0)
     exists = 1.0 if p.F0 > 0.0 else 0.0
     reversing = exists * abs(ddpsi) / np.sqrt(dpsi * dpsi + p.w * p.w)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rimless_gym.params import WheelParams
+from rimless_gym.rules import require_clearance
 from rimless_gym.symbolic import Design
 from scripts.codesign.parts import (
     BEARING_TORQUE,
@@ -23,7 +24,9 @@ from scripts.codesign.parts import (
 TOTAL_MASS = 3.0  # kg
 LEG_LENGTH = 0.3  # m: the machine stands on a table
 CLEARANCE = 0.010  # m, between the floor and the bob in the lowest pose
+ROUNDING = 1e-5  # m, by which a solver may come closer
 FRICTION = 0.8  # coefficient of the ground that gaits may use
+GRAVITY = WheelParams.gravity  # m/s^2
 
 TUBE = 0.0535  # kg/m: carbon fibre, 12 mm outside and 10 mm inside, 1550 kg/m^3
 HUB_RADIUS = 0.04  # m, where the legs begin
@@ -102,10 +105,14 @@ class Build:
         return TOTAL_MASS - wheel - CLAMP - TUBE * self.longest_arm
 
     def machine(self, bob: float, arm: float) -> WheelParams:
-        """The machine with a bob (kg) and an arm (m)."""
+        """The machine with a bob (kg) and an arm (m).
+
+        Raises:
+            ValueError: the bob would come too near to the floor.
+        """
         motor, gear = self.motor, self.gearhead
         friction = gear.ratio * (motor.dry_torque + GEAR_DRY_TORQUE) + BEARING_TORQUE
-        return WheelParams(
+        params = WheelParams(
             **self.pendulum((bob, arm)),
             wheel_inertia=sum(inertia for _, inertia in self.wheel_parts().values()),
             leg_length=LEG_LENGTH,
@@ -120,16 +127,18 @@ class Build:
             friction=FRICTION,
             voltage_limit=VOLTAGE,
         )
+        require_clearance(params, CLEARANCE - ROUNDING)
+        return params
 
     @property
     def design(self) -> Design:
         """Mass of the bob (kg) and length of the arm (m) as design variables."""
         return Design(("bob", "arm"), self.pendulum)
 
-    def holding_torque(self, bob: float, arm: float) -> float:
-        """Torque (N m) that holds the pendulum level."""
-        p = self.machine(bob, arm)
-        return p.pendulum_mass * p.gravity * p.pendulum_length
+    def holding_torque(self, p: Any) -> Any:
+        """Torque (N m) that holds the pendulum level, for p as in `pendulum`."""
+        fields = self.pendulum(p)
+        return fields["pendulum_mass"] * GRAVITY * fields["pendulum_length"]
 
     def lifting_torque(self) -> float:
         """Torque (N m) with which the motor lifts the arm at full voltage from standstill.

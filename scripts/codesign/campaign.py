@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rimless_gym.params import BUILDABLE
-from scripts.codesign import page
+from scripts.codesign import budget, gaits, page, parts, problem, slower, startup
 from scripts.codesign.budget import Build
 from scripts.codesign.gaits import cheaper, cheapest
 from scripts.codesign.parts import GPX_22_UP
@@ -48,7 +48,11 @@ def campaign(folder: Path, workers: int, docs: Path | None) -> None:
         folder: of the results.
         workers: processes.
         docs: page to put the tables into, with its figures beside it, if any.
+
+    Raises:
+        ValueError: the folder holds a study with other numbers.
     """
+    same_study(folder / "study.json")
     landscape = _landscape(folder, workers)
     families = _families(folder, workers)
     own = _own(folder, landscape, workers)
@@ -67,6 +71,28 @@ def campaign(folder: Path, workers: int, docs: Path | None) -> None:
     if docs:
         page.refresh(docs, found)
     print("\n".join(page.tables(found).values()))
+
+
+def same_study(path: Path) -> None:
+    """Refuse to go on with results that were found with other parts, limits or settings.
+
+    Raises:
+        ValueError: they are those of another study.
+    """
+    own = {
+        f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
+        for module in (parts, budget, problem, gaits, slower, startup)
+        for name, value in vars(module).items()
+        if name.isupper() and not name.startswith("_")
+    }
+    known = json.loads(path.read_text()) if path.exists() else own
+    other = sorted(name for name in {*own, *known} if own.get(name) != known.get(name))
+    if other:
+        raise ValueError(
+            f"{path.parent}: holds results that were found with another {', '.join(other)}; give "
+            "another --out, or delete the folder"
+        )
+    write_text(path, json.dumps(own, indent=1) + "\n")
 
 
 def _key(case: Case) -> str:
@@ -132,7 +158,7 @@ def _pendulums(folder: Path, landscape: dict[str, Any], workers: int) -> dict[st
 def _own(folder: Path, landscape: dict[str, Any], workers: int) -> dict[str, Any]:
     """The preset's own gaits over speed, and their start-up with the voltage held."""
     known = _gaits([landscape[_key(Case(_own_build()))]])
-    tasks = {f"{speed:.2f}": (BUILDABLE, speed, known) for speed in SPEEDS}
+    tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
     gaits = stage(folder, "preset", tasks, at_speeds, workers)
     walking = {key: gait for key, gait in gaits.items() if isinstance(gait, Solution)}
     held = stage(

@@ -15,7 +15,7 @@ DEAREST = 0.15
 
 
 def landscape(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Cost of transport, and the pendulum's first moment, over gear ratio by number of legs."""
+    """Cost of transport and largest open-loop multiplier, over gear ratio by number of legs."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for legs in sorted({row["legs"] for row in rows}):

@@ -116,8 +116,7 @@ def _with_margins(stance: Phase, build: Build, lifts: bool) -> Phase:
     strength = build.lifting_torque()
 
     def lifted(x: Any, p: Any) -> Any:
-        fields = build.pendulum(ca.vertsplit(p))
-        torque = fields["pendulum_mass"] * 9.81 * fields["pendulum_length"]
+        torque = build.holding_torque(ca.vertsplit(p))
         return ca.vertcat(at_end.function(x, p), torque / strength)
 
     constraint = Constraint(

@@ -9,6 +9,7 @@ import numpy as np
 from agents.evaluate import evaluate
 from agents.policies import controller_policy
 from agents.protocol import Protocol
+from rimless_gym.hybrid import motor_torque, relative_rate
 from scripts.codesign.problem import chosen
 from trajopt.feedback.laws.lqr import design
 from trajopt.gaits.solution import Solution
@@ -42,8 +43,6 @@ def judged(gait: Solution) -> dict[str, Any]:
     return joined(gait, walk.protocol.starts) | {
         "walking": walk.walking_share,
         "cot_of_walks": walk.cot if walk.walking.any() else None,
-        "speed_of_walks": walk.speed if walk.walking.any() else None,
-        "friction_of_walks": walk.friction_demand if walk.walking.any() else None,
     }
 
 
@@ -52,8 +51,8 @@ def figures(gait: Solution) -> dict[str, Any]:
     v, (bob, arm) = gait.verification, chosen(gait.params)
     t = np.linspace(0.0, gait.duration, 400, endpoint=False)
     x, p = gait.state(t), gait.params
-    rate = x[:, 2] + x[:, 3]
-    torque = p.constants.K * (gait.control(t) - p.constants.K * rate) / p.armature_resistance
+    rate = relative_rate(x[:, 2], x[:, 3], p.constants)
+    torque = motor_torque(rate, gait.control(t), p.constants)
     return {
         "legs": p.n_legs,
         "ratio": p.gear_ratio,
@@ -68,7 +67,5 @@ def figures(gait: Solution) -> dict[str, Any]:
         "clearance": v.clearance,
         "peak_voltage": v.peak_voltage,
         "peak_torque": float(np.abs(torque).max()),
-        "rms_torque": float(np.sqrt(np.mean(torque**2))),
         "motor_speed": float(np.abs(rate).max() * p.gear_ratio),
-        "holding_torque": p.pendulum_mass * p.gravity * p.pendulum_length,
     }

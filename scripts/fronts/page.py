@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rimless_gym.envs.task import Task
+from rimless_gym.params import as_params
 from scripts.documents.tables import table
 
 
@@ -37,6 +38,7 @@ def section(found: dict[str, Any]) -> str:
     head = [
         "speed (m/s)",
         "CoT",
+        "power (W)",
         "steps",
         "turns",
         "with rests",
@@ -64,6 +66,7 @@ def _cells(row: dict[str, Any], found: dict[str, Any]) -> list[str]:
     return [
         f"{row['speed']:g}",
         f"{row['cot']:.5f}",
+        f"{row['cot'] * row['speed'] * as_params(found['params']).weight:.3g}",
         str(row["steps"]),
         f"{row['turns']:d}",
         "" if rest is None else f"{rest['cot']:.5f}, walking at {rest['walking']:g}",

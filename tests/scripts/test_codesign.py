@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
-from scripts.codesign import page
+from scripts.codesign import page, problem
 from scripts.codesign.budget import BOB_RADIUS, CLEARANCE, TOTAL_MASS, Build
+from scripts.codesign.campaign import same_study
 from scripts.codesign.gaits import random_step
 from scripts.codesign.parts import GPX_22_UP
 from scripts.codesign.problem import LIFTED_SHARE, Case, chosen, neighbours
 from scripts.codesign.stages import stage
+from scripts.codesign.startup import figures
+from trajopt.gaits.shipped import shipped
 
 DOCS = Path(__file__).parents[2] / "docs"
 GEAR = min(GPX_22_UP, key=lambda gear: abs(gear.ratio - BUILDABLE.gear_ratio))
@@ -45,7 +48,32 @@ def test_the_preset_is_within_the_total_mass_and_clears_the_floor_in_every_pose(
 
 
 def test_the_motor_can_lift_the_presets_pendulum() -> None:
-    assert BUILD.holding_torque(*chosen(BUILDABLE)) <= LIFTED_SHARE * BUILD.lifting_torque()
+    assert BUILD.holding_torque(chosen(BUILDABLE)) <= LIFTED_SHARE * BUILD.lifting_torque()
+
+
+def test_an_arm_that_would_touch_the_floor_is_refused() -> None:
+    assert BUILD.machine(1.0, BUILD.longest_arm).pendulum_reach is not None
+    with pytest.raises(ValueError, match="shorten the pendulum"):
+        BUILD.machine(1.0, BUILD.longest_arm + 0.001)
+
+
+def test_the_presets_gaits_stay_within_what_motor_and_gearhead_endure() -> None:
+    whirling = [g for g in shipped() if g.params == BUILDABLE and g.theta_turns == -g.steps]
+    assert len(whirling) > 3
+    for gait in whirling:
+        made = figures(gait)
+        assert made["peak_torque"] < BUILD.gearhead.continuous_torque
+        assert made["motor_speed"] < BUILD.motor.top_speed
+
+
+def test_results_of_a_study_with_other_numbers_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    same_study(tmp_path / "study.json")
+    same_study(tmp_path / "study.json")
+    monkeypatch.setattr(problem, "NORMAL_FORCE", 0.2)
+    with pytest.raises(ValueError, match=r"another problem\.NORMAL_FORCE; give another --out"):
+        same_study(tmp_path / "study.json")
 
 
 def test_the_parts_make_up_the_mass_and_the_pendulum_turns_about_the_hub_as_a_whole() -> None:

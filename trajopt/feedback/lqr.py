@@ -29,7 +29,7 @@ from trajopt.gaits.solution import Solution
 #: Of the central differences (rad, rad/s, V).
 DIFFERENCE = 1e-6
 
-#: Fewest points of an orbit's table.
+#: Fewest points of an orbit's table: for a very short stride, so that neighbours are near.
 FEWEST_POINTS = 8
 
 
@@ -79,6 +79,7 @@ class TransverseLqr:
         require_kind("solution", solution, Solution)
         effort = positive("effort", effort)
         params = solution.params
+        # Half a period is rounded down, so that rounding errors do not decide.
         n = max(FEWEST_POINTS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
         t: Floats = period * (np.arange(n) + 0.5)  # away from the touchdown at t = 0

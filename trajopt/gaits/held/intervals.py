@@ -29,9 +29,10 @@ PAID_AT: Array = np.linspace(0.0, 1.0, 21)
 WEIGHTS: Array = np.convolve(np.ones(len(PAID_AT) - 1), [0.5, 0.5]) / (len(PAID_AT) - 1)
 
 
-#: Where in an interval without a touchdown phi is kept off the guards, besides the nodes: a leg
-#: may rock back until it almost touches down again. And its distance from them there, in squared
-#: intervals (rad/s^2): between these places, phi moves on by up to 0.0016 phi'' of them.
+#: Places in an interval without a touchdown at which phi is kept away from the guards, besides the
+#: nodes, because a leg may rock back and almost touch down. It keeps a distance of GRAZE hold^2
+#: (rad). Between two places phi can go 0.0016 phi'' hold^2 further, so this suffices up to a phi''
+#: of 12 rad/s^2.
 GUARDED_AT: Array = np.arange(1, 9) / 9.0
 GRAZE = 0.02
 

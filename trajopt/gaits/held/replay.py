@@ -81,16 +81,11 @@ def replayed(held: Held, start: Array) -> Replay:
     )
 
 
-def repeat_error(held: Held, start: Array) -> float:
-    """Largest change of the state over a stride, but for whole turns (rad, rad/s)."""
-    return float(np.abs(replayed(held, start).states[-1] - start - held.shift).max())
-
-
 def repeating(held: Held, states: Array) -> Array:
     """The states at the ticks of the stride that repeats itself under the held voltages.
 
-    Newton's method on all intervals at once, then on the stride as a whole. A stride magnifies
-    deviations, so that the states at the start must be accurate to rounding.
+    Newton's method on all intervals at once. A stride magnifies deviations, so solving for its
+    start alone would not converge.
 
     Args:
         held: the voltages.
