@@ -82,7 +82,7 @@ class TransverseLqr:
         # Half a period is rounded down, so that rounding errors do not decide.
         n = max(FEWEST_POINTS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         period = solution.duration / n
-        t: Floats = period * (np.arange(n) + 0.5)  # away from the touchdown at t = 0
+        t: Floats = np.asarray(period * (np.arange(n) + 0.5))  # away from the touchdown at t = 0
         states, voltages = solution.state(t), mean_voltage(solution, t, period)
         metric = 1.0 / np.var(states, axis=0)
         if solution.theta_turns:  # theta goes round and round: its variance means nothing
