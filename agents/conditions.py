@@ -9,7 +9,8 @@ from typing import Any
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
-from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, Machine, as_params
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,7 +33,8 @@ from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
-from rimless_gym.params import BUILDABLE, Machine, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback.law import Floats
 from trajopt.files import jsonable
 

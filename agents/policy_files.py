@@ -22,7 +22,8 @@ from agents.sb3.foreign import unpickled
 from agents.training import Training
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import Task
-from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, Machine, as_params
 from trajopt.files import digest, read_arrays, write_arrays
 from trajopt.provenance import provenance
 

@@ -24,7 +24,7 @@ from rimless_gym.checks import integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.params import BUILDABLE, Machine
+from rimless_gym.presets import BUILDABLE, Machine
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller

@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from rimless_gym.envs import EPISODE_STEPS
-from rimless_gym.params import (
-    BUILDABLE,
-    PROTOTYPE,
-    THESIS_NOMINAL,
-    THESIS_PHYSICAL,
-    WheelParams,
-    preset,
-)
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, preset
 
 if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise

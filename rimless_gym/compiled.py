@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rimless_gym import hybrid
+from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.jit import REFERENCE, kept
-from rimless_gym.params import N_CONSTANTS, Constants
 
 
 @kept()

@@ -10,7 +10,7 @@ Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y no
     pendulum CoM = hub  + L2 (sin theta, -cos theta)    theta: pendulum from the ground's normal
     psi          = theta + d1 (phi - pi/2)              what the motor turns (3.47, 3.48)
 
-``p`` is a `rimless_gym.params.Constants`. Rates are written ``dphi``, ``dtheta``.
+``p`` is a `rimless_gym.constants.Constants`. Rates are written ``dphi``, ``dtheta``.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""The machine's parameters: one frozen dataclass, four presets, and the equations' shorthand."""
+"""The machine's parameters: one frozen dataclass, checked when it is made."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import SMALLEST, real
+from rimless_gym.constants import Constants, leg_angle_of, reach_of, shorthand, weight_of
 from rimless_gym.equations import IMPACT_LAWS, equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
@@ -26,52 +26,6 @@ OPTIONAL = "pendulum_reach"  # None: it follows from other fields
 CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
-
-
-class Constants(NamedTuple):
-    """The constants in the equations, in the thesis's notation (3.22-3.25).
-
-    It is a tuple of plain scalars, so that numba compiles functions of it and CasADi can put
-    symbols in it. Not in the thesis: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
-    m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
-    mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``F0``,
-    ``c`` and ``w`` the dry friction at the hub, its share of the gear's torque and its width,
-    ``Cd`` the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
-    ``chord`` the distance between feet, ``law`` the index of the impact law in `IMPACT_LAWS`.
-    """
-
-    m1: Any
-    m2: Any
-    I1: Any
-    L1: Any
-    L2: Any
-    reach: Any
-    S1: Any
-    S2: Any
-    Je1: Any
-    Je2: Any
-    Je3: Any
-    Jr: Any
-    mobility: Any
-    d1: Any
-    K: Any
-    Rm: Any
-    G: Any
-    damping: Any
-    F0: Any
-    c: Any
-    w: Any
-    Cd: Any
-    gx: Any
-    gy: Any
-    alpha: Any
-    a: Any
-    b: Any
-    chord: Any
-    law: Any
-
-
-N_CONSTANTS = len(Constants._fields)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -275,163 +229,3 @@ class WheelParams:
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
         return dataclasses.asdict(self)
-
-
-def weight_of(params: Any) -> Any:
-    """``(m1 + m2) g`` (N) of anything with the fields of `WheelParams`; numba compiles it too."""
-    return (params.wheel_mass + params.pendulum_mass) * params.gravity
-
-
-def leg_angle_of(params: Any) -> Any:
-    """``alpha = 2 pi / n`` (rad) of anything with an ``n_legs``; numba compiles it too."""
-    return 2 * math.pi / params.n_legs
-
-
-def reach_of(params: Any) -> Any:
-    """How far the pendulum reaches from the hub (m); numba compiles it too."""
-    given = params.pendulum_reach
-    return rod_reach(params) if given is None else given
-
-
-def rod_reach(params: Any) -> Any:
-    """How far a pendulum without a `pendulum_reach` of its own reaches, as a uniform rod (m)."""
-    return 2 * params.pendulum_length
-
-
-def shorthand(
-    params: Any,
-    sin: Callable[[Any], Any] = math.sin,
-    cos: Callable[[Any], Any] = math.cos,
-) -> Constants:
-    """The constants of `params`, whose fields may be CasADi symbols.
-
-    A symbolic slope needs CasADi's `sin` and `cos`.
-    """
-    d1 = 1.0 if params.motor_mount == "wheel" else 0.0
-    return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)), sin, cos)
-
-
-def constants_of(
-    params: Any, d1: Any, law: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
-) -> Constants:
-    """`shorthand` with the motor mount and the impact law as numbers; numba compiles it too."""
-    m1, m2, L1, L2 = (
-        params.wheel_mass,
-        params.pendulum_mass,
-        params.leg_length,
-        params.pendulum_length,
-    )
-    alpha = leg_angle_of(params)
-    Je2, Jr = m2 * L2**2 + params.pendulum_inertia, params.rotor_inertia * params.gear_ratio**2
-    return Constants(
-        m1=m1,
-        m2=m2,
-        I1=params.wheel_inertia,
-        L1=L1,
-        L2=L2,
-        reach=reach_of(params),
-        S1=(m1 + m2) * L1,
-        S2=m2 * L2,
-        Je1=(m1 + m2) * L1**2 + params.wheel_inertia,
-        Je2=Je2,
-        Je3=m2 * L1 * L2,
-        Jr=Jr,
-        mobility=1 / (Je2 + Jr),
-        d1=d1,
-        K=params.motor_constant * params.gear_ratio,
-        Rm=params.armature_resistance,
-        G=1 / params.armature_resistance,
-        damping=params.hub_damping,
-        F0=params.hub_friction,
-        c=params.gear_loss,
-        w=params.friction_width,
-        Cd=params.drag * L1**3,
-        gx=params.gravity * sin(params.slope),
-        gy=params.gravity * cos(params.slope),
-        alpha=alpha,
-        a=(math.pi - alpha) / 2,
-        b=(math.pi + alpha) / 2,
-        chord=2 * L1 * math.sin(alpha / 2),
-        law=law,
-    )
-
-
-#: Thesis, Table 4.1 with the motor of Table 4.2.
-THESIS_NOMINAL = WheelParams(
-    wheel_mass=1.0,
-    wheel_inertia=1.0,
-    leg_length=1.0,
-    pendulum_mass=1.0,
-    pendulum_inertia=1.0,
-    pendulum_length=0.5,
-)
-
-#: Thesis, Table 4.6.
-THESIS_PHYSICAL = WheelParams()
-
-#: The machine as built: pendulum mass and length a quarter of Table 4.6's.
-PROTOTYPE = WheelParams(
-    pendulum_mass=0.555, pendulum_inertia=0.555 * 0.085**2 / 3, pendulum_length=0.085
-)
-
-#: A machine that can be built from catalogue parts, the environment's default; docs/machine.md has
-#: sources and budget.
-BUILDABLE = WheelParams(
-    wheel_mass=1.39,
-    wheel_inertia=0.0246,
-    leg_length=0.3,
-    n_legs=7,
-    pendulum_mass=1.61,
-    pendulum_inertia=0.0014,
-    pendulum_length=0.142,
-    pendulum_reach=0.167,
-    motor_constant=0.0229,
-    gear_ratio=20.95,
-    armature_resistance=1.9,
-    rotor_inertia=9.6e-7,
-    hub_friction=0.0212,
-    gear_loss=0.07,
-    idle_power=0.5,
-    friction=0.8,
-    voltage_limit=12.0,
-)
-
-PRESETS = {
-    "BUILDABLE": BUILDABLE,
-    "THESIS_NOMINAL": THESIS_NOMINAL,
-    "THESIS_PHYSICAL": THESIS_PHYSICAL,
-    "PROTOTYPE": PROTOTYPE,
-}
-
-
-def preset(name: str) -> WheelParams:
-    """The preset called `name`.
-
-    Raises:
-        ValueError: no preset has that name.
-    """
-    if name not in PRESETS:
-        raise ValueError(f"unknown preset {name!r}: choose from {', '.join(PRESETS)}")
-    return PRESETS[name]
-
-
-#: A machine: a WheelParams, a preset's name, or a mapping of fields that differ from the default's.
-Machine: TypeAlias = WheelParams | str | Mapping[str, Any]
-
-
-def as_params(params: Machine) -> WheelParams:
-    """The machine given in any of the forms of `Machine`.
-
-    Raises:
-        TypeError: it has the wrong type.
-        ValueError: there is no preset or field of that name, or a value is out of its range.
-    """
-    if isinstance(params, WheelParams):
-        return params
-    if isinstance(params, str):
-        return preset(params)
-    if isinstance(params, Mapping):
-        return BUILDABLE.replace(**{str(name): value for name, value in params.items()})
-    raise TypeError(
-        f"params = {params!r}: give a WheelParams, a preset's name or a dictionary of fields"
-    )

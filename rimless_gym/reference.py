@@ -22,7 +22,8 @@ from rimless_gym.crossings import SAMPLES, first_crossing, with_zeros
 from rimless_gym.energy import Ledger
 from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
 from rimless_gym.records import places, record
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 

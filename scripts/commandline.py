@@ -25,7 +25,8 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 from rimless_gym.checks import integer, positive
-from rimless_gym.params import PRESETS, WheelParams, preset
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PRESETS, preset
 
 T = TypeVar("T")
 

@@ -31,7 +31,8 @@ from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams, preset
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import preset
 from scripts.commandline import (
     DEFAULT_PRESET,
     DISTURBANCES,

@@ -6,7 +6,8 @@ import dataclasses
 from typing import Any
 
 from rimless_gym.checks import integer, positive, require_kind
-from rimless_gym.params import WheelParams, preset
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import preset
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,8 @@ from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.plain import made_of
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import as_params
 
 
 def as_task(task: Any) -> Task:

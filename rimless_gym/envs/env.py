@@ -32,7 +32,8 @@ from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import BUILDABLE, Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, Machine, as_params
 from rimless_gym.symbolic import HybridModel
 
 _ROW = np.zeros(1, dtype=np.int64)

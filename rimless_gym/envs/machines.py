@@ -6,22 +6,20 @@ import dataclasses
 import math
 
 from rimless_gym import hybrid
-from rimless_gym.envs.layout import Machine, reader, set_machine, set_prices
-from rimless_gym.envs.randomness import between
-from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.jit import inner, kept
-from rimless_gym.kernel.stepping import MAX_POLE
-from rimless_gym.params import (
-    CHOICES,
-    LEAST_REGULARITY,
+from rimless_gym.constants import (
     Constants,
-    WheelParams,
     constants_of,
     leg_angle_of,
     reach_of,
     rod_reach,
     weight_of,
 )
+from rimless_gym.envs.layout import Machine, reader, set_machine, set_prices
+from rimless_gym.envs.randomness import between
+from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.jit import inner, kept
+from rimless_gym.kernel.stepping import MAX_POLE
+from rimless_gym.params import CHOICES, LEAST_REGULARITY, WheelParams
 from rimless_gym.records import record
 
 #: The parameters that are numbers, in the order of the arrays `numbers` (len(NUMBERS), N).

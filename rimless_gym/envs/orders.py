@@ -11,12 +11,12 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.envs.interval import step
 from rimless_gym.envs.layout import BLOCK, MEMORY
 from rimless_gym.envs.observation import OBSERVATION_SIZE
 from rimless_gym.jit import ENVIRONMENT, kept
 from rimless_gym.kernel.stepping import SCRATCH_SIZE
-from rimless_gym.params import N_CONSTANTS
 from rimless_gym.records import places, record
 
 #: Addresses of arrays; number of columns of memory and block; number of machines, 1 or one per

@@ -12,6 +12,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
+from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.envs.layout import MEMORY
 from rimless_gym.envs.observation import NO_ERRORS, observe_row
 from rimless_gym.envs.perturbation import errors, machine_at
@@ -19,7 +20,7 @@ from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
-from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.params import WheelParams
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 

@@ -34,7 +34,8 @@ from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
 from rimless_gym.kernel.stepping import MODE
-from rimless_gym.params import BUILDABLE, Machine, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, Machine
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

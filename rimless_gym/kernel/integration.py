@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.equations import LOSSES, SINGLE
 from rimless_gym.hybrid import accelerations, accelerations_turned, losses, relative_rate
 from rimless_gym.jit import inlined, vectorised
@@ -33,7 +34,7 @@ from rimless_gym.kernel.tile import (
     put_state,
     turned_angles,
 )
-from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.params import WheelParams
 
 _A, _B = DOP853.A, DOP853.B
 

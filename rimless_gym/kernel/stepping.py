@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole, friction_pole, motor_torque
 from rimless_gym.jit import ROLLOUTS, inner, kept
@@ -24,7 +25,7 @@ from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
 from rimless_gym.kernel.booking import open_interval
 from rimless_gym.kernel.lanes import LANES, copy_lanes, one_copy
 from rimless_gym.kernel.tile import CARRIED, TILE_SIZE
-from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.params import WheelParams
 
 
 class HybridState(NamedTuple):

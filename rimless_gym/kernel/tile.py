@@ -13,11 +13,11 @@ import itertools
 
 import numpy as np
 
+from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.energy import ROW
 from rimless_gym.equations import Accelerations, Losses, State
 from rimless_gym.jit import inlined
 from rimless_gym.kernel.lanes import LANES, reader, writer
-from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, sin
 
 STAGES = 12  # of the integration step

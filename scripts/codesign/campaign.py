@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rimless_gym.params import BUILDABLE
+from rimless_gym.presets import BUILDABLE
 from scripts.codesign import budget, gaits, page, parts, problem, slower, startup
 from scripts.codesign.budget import Build
 from scripts.codesign.gaits import cheaper, cheapest

@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from rimless_gym.params import BUILDABLE
+from rimless_gym.presets import BUILDABLE
 from scripts.codesign.problem import chosen
 
 #: The dearest cost of transport that is drawn: no build with 62 : 1 is as cheap.

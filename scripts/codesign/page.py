@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rimless_gym.params import BUILDABLE
+from rimless_gym.presets import BUILDABLE
 from scripts.codesign import figures
 from scripts.codesign.budget import TOTAL_MASS, Build
 from scripts.codesign.parts import GPX_22_UP

@@ -17,7 +17,7 @@ from rimless_gym.energy import ROW, Ledger
 from rimless_gym.equations import MODE_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import FOOT, MODE, advance
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from scripts.documents.feet import height_at_touchdown
 from scripts.documents.motions import CASES, Motion
 

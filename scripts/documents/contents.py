@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from scripts.documents import accuracy, dips, drawings, errata, integrator, machines, plots
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")

@@ -9,7 +9,7 @@ import numpy as np
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from scripts.documents.feet import dip
 
 

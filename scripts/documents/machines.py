@@ -9,7 +9,7 @@ import numpy as np
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
 from rimless_gym.equations import equations
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 
 eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
 

@@ -15,7 +15,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.kernel.stepping import DPHI, DTHETA, THETA, advance
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from rimless_gym.energy import CHANNELS
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from scripts.documents.machines import OF_THE_THESIS
 from scripts.documents.motions import CASES
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rimless_gym.envs.task import Task
-from rimless_gym.params import as_params
+from rimless_gym.presets import as_params
 from scripts.documents.tables import table
 
 

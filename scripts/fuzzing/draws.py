@@ -14,7 +14,8 @@ from rimless_gym.envs.starts import draw_start, normal_force
 from rimless_gym.equations import DOUBLE, IMPACT_LAWS, MODE_NAMES, SINGLE
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import MOTOR_MOUNTS, PRESETS
+from rimless_gym.params import MOTOR_MOUNTS
+from rimless_gym.presets import PRESETS
 
 Floats = NDArray[np.float64]
 Generator = np.random.Generator

@@ -15,7 +15,7 @@ from agents.policy_files import FORMAT, CheckpointError, load_policy, read_recor
 from agents.sb3.networks import architecture
 from agents.training_state import StateError, read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from rimless_gym import simulate
 from rimless_gym.export import JOINTS, joint_state, to_mjcf, to_urdf
-from rimless_gym.params import PRESETS, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PRESETS
 from rimless_gym.symbolic import HybridModel
 
 pytestmark = pytest.mark.peers

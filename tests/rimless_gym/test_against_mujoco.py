@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from rimless_gym.equations import DOUBLE, equations
 from rimless_gym.export import joint_state
 from rimless_gym.hybrid import after_touchdown
-from rimless_gym.params import PRESETS, THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PRESETS, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 
 number = equations(math.sin, math.cos)

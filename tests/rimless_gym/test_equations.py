@@ -18,8 +18,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from rimless_gym.constants import shorthand
 from rimless_gym.equations import equations
-from rimless_gym.params import THESIS_PHYSICAL, WheelParams, shorthand
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import THESIS_PHYSICAL
 
 NAMES = (
     *("wheel_mass", "wheel_inertia", "leg_length", "pendulum_mass", "pendulum_inertia"),

@@ -13,7 +13,8 @@ from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.export import JOINTS, TIMESTEP, joint_state, to_mjcf, to_urdf
 from rimless_gym.kernel.stepping import advance
-from rimless_gym.params import BUILDABLE, PRESETS, THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE, PRESETS, THESIS_PHYSICAL
 
 BARE = WheelParams(
     n_legs=8, slope=0.08, wheel_inertia=0.0, pendulum_length=0.0, motor_constant=0.0, friction=5.0

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rimless_gym import params as parameters
+from rimless_gym import presets as parameters
+from rimless_gym.constants import shorthand
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import (
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import (
     BUILDABLE,
     PRESETS,
     PROTOTYPE,
     THESIS_NOMINAL,
     THESIS_PHYSICAL,
-    WheelParams,
     as_params,
     preset,
-    shorthand,
 )
 from rimless_gym.reference import simulate
 from rimless_gym.symbolic import HybridModel

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from rimless_gym.equations import DOUBLE
-from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_PHYSICAL
+from rimless_gym.presets import PRESETS, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.rendering._pygame import pygame
 from rimless_gym.rendering.wheel import FACE, ROD, STANCE, TRACK, Scene, Window, draw, save_gif
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from rimless_gym import hybrid
 from rimless_gym.equations import equations
-from rimless_gym.params import PRESETS, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PRESETS, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 
 number = equations(math.sin, math.cos)

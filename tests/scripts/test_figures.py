@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rimless_gym.params import PRESETS
+from rimless_gym.presets import PRESETS
 from scripts.documents import accuracy, errata, integrator, machines
 from scripts.documents.contents import DOCUMENTS
 from scripts.documents.motions import CASES

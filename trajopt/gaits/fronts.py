@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from rimless_gym.checks import flag, integer, positive, real_array
-from rimless_gym.params import Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.held.clock import held_speed
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait

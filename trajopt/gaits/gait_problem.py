@@ -7,7 +7,8 @@ import math
 from functools import lru_cache
 
 from rimless_gym.checks import flag, integer, positive
-from rimless_gym.params import Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.stance import WheelPhases
 from trajopt.ocp.pose.problem import Problem
 from trajopt.ocp.solving.refinement import MAX_ELEMENTS

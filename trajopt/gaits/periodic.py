@@ -8,7 +8,8 @@ from typing import Any, TypeAlias
 
 from rimless_gym.checks import flag, integer, positive
 from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.params import Machine, WheelParams, as_params
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.finishing import finished
 from trajopt.gaits.gait_problem import gait_problem
 from trajopt.gaits.held.clock import held_speed, ticks_of_stride

@@ -15,7 +15,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rimless_gym.params import THESIS_NOMINAL, THESIS_PHYSICAL, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import THESIS_NOMINAL, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 from scripts.thesis.experiments.case import USUAL, Case, Effort, Key, Printed
 from scripts.thesis.experiments.periodic_gaits import FromGait, rod_of_mass

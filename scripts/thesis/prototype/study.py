@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from pathlib import Path
 from typing import Any
 
-from rimless_gym.params import THESIS_PHYSICAL
+from rimless_gym.presets import THESIS_PHYSICAL
 from scripts.thesis.prototype.gait import cheaper, cheapest
 from scripts.thesis.prototype.points import Point, store, stored
 from scripts.thesis.prototype.variant import SCALES, VARIANTS, Variant

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from rimless_gym.params import PROTOTYPE, WheelParams
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PROTOTYPE
 from rimless_gym.symbolic import Design
 from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.solution import Solution
