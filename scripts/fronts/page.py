@@ -109,10 +109,10 @@ def _earned(rows: Sequence[dict[str, Any]], price: float) -> str:
     """Which of the gaits earns most reward, and how it compares with its neighbours."""
     rates = {row["speed"]: (price - row["cot"]) * row["speed"] for row in rows}
     best = max(rates, key=lambda speed: rates[speed])
-    slower = [f"{rates[v] / rates[best]:.1%} at {v:g} m/s" for v in rates if v < best][-3:]
+    slower = [f"{rates[v] / rates[best]:.1%} of that at {v:g} m/s" for v in rates if v < best][-3:]
     return (
         f"At the environment's price of distance, {price:g}, the walk at {best:g} m/s earns most, "
-        f"{rates[best]:.4f} m per second. Slower walks earn less: {', '.join(slower)} of that."
+        f"{rates[best]:.4f} m per second. Slower walks earn less: {', '.join(slower)}."
     )
 
 
