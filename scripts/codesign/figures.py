@@ -53,12 +53,13 @@ def pendulums(rows: Sequence[dict[str, Any]]) -> Figure:
             panel.annotate(f"{value:{form}}", (x, y), ha="center", va="center", size=7, bbox=box)
     own = chosen(BUILDABLE)
     for panel in (left, right):
-        panel.plot(1000 * own[1], own[0], "rs", ms=33, mfc="none", mew=2, label="BUILDABLE")
+        panel.plot(1000 * own[1], own[0], "rs", ms=33, mfc="none", mew=2)
         panel.set_xlabel("arm (mm)")
         panel.margins(0.15)
-        panel.legend(loc="lower left", markerscale=0.3)
     left.set_ylabel("bob (kg)")
     figure.colorbar(costs, ax=left, label="least cost of transport")
     figure.colorbar(shares, ax=right, label="in the gait within 10 s")
-    figure.suptitle(f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs)")
+    figure.suptitle(
+        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: its own"
+    )
     return figure
