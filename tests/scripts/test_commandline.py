@@ -253,7 +253,7 @@ def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> No
 
 @pytest.fixture
 def gait_file() -> Path:
-    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.500.npz")
+    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.5000.npz")
     return path
 
 

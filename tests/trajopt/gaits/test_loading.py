@@ -215,7 +215,7 @@ def check_from_scratch(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["thesis_physical_1_steps_k-1_0.500.npz", "thesis_physical_2_steps_k0_0.500.npz"]
+    "name", ["thesis_physical_1_steps_k-1_0.5000.npz", "thesis_physical_2_steps_k0_0.5000.npz"]
 )
 def test_the_shipped_gaits_at_half_a_metre_per_second_pass_verification_again(name):
     check_from_scratch(name)

@@ -133,7 +133,7 @@ def test_leading_a_gait_too_far_reports_the_speed_that_was_reached(one_step):
 
 def test_the_error_for_a_speed_beyond_reach_names_the_limits_that_bind():
     with pytest.raises(NoGaitError, match=r"1\.5 m/s(.|\n)*violated(.|\n)*reached"):
-        periodic_gait(THESIS_PHYSICAL, 1.5, steps=1)
+        periodic_gait(THESIS_PHYSICAL, 1.5, 1, guess=nearest(THESIS_PHYSICAL, 1.0, 1)[0])
 
 
 def test_the_report_shows_a_failed_verification(one_step):
