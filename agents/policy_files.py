@@ -201,7 +201,7 @@ def load_policy(
         differing = {k: f"{has[k]} (not {wanted[k]})" for k in has if has[k] != wanted[k]}
         raise CheckpointError(
             f"{path}: trained on another machine: {differing}; to try it on this one all the "
-            "same, load it without params"
+            "same, leave out params (--preset and --params)"
         )
     parts = PolicyParts(record, weights)
     try:

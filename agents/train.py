@@ -24,13 +24,14 @@ from rimless_gym.checks import integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
 
 #: What is imitated where no expert is given: a feedback law, and the gait that it holds.
-EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.5, 1
+EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.56, 1
 
 #: The largest that numpy's global generator takes.
 MAX_SEED = 2**32 - 1
@@ -99,7 +100,8 @@ def train(
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
         settings: hyperparameters; default: the learner's own.
-        expert: to imitate; default: LQR about the optimal gait at 0.5 m/s.
+        expert: to imitate; default: LQR about the optimal gait at 0.56 m/s whose
+            voltage is held as the environment holds it.
         cloning: how, default `Cloning()`.
         score: what "best" means, larger is better; default: reward per second.
         protocol: of the periodic evaluations.
@@ -151,7 +153,9 @@ def _begun(plan: Plan, init: str, expert: Controller | None, cloning: Cloning) -
         return _started_from(init, training)
     learner, params = kind(training), training.conditions.params
     if expert is None:
-        gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, progress=plan.progress)
+        gait = periodic_gait(
+            params, EXPERT_SPEED, EXPERT_STEPS, hold=CONTROL_PERIOD, progress=plan.progress
+        )
         expert = laws.design(EXPERT, gait)
     report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ def require_callable(name: str, value: Any) -> None:
         TypeError: `value` is not callable.
     """
     if not callable(value):
-        raise TypeError(f"{name} = {value!r}: must be a function")
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must be a function")
 
 
 def integer(name: str, value: Any, least: int, most: int | None = None) -> int:

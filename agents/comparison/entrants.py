@@ -24,6 +24,7 @@ from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.held.clock import held_speeds
 from trajopt.gaits.shipped import leads_for
 
 #: Strides considered for the optimal front.
@@ -108,7 +109,8 @@ class Front:
 class HeldFront:
     """The environment's own optimum: the front of gaits whose voltage is held for its 10 ms.
 
-    Its gaits have as many steps as the continuous front's nearest in speed. Its row is that of its
+    It has every speed of the front at which a step lasts a whole number of control intervals. Its
+    gaits have as many steps as the continuous front's nearest in speed. Its row is that of its
     gait nearest to the study's speed.
     """
 
@@ -120,7 +122,8 @@ class HeldFront:
         solutions: list[Solution] = []
         missing: list[tuple[int, float, str]] = []
         for steps in sorted({gait.steps for gait in best}):
-            speeds = [gait.speed for gait in best if gait.steps == steps]
+            own = [gait.speed for gait in best if gait.steps == steps]
+            speeds = held_speeds(arena.params, min(own), max(own), CONTROL_PERIOD)
             try:
                 front = cot_front(
                     arena.params,

@@ -111,8 +111,8 @@ def _earned(rows: Sequence[dict[str, Any]], price: float) -> str:
     best = max(rates, key=lambda speed: rates[speed])
     slower = [f"{rates[v] / rates[best]:.1%} of that at {v:g} m/s" for v in rates if v < best][-3:]
     return (
-        f"At the environment's price of distance, {price:g}, the walk at {best:g} m/s earns most, "
-        f"{rates[best]:.4f} m per second. Slower walks earn less: {', '.join(slower)}."
+        f"At the environment's price of distance, {price:g}, of these walks that at {best:g} m/s "
+        f"earns most, {rates[best]:.4f} m per second. Slower walks earn less: {', '.join(slower)}."
     )
 
 
@@ -121,7 +121,7 @@ def _agreement(apart: Sequence[str], largest: float, wanted: float, count: int) 
         return f"**The two seeds agree within {max(largest, 1e-4):.2%} at all {count} speeds.**"
     return (
         f"**The two seeds do not agree yet:** at {len(apart)} of {count} speeds their costs differ "
-        f"by more than {wanted:.1%} ({', '.join(apart)} m/s). The table has the lower cost."
+        f"by more than {wanted:.1%} ({', '.join(apart)} m/s)."
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import operator
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -113,4 +114,4 @@ def require_callable(name: str, value: Any) -> None:
         TypeError: `value` is not callable.
     """
     if not callable(value):
-        raise TypeError(f"{name} = {value!r}: must be a function")
+        raise TypeError(f"{name} = {reprlib.repr(value)}: must be a function")

@@ -52,6 +52,15 @@ def ticks_of_stride(params: WheelParams, speed: float, steps: int, hold: float) 
     return min(counts, key=lambda n: abs(distance / (n * hold) - speed))
 
 
+def held_speeds(params: WheelParams, slowest: float, fastest: float, hold: float) -> list[float]:
+    """All speeds (m/s) at which a step lasts whole periods, between those nearest to these two.
+
+    Takes and refuses what `ticks_of_stride` does.
+    """
+    counts = [ticks_of_stride(params, speed, 1, hold) for speed in (fastest, slowest)]
+    return [params.step_length / (n * hold) for n in range(counts[1], counts[0] - 1, -1)]
+
+
 def held_speed(params: WheelParams, speed: float, steps: int, hold: float) -> float:
     """The speed (m/s) of the strides that can be repeated under the clock, nearest to `speed`.
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from trajopt.gaits.held.clock import held_speed, ticks_of_stride
+from trajopt.gaits.held.clock import held_speed, held_speeds, ticks_of_stride
 
 P = THESIS_PHYSICAL
 
@@ -53,3 +54,11 @@ def test_a_hold_that_is_no_number_is_refused():
 def test_clocks_that_are_too_fast_or_too_slow_are_refused(speed, steps, hold, told):
     with pytest.raises(ValueError, match=f"hold = {hold}: must be .*{told}"):
         ticks_of_stride(P, speed, steps, hold)
+
+
+def test_held_speeds_are_all_that_a_clock_allows_between_two() -> None:
+    speeds = held_speeds(P, 0.45, 0.55, 0.01)
+    assert speeds[0] == held_speed(P, 0.45, 1, 0.01)
+    assert speeds[-1] == held_speed(P, 0.55, 1, 0.01)
+    ticks = [P.step_length / speed / 0.01 for speed in speeds]
+    assert np.diff(ticks) == pytest.approx(-1.0)
