@@ -133,6 +133,9 @@ class WheelParams:
         object.__setattr__(self, "n_legs", int(self.n_legs))
         if abs(self.slope) >= math.pi / 2:
             raise ValueError(f"slope = {self.slope}: must lie strictly between -pi/2 and pi/2 rad")
+        for name in CHOICES:
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"{name} = {getattr(self, name)!r}: must be a name")
         if self.motor_mount not in MOTOR_MOUNTS:
             raise ValueError(f"motor_mount = {self.motor_mount!r}: choose from {MOTOR_MOUNTS}")
         if self.impact_law not in IMPACT_LAWS:
@@ -214,7 +217,7 @@ class WheelParams:
         """Fastest rate (1/s) at which back-EMF and viscous friction damp psi', over all poses."""
         return float(_eq.hub_pole(self.constants))
 
-    def replace(self, **changes: Any) -> WheelParams:
+    def replace(self, /, **changes: Any) -> WheelParams:
         """A copy with some fields changed, validated like a new one.
 
         Raises:

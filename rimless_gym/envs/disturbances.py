@@ -147,16 +147,19 @@ class Ranges:
         object.__setattr__(self, "bounds", ordered)
 
     def require_valid(self, params: WheelParams) -> None:
-        """Refuse ranges whose ends, put into `params` singly or together, are not valid.
+        """Refuse ranges from which a machine may be drawn that is not valid.
+
+        Tried are all fields at their low ends and all at their high ends, and each of these with
+        one field at its other end.
 
         Raises:
             ValueError: see `WheelParams` and `require_steppable`.
         """
         for end in (0, 1):
+            corner = {name: bounds[end] for name, bounds in self.bounds.items()}
+            require_steppable(params.replace(**corner))
             for name, bounds in self.bounds.items():
-                require_steppable(params.replace(**{name: bounds[end]}))
-            together = {name: bounds[end] for name, bounds in self.bounds.items()}
-            require_steppable(params.replace(**together))
+                require_steppable(params.replace(**corner | {name: bounds[1 - end]}))
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from rimless_gym.checks import not_negative
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -24,8 +26,8 @@ class Task:
         fall_distance: travel forfeited when an episode ends early (m). It is more than a wheel
             gains by the lunge that makes it fall, so that such a lunge does not pay.
         slip_speed: travel forfeited per second of control intervals in which the foot would slip
-            (m/s), as though it slid back at this speed. It is more than the hub ever gains while
-            the wheel walks, so that a moment that slips is worth less than one at rest.
+            (m/s), as though it slid back at this speed. The travel of such an interval is not paid
+            for either, so that a moment that slips is worth less than one at rest.
         horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
 
     Raises:
@@ -58,14 +60,16 @@ def energy(interval: Any, machine: Any, task: Any) -> Any:
 
 
 def slip(interval: Any, machine: Any, task: Any) -> Any:
-    """`-value_of_distance * slip_speed * elapsed`, if a force or an impulse exceeds the friction.
+    """`-value_of_distance * (max(dx, 0) + slip_speed * elapsed)`, if the friction is exceeded.
 
+    By a force or by an impulse.
     The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
     charge in proportion to the excess would be less than what the excess saves.
     """
     slips = exceeds(interval.friction_demand, machine.friction)
     slips = slips | exceeds(interval.impulse_friction_demand, machine.friction)
-    return 0.0 - slips * (task.value_of_distance * task.slip_speed * interval.elapsed)
+    back = np.maximum(interval.distance, 0.0) + task.slip_speed * interval.elapsed
+    return 0.0 - slips * (task.value_of_distance * back)
 
 
 def end(interval: Any, machine: Any, task: Any) -> Any:

@@ -81,8 +81,10 @@ def friction_rate(y, acc, rate, u, p):
     exists = 1.0 if p.F0 > 0.0 else 0.0
     reversing = exists * abs(ddpsi) / np.sqrt(dpsi * dpsi + p.w * p.w)
     loading = p.c * change / max(level, 1e-300)
+    fed_back = p.c * gearing  # friction changes psi'', and so the torque that causes it
     braking = friction_pole(dpsi, torque, p) * (1 / MAX_POLE_STEP)
-    return max(braking, max(reversing, loading) * (1 / MAX_BEND_STEP))
+    steepest = max(braking, reversing * (1 / MAX_BEND_STEP)) / (1 - fed_back * fed_back)
+    return max(steepest, loading * (1 / MAX_BEND_STEP))
 
 
 @vectorised
@@ -106,7 +108,7 @@ def plan(tile):
         turning = rate / min(max(peak(p), LEAST_PEAK), 1.0)
         braking = drag_pole(rolling, p)
         damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
-        rubbing = friction_rate(y, acc, rate, tile[of.VOLTAGE + lane], p)
+        rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[of.VOLTAGE + lane], p)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
         runs = left > 0.0 and tile[of.FAILURE + lane] == OK

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -79,13 +80,17 @@ def same_study(path: Path) -> None:
     Raises:
         ValueError: they are those of another study.
     """
+    modules = (parts, budget, problem, gaits, slower, startup, sys.modules[__name__])
     own = {
         f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
-        for module in (parts, budget, problem, gaits, slower, startup)
+        for module in modules
         for name, value in vars(module).items()
         if name.isupper() and not name.startswith("_")
     }
-    known = json.loads(path.read_text()) if path.exists() else own
+    try:
+        known = dict(json.loads(path.read_text())) if path.exists() else own
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: damaged ({error}); delete the folder {path.parent}") from error
     other = sorted(name for name in {*own, *known} if own.get(name) != known.get(name))
     if other:
         raise ValueError(

@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for marks in page.MARKS.values():
             parser.require_page(options.docs, marks, page.WANTED)
     try:
-        with terminated_like_ctrl_c(), parser.refusing():
+        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
             campaign(options.out, options.workers, options.docs)
             return 0
     except KeyboardInterrupt:

@@ -11,6 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from trajopt.files import jsonable, write_text
+from trajopt.gaits.gait_file import GaitFileError
 from trajopt.gaits.solution import Solution
 from trajopt.processes import pool
 
@@ -56,11 +57,14 @@ def stage(
 
 def _kept(place: Path, key: str) -> Found | None:
     gait, rest = place / f"{key}.npz", place / f"{key}.json"
-    if gait.exists():
-        return Solution.load(gait)
-    if rest.exists():
-        values: Found = json.loads(rest.read_text())
-        return values
+    try:
+        if gait.exists():
+            return Solution.load(gait)
+        if rest.exists():
+            values: Found = json.loads(rest.read_text())
+            return values
+    except (GaitFileError, ValueError):
+        return None  # damaged: it is computed again
     return None
 
 

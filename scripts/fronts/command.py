@@ -35,12 +35,16 @@ from scripts.fronts.campaign import searched
 from scripts.fronts.crew import crew
 from scripts.fronts.drawing import drawn
 from scripts.fronts.fine import polished
-from scripts.fronts.library import ship
+from scripts.fronts.library import record_file, ship
 from scripts.fronts.record import chosen, record, same_machine
 from trajopt.files import write_text
+from trajopt.gaits.periodic import fastest_walk
 from trajopt.gaits.shipped import FOLDER, shipped
 
 ROOT = Path(__file__).resolve().parents[2]
+
+#: A search that took less than this share of the shipped one's time does not replace it.
+SHORTER = 0.9
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,12 +60,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--grid", type=more_than_zero, default=0.05, help="of speeds (m/s)")
     parser.add_argument("--out", type=Path, default=Path("runs/front"), help="folder of the search")
     options = parser.parse_args(arguments)
-    params, trial = parser.machine(options), bool(options.params)
+    params, trial = parser.machine(options), options.params is not None
     name = options.preset + ("_CHANGED" if trial else "")
     folder = options.out / name
     with parser.refusing():
         parser.require_folder(folder, "machine.json")
         _same_search(folder / "machine.json", params, options.grid)
+        if options.grid > fastest_walk(params):
+            raise ValueError(
+                f"--grid = {options.grid:g}: must be at most {fastest_walk(params):.3g} m/s, the "
+                "fastest walk of this machine"
+            )
     library = folder / "library" if trial else FOLDER
     docs = folder / "docs" if trial else ROOT / "docs"
     try:
@@ -95,9 +104,26 @@ def _searched(
         done = polished(board, folder / "gaits", workers, budget)
     gaits = chosen(done, same_machine(shipped(), params))
     found = record(name, board, gaits, done, sweeps, options.minutes, options.workers)
+    _require_more_search(found, library / record_file(name))
     size = ship(library, name, gaits, found)
     print(f"{len(gaits)} gaits, {size / 1e6:.2f} MB, are in {library}")
     return found
+
+
+def _require_more_search(found: dict[str, Any], path: Path) -> None:
+    """Refuse to replace the record of a longer search by that of a shorter one.
+
+    Raises:
+        ValueError: the shipped one was longer.
+    """
+    spent = "search_of_one_core"
+    before = json.loads(path.read_text())["minutes"][spent] if path.exists() else 0.0
+    if found["minutes"][spent] < SHORTER * before:
+        raise ValueError(
+            f"{path.name}: the shipped front was searched for {before:.0f} minutes of one core, "
+            f"this one for {found['minutes'][spent]:.0f}, so it is not replaced; the same command "
+            "with more --minutes goes on"
+        )
 
 
 def _same_search(path: Path, params: WheelParams, grid: float) -> None:

@@ -85,5 +85,5 @@ def kept(folder: Path, gait: Found) -> Polished | None:
         header = json.loads(note.read_text())
         solution = Solution.load(path) if path.exists() else None
         return Polished(gait, solution, header["failure"], header["seconds"])
-    except (FileNotFoundError, GaitFileError, ValueError, KeyError):
+    except (FileNotFoundError, GaitFileError, ValueError, KeyError, TypeError):
         return None

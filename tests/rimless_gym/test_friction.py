@@ -168,3 +168,27 @@ def test_exact_stick_and_slip_is_approached_as_the_width_goes_to_zero(mode: int)
         errors.append(np.abs(np.array(path) - exact).max())
     assert all(finer < 0.6 * coarser for coarser, finer in itertools.pairwise(errors))
     assert errors[-1] < 0.01
+
+
+def test_a_gear_that_loses_nearly_all_under_a_heavy_rotor_is_resolved_too() -> None:
+    params = THESIS_PHYSICAL.replace(
+        hub_friction=0.0212,
+        friction_width=0.0029,
+        gear_loss=1 - 3.2e-8,
+        rotor_inertia=1.02e-3,
+        motor_mount="frame",
+        motor_constant=0.0,
+        slope=0.4,
+    )
+    start = [1.81458, 1.35063, 4.25349, 7.68653]
+    state, volts = np.array([[*start, 0.0, 0.0]]), np.array([1.02])
+    rows = advance(params, state, volts, pull=np.inf)
+    known = simulate(params, start, volts, 0.01)
+    assert state[0, :4] == pytest.approx(known.x[-1], abs=1e-5)
+    assert abs(Ledger.from_rows(rows[0], params).residual) < 1e-6
+
+
+def test_violent_gravity_ends_the_motion_instead_of_hanging() -> None:
+    params = THESIS_PHYSICAL.replace(hub_friction=0.02, gravity=1e12)
+    rows = advance(params, np.array([[1.4, 0.5, 0.5, 1.0, 0.0, 0.0]]), np.zeros(1), pull=np.inf)
+    assert rows[0, ROW.failure] == hybrid.RATE_EXCEEDED

@@ -134,3 +134,15 @@ def test_the_page_has_a_place_for_every_table_and_the_budget_of_the_preset() -> 
     text = (DOCS / "machine.md").read_text()
     for marks in page.MARKS.values():
         assert marks.search(text)
+
+
+def test_a_damaged_result_of_a_stage_is_computed_again(tmp_path: Path) -> None:
+    stage(tmp_path, "numbers", {"one": (1,)}, doubled, 1)
+    (tmp_path / "numbers" / "one.json").write_text('{"twi')
+    assert stage(tmp_path, "numbers", {"one": (1,)}, doubled, 1) == {"one": {"twice": 2}}
+
+
+def test_a_damaged_account_of_a_study_is_named(tmp_path: Path) -> None:
+    (tmp_path / "study.json").write_text("")
+    with pytest.raises(ValueError, match=r"study\.json: damaged"):
+        same_study(tmp_path / "study.json")

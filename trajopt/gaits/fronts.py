@@ -109,6 +109,7 @@ def cot_front(
     speeds = [positive("speeds", speed) for speed in _row("speeds", speeds)]
     steps = [integer("steps", count, 1, MOST_STEPS) for count in _row("steps", steps)]
     if hold is not None:
+        hold = positive("hold", hold)
         speeds = sorted({held_speed(params, speed, 1, hold) for speed in speeds})
     solutions: list[Solution] = []
     missing: list[tuple[int, float, str]] = []

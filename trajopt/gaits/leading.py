@@ -29,6 +29,9 @@ SHORTEST_STEP = SPEED_STEP / 2
 #: (Not a round number, because differences of speeds are.)
 SAME_SPEED = 9e-4
 
+#: Elements per step and degree of a mesh that takes the place of a clock's intervals.
+FREE_ELEMENTS, FREE_DEGREE = 16, 7
+
 #: IPOPT's first barrier on the way and for the same gait again, and its iterations on the way.
 BARRIER, SAME_BARRIER, ITERATIONS = 1e-3, 1e-5, 150
 
@@ -44,7 +47,7 @@ def led(
             params, speed=at, steps=lead.steps, theta_turns=turns, regeneration=regeneration
         )
 
-    mesh = own_mesh(lead.phases)
+    mesh = own_mesh(lead.phases) if lead.hold is None else _free_mesh(problem(lead.speed))
     phases: Sequence[PhaseTrajectory] = lead.phases
     reached = lead.speed
     if abs(speed - lead.speed) > (1 + STRETCH) * SPEED_STEP:
@@ -66,6 +69,11 @@ def own_mesh(phases: Sequence[PhaseTrajectory]) -> Mesh:
     fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in phases)
     degrees = tuple((len(p.nodes) - 1,) * (len(p.edges) - 1) for p in phases)
     return Mesh(fractions, degrees, control_degree=CONTROL_DEGREE)
+
+
+def _free_mesh(problem: Problem) -> Mesh:
+    """A mesh for a gait led from one whose voltage is held: its own has an element per interval."""
+    return Mesh.uniform(problem, FREE_ELEMENTS, FREE_DEGREE, control_degree=CONTROL_DEGREE)
 
 
 def _followed(problem: Any, lead: Solution, speed: float, mesh: Mesh) -> Curve:

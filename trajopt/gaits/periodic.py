@@ -114,6 +114,7 @@ def periodic_gait(
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
     if hold is not None:
+        hold = positive("hold", hold)
         search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
         search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
         lead = _unheld(params, (speed, hold), guess, **search_for)

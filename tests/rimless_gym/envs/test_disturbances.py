@@ -334,6 +334,14 @@ def test_a_delay_given_as_a_list_is_copied():
         (lambda: Ranges({"slope": (0.1, -0.1)}), ValueError, "slope = "),
         (lambda: make(ranges={"wheel_mass": (-1, 1)}), ValueError, "wheel_mass = -1"),
         (lambda: make(ranges={"armature_resistance": (1e-6, 5)}), ValueError, "motor damps"),
+        (
+            lambda: make(
+                params=BUILDABLE,
+                ranges={"pendulum_length": (0.142, 0.16), "pendulum_reach": (0.15, 0.17)},
+            ),
+            ValueError,
+            "pendulum_reach = 0.15: must be at least pendulum_length = 0.16",
+        ),
         (lambda: make(disturbances=Pushes(rate=1, impulse=(0, 1))), TypeError, "Disturbances"),
     ],
 )

@@ -34,8 +34,8 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
         assert reward == sum(terms)
         assert terms[0] == task.value_of_distance * info["distance"]
         assert terms[1] == -(info["electrical_positive"] + info["idle"]) / params.weight
-        back = task.value_of_distance * task.slip_speed * info["elapsed"]
-        assert terms[2] == (-back if info["slips"] else 0.0)
+        back = max(info["distance"], 0.0) + task.slip_speed * info["elapsed"]
+        assert terms[2] == (-task.value_of_distance * back if info["slips"] else 0.0)
         assert terms[3] == pytest.approx(-fall if ended else 0.0, rel=1e-15)
         slips += info["slips"]
         if ended or truncated:
@@ -117,7 +117,7 @@ def test_rewards_are_bounded(env: gym.Env) -> None:
     p, speed = machine.constants, MAX_RATE * 10 * machine.leg_length  # no step is trusted with more
     current = (machine.voltage_limit + p.K * 20 * MAX_RATE) / machine.armature_resistance
     power = machine.voltage_limit * current + machine.idle_power
-    step = task.value_of_distance * (speed + task.slip_speed) + power / machine.weight
+    step = task.value_of_distance * (2 * speed + task.slip_speed) + power / machine.weight
     end = task.value_of_distance * task.fall_distance
     end += task.horizon * machine.idle_power / machine.weight
     rng = np.random.default_rng(0)

@@ -209,3 +209,9 @@ def test_feedback_about_it_holds_its_cost_at_a_hundred_hertz(held, continuous):
         costs.append(energy / (P.weight * distance))
     assert costs[0] == pytest.approx(held.cot, rel=0.02)
     assert costs[1] > 1.05 * costs[0]
+
+
+def test_a_hold_in_single_precision_gives_a_gait_that_is_saved(held, tmp_path):
+    again = periodic_gait(held.params, held.speed, 1, hold=np.float32(0.01), guess=held)
+    assert isinstance(again.hold, float)
+    again.save(tmp_path / "gait.npz")
