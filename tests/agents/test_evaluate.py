@@ -121,7 +121,8 @@ def test_the_objective_is_the_reward_per_second_including_falls():
             rows = interval.info
             reward += 3.5 * rows["distance"].sum()
             reward -= rows["electrical_positive"].sum() / THESIS_PHYSICAL.weight
-            reward -= 3.5 * 3.0 * rows["elapsed"][rows["slips"]].sum()
+            slid = np.maximum(rows["distance"], 0.0) + 3.0 * rows["elapsed"]
+            reward -= 3.5 * slid[rows["slips"]].sum()
     assert 0 < fallen.sum() < SMALL.starts
     np.testing.assert_array_equal(result.fallen, fallen)
     mean = (reward - 7.0 * fallen.sum()) / SMALL.starts

@@ -303,3 +303,10 @@ def test_random_starts_are_the_same_in_other_processes():
     alone, shared = (search_gaits(family, 3, workers=workers) for workers in (1, 2))
     assert [o.cost for o in alone.outcomes] == [o.cost for o in shared.outcomes]
     assert [o.index for o in shared.outcomes] == [0, 1, 2]
+
+
+def test_at_a_shipped_speed_the_gait_is_verified_and_costs_no_more_than_the_shipped_one():
+    slowest = min((g for g in shipped() if g.steps == 1), key=lambda g: g.speed)
+    again = periodic_gait(slowest.params, slowest.speed, 1)
+    assert again.verification.passed
+    assert again.cot <= (1 + 1e-3) * slowest.cot
