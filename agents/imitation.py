@@ -47,7 +47,7 @@ class Cloning:
         ValueError: a number is out of its range.
     """
 
-    rounds: int = 4
+    rounds: int = 8
     expert_starts: int = 64
     seconds: float = 6.0
     starts: int = 256
