@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--grid", type=more_than_zero, default=0.05, help="of speeds (m/s)")
     parser.add_argument("--out", type=Path, default=Path("runs/front"), help="folder of the search")
     options = parser.parse_args(arguments)
-    params, trial = parser.machine(options), options.params is not None
+    params, trial = parser.machine(options), bool(options.params)
     name = options.preset + ("_CHANGED" if trial else "")
     folder = options.out / name
     with parser.refusing():
