@@ -215,3 +215,10 @@ def test_a_hold_in_single_precision_gives_a_gait_that_is_saved(held, tmp_path):
     again = periodic_gait(held.params, held.speed, 1, hold=np.float32(0.01), guess=held)
     assert isinstance(again.hold, float)
     again.save(tmp_path / "gait.npz")
+
+
+def test_a_held_gait_leads_to_the_free_one_of_its_speed(held, continuous):
+    free = periodic_gait(held.params, continuous.speed, 1, guess=held)
+    assert free.hold is None
+    assert free.verification.passed
+    assert free.cot == pytest.approx(continuous.cot, rel=1e-3)
