@@ -60,9 +60,9 @@ def energy(interval: Any, machine: Any, task: Any) -> Any:
 
 
 def slip(interval: Any, machine: Any, task: Any) -> Any:
-    """`-value_of_distance * (max(dx, 0) + slip_speed * elapsed)`, if the friction is exceeded.
+    """`-value_of_distance * (max(dx, 0) + slip_speed * elapsed)`, where the foot would slip.
 
-    By a force or by an impulse.
+    That is where a force in stance or a touchdown's impulse needs more friction than there is.
     The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
     charge in proportion to the excess would be less than what the excess saves.
     """

@@ -104,13 +104,13 @@ def _searched(
         done = polished(board, folder / "gaits", workers, budget)
     gaits = chosen(done, same_machine(shipped(), params))
     found = record(name, board, gaits, done, sweeps, options.minutes, options.workers)
-    _require_more_search(found, library / record_file(name))
+    require_more_search(found, library / record_file(name))
     size = ship(library, name, gaits, found)
     print(f"{len(gaits)} gaits, {size / 1e6:.2f} MB, are in {library}")
     return found
 
 
-def _require_more_search(found: dict[str, Any], path: Path) -> None:
+def require_more_search(found: dict[str, Any], path: Path) -> None:
     """Refuse to replace the record of a longer search by that of a shorter one.
 
     Raises:

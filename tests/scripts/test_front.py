@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from scripts.fronts import page, pieces
+from scripts.fronts import command, page, pieces
 from scripts.fronts.agreement import disagreements, midpoints
 from scripts.fronts.board import Board
 from scripts.fronts.campaign import costs, searched
@@ -380,3 +380,35 @@ def test_a_periodic_gait_is_never_dearer_than_the_searched_front(share: float) -
     gait = periodic_gait(params, row["speed"], row["steps"])
     assert gait.verification.passed, name
     assert gait.cot <= row["cot"] * 1.005
+
+
+@pytest.mark.parametrize(
+    ("arguments", "folder", "shipped"),
+    [([], "BUILDABLE", True), (["--params", '{"friction": 0.7}'], "BUILDABLE_CHANGED", False)],
+    ids=["preset", "trial"],
+)
+def test_only_a_search_of_a_preset_itself_is_shipped(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    folder: str,
+    shipped: bool,
+) -> None:
+    into: list[Path] = []
+
+    def searched(name: str, params: Any, place: Path, options: Any, library: Path) -> Any:
+        into.extend([place, library])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "_searched", searched)
+    assert main([*arguments, "--out", str(tmp_path)]) == command.INTERRUPTED
+    assert into[0] == tmp_path / folder
+    assert (into[1] == FOLDER) == shipped
+
+
+def test_a_shorter_search_does_not_replace_the_record_of_a_longer_one(tmp_path: Path) -> None:
+    path = tmp_path / "machine_front.json"
+    path.write_text(json.dumps({"minutes": {"search_of_one_core": 70.0}}))
+    command.require_more_search({"minutes": {"search_of_one_core": 70.0}}, path)
+    with pytest.raises(ValueError, match=r"searched for 70 minutes.*more --minutes"):
+        command.require_more_search({"minutes": {"search_of_one_core": 1.0}}, path)
