@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(__doc__)
     parser.add_machine(DEFAULT_PRESET)
     parser.add_argument("--speed", type=more_than_zero, default=0.5, help="mean speed, m/s")
-    parser.add_argument("--steps", type=whole(1), default=2, help="touchdowns per stride")
+    parser.add_argument("--steps", type=whole(1), default=1, help="touchdowns per stride")
     parser.add_argument(
         "--regeneration", action="store_true", help="let the battery take energy back"
     )

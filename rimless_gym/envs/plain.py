@@ -42,6 +42,15 @@ def made_of(kind: type[T], name: str, fields: Mapping[str, Any]) -> T:
             raise ValueError(
                 f"{name}: {field!r} is not a field of {kind.__name__}: choose from {known}"
             )
+    missing = [
+        field.name
+        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+        if field.name not in fields
+        and field.default is dataclasses.MISSING
+        and field.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise TypeError(f"{name}: give its {' and '.join(missing)} as well ({kind.__name__})")
     return kind(**fields)
 
 

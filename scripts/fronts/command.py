@@ -138,4 +138,9 @@ def _same_search(path: Path, params: WheelParams, grid: float) -> None:
             f"{path.parent}: holds the search of another machine or --grid; give another --out, or "
             "delete the folder"
         )
+    if not path.exists() and (path.parent / "search").exists():
+        raise ValueError(
+            f"{path.parent}: its {path.name} is gone, so that nobody knows whose search it holds; "
+            "give another --out, or delete the folder"
+        )
     write_text(path, wanted)

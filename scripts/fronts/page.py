@@ -10,6 +10,7 @@ from typing import Any
 from rimless_gym.envs.task import Task
 from rimless_gym.presets import as_params
 from scripts.documents.tables import table
+from trajopt.files import write_text
 
 
 def marks(name: str) -> re.Pattern[str]:
@@ -24,7 +25,7 @@ def refresh(page: Path, found: dict[str, Any]) -> None:
     if not marks(name).search(text):
         begin, end = _marks(name)
         text = f"{text.rstrip()}\n\n{begin}\n{end}\n"
-    page.write_text(marks(name).sub(lambda m: m[1] + section(found) + m[2], text))
+    write_text(page, marks(name).sub(lambda m: m[1] + section(found) + m[2], text))
 
 
 def figure_file(name: str) -> str:

@@ -62,7 +62,7 @@ class NoGaitError(ValueError):
 def periodic_gait(
     params: Machine,
     speed: float = 0.5,
-    steps: int = 2,
+    steps: int = 1,
     regeneration: bool = False,
     *,
     hold: float | None = None,

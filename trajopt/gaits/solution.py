@@ -248,14 +248,14 @@ class Solution:
             f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
             f"{v.phase_state_error:.1e} (a phase)",
             f"  energy audit            off by {v.energy_audit:.1e} J",
-            f"  CoT at 100 Hz hold      {hold}",
+            f"  CoT if held for 10 ms   {hold}",
             f"  mesh error              {self.optimality.mesh_error:.1e}",
             *self._certainty(),
             f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
         ]
         for o in self.optima:
             lines.append(
-                f"  optimum met             CoT {o.cot:.4f}, k = {o.theta_turns}, {o.found} time(s)"
+                f"  optimum met             CoT {o.cot:.4f}, {o.theta_turns} turn(s), {o.found} time(s)"
             )
         return "\n".join(lines)
 

@@ -134,7 +134,7 @@ def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
         ({"ranges": "slope"}, TypeError, "ranges = 'slope': give a mapping"),
         ({"ranges": {"sloop": (0, 1)}}, ValueError, "'sloop' cannot be drawn: choose from .*slope"),
         ({"disturbances": {"push": 1}}, ValueError, "'push' .*choose from .*'pushes'"),
-        ({"disturbances": {"pushes": {"rate": 1}}}, TypeError, "'impulse'"),
+        ({"disturbances": {"pushes": {"rate": 1}}}, TypeError, "pushes: give its impulse as well"),
         (
             {"disturbances": {"sensor_noise": {"leg": 1}}},
             ValueError,

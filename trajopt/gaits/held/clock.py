@@ -36,8 +36,9 @@ def ticks_of_stride(params: WheelParams, speed: float, steps: int, hold: float) 
         )
     distance = steps * params.step_length
     wanted = distance / speed / hold
-    if round(wanted) < 2 * steps:
-        longest, fastest = distance / speed / (2 * steps), distance / (2 * steps * hold)
+    fewest = 2 * steps - 0.5  # is rounded up
+    if wanted < fewest:
+        longest, fastest = distance / speed / fewest, distance / (fewest * hold)
         raise ValueError(
             f"hold = {hold}: must be at most {longest:.3g} s at {speed:g} m/s, so that a step has "
             f"two control intervals; or ask for at most {fastest:.3g} m/s"

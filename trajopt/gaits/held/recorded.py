@@ -11,8 +11,8 @@ from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Nodes of the states within an interval.
-NODES: Array = radau_nodes(6)
+#: Nodes of the states within an interval: enough for intervals of 20 ms and more.
+NODES: Array = radau_nodes(12)
 
 #: Where in its interval the one value of a held voltage is kept.
 MIDDLE: Array = np.array([0.5])

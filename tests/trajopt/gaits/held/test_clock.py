@@ -46,7 +46,7 @@ def test_a_hold_that_is_no_number_is_refused():
     ("speed", "steps", "hold", "told"),
     [
         (0.5, 1, 0.0005, "at least 0.001 s; leave it out"),
-        (0.5, 1, 2.0, "at most 0.441 s at 0.5 m/s.*ask for at most 0.11 m/s"),
+        (0.5, 1, 2.0, "at most 0.588 s at 0.5 m/s.*ask for at most 0.147 m/s"),
         (30.0, 1, 0.01, "two control intervals"),
         (0.05, 3, 0.001, "at most 3000 control intervals.*fewer steps or a higher speed"),
     ],
@@ -54,6 +54,13 @@ def test_a_hold_that_is_no_number_is_refused():
 def test_clocks_that_are_too_fast_or_too_slow_are_refused(speed, steps, hold, told):
     with pytest.raises(ValueError, match=f"hold = {hold}: must be .*{told}"):
         ticks_of_stride(P, speed, steps, hold)
+
+
+def test_the_longest_hold_that_a_message_names_is_accepted():
+    with pytest.raises(ValueError) as refused:
+        ticks_of_stride(P, 0.5, 1, 2.0)
+    longest = float(str(refused.value).split("at most ")[1].split(" s")[0])
+    assert ticks_of_stride(P, 0.5, 1, 0.999 * longest) == 2
 
 
 def test_held_speeds_are_all_that_a_clock_allows_between_two() -> None:

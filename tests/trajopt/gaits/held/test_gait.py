@@ -157,6 +157,11 @@ def test_a_hold_of_two_control_intervals_costs_more(held, continuous):
     assert round(coarse.duration / 0.01) == 88
 
 
+def test_a_machine_with_losses_has_a_gait_with_a_hold_of_20_ms():
+    gait = periodic_gait("BUILDABLE", 0.56, hold=0.02)
+    assert gait.verification.passed, gait.verification.failures
+
+
 @pytest.mark.slow
 def test_where_there_is_no_gait_at_the_possible_speed_the_message_says_which_one_that_is():
     with pytest.raises(NoGaitError, match=r"0\.603889 m/s is the speed nearest to 0\.6 m/s"):
