@@ -254,9 +254,8 @@ class Solution:
             f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
         ]
         for o in self.optima:
-            lines.append(
-                f"  optimum met             CoT {o.cot:.4f}, {o.theta_turns} turn(s), {o.found} time(s)"
-            )
+            turns = f"{o.theta_turns} turn(s)"
+            lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
         return "\n".join(lines)
 
     def _held(self) -> str:

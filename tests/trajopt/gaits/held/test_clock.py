@@ -57,7 +57,7 @@ def test_clocks_that_are_too_fast_or_too_slow_are_refused(speed, steps, hold, to
 
 
 def test_the_longest_hold_that_a_message_names_is_accepted():
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError, match="at most") as refused:
         ticks_of_stride(P, 0.5, 1, 2.0)
     longest = float(str(refused.value).split("at most ")[1].split(" s")[0])
     assert ticks_of_stride(P, 0.5, 1, 0.999 * longest) == 2
