@@ -44,7 +44,7 @@ AGREED, SEARCHED = 0.55, 0.7
 MORE_STARTS = 3
 
 #: Most rounds of more random starts where the two seeds disagree, and most last sweeps.
-ROUNDS, SWEEPS = 6, 3
+ROUNDS, SWEEPS = 20, 3
 
 
 class Sweep(NamedTuple):
