@@ -1,7 +1,7 @@
 """The entrants of a comparison: optimal gaits, feedback laws, trained learners.
 
 `entrants()` lists them in the order of the table. A feedback law in `trajopt/feedback/laws` enters
-by itself; a learner enters with one more `Learned` in that list.
+by itself, unless it is `LEFT_OUT`; a learner enters with one more `Learned` in that list.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ from trajopt.gaits.shipped import leads_for
 FRONT_STEPS = (1, 2, 3)
 
 #: What the table calls feedback laws whose names are abbreviations.
-ABBREVIATIONS = {"lqr": "LQR"}
+ABBREVIATIONS = {"lqr": "LQR", "pid": "PD"}
+
+#: Laws that take minutes to design or to walk the whole protocol: `scripts/feedback.py` has them.
+LEFT_OUT = ("receding_horizon", "tuned")
 
 Result = dict[str, Any]
 Row = dict[str, Any]
@@ -238,7 +241,7 @@ def entrants() -> tuple[Entrant, ...]:
         Front(),
         HeldFront(),
         Gait("swinging", "optimal while the pendulum swings", _swinging),
-        *(Law(name) for name in laws.names()),
+        *(Law(name) for name in laws.names() if name not in LEFT_OUT),
         Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),
         Learned(
             "fine_tuned",

@@ -11,7 +11,7 @@ from agents.policies import controller_policy
 from agents.protocol import Protocol
 from rimless_gym.hybrid import motor_torque, relative_rate
 from scripts.codesign.problem import chosen
-from trajopt.feedback.laws.lqr import design
+from trajopt.feedback import laws
 from trajopt.gaits.solution import Solution
 
 #: Seconds until a start must be in the gait, and over which its speed is then measured.
@@ -23,7 +23,7 @@ SAME_SPEED = 0.05
 
 def joined(gait: Solution, starts: int) -> dict[str, Any]:
     """How the law for a gait starts, and figures of the gait, as plain JSON values."""
-    policy = controller_policy(gait.params, design(gait))
+    policy = controller_policy(gait.params, laws.design("lqr", gait))
     protocol = Protocol(
         starts=starts, duration=JOINED + MEASURED, window=MEASURED, alive=MEASURED / 2
     )
@@ -39,7 +39,7 @@ def joined(gait: Solution, starts: int) -> dict[str, Any]:
 
 def judged(gait: Solution) -> dict[str, Any]:
     """`joined` from all starts of the protocol, and how they walk at the protocol's end."""
-    walk = evaluate(controller_policy(gait.params, design(gait)), gait.params)
+    walk = evaluate(controller_policy(gait.params, laws.design("lqr", gait)), gait.params)
     return joined(gait, walk.protocol.starts) | {
         "walking": walk.walking_share,
         "cot_of_walks": walk.cot if walk.walking.any() else None,

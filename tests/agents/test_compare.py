@@ -14,6 +14,7 @@ from agents.comparison.report import format_table, gait_row, gap_to_front, polic
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
 from trajopt.feedback import laws
+from trajopt.feedback.catch import catch
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 
@@ -101,8 +102,16 @@ def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "at_rest.py").write_text(
-        "def design(solution):\n    return lambda x, mode: 0 * x[:, 0]\n"
+        "from rimless_gym.jit import inner\n"
+        "from trajopt.feedback.law import Law\n"
+        "from trajopt.feedback.laws import lqr\n\n\n"
+        "@inner\n"
+        "def nothing(x, mode, data):\n"
+        "    return 0.0\n\n\n"
+        "def design(solution):\n"
+        "    return Law(solution.params, nothing, lqr.design(solution).data)\n"
     )
+    monkeypatch.setattr(catch, "catch_for", lambda *args: lambda x, mode: 0 * x[:, 0])
     before = [entrant.name for entrant in entrants()]
     monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
     now = {entrant.name: entrant for entrant in entrants()}

@@ -12,9 +12,14 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations, ground_reaction
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats, states_and_modes
+from trajopt.gaits.solution import Solution
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
 CONTACT_MARGIN = 0.1
+
+#: The margin is at most this share of the gait's own least normal force: a guard must not act on
+#: the gait itself.
+SHARE_OF_LEAST = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +59,12 @@ class Guarded:
         p, floor = self.params, self.margin * self.params.weight
         guarded: Floats = _guard(states, modes, volts, floor, p.voltage_limit, p.constants)
         return guarded if np.ndim(x) == 2 else guarded[0]
+
+
+def margin_for(solution: Solution) -> float:
+    """The margin with which a law for a gait is guarded, in units of the weight."""
+    least = solution.verification.min_normal_force_over_weight
+    return min(CONTACT_MARGIN, SHARE_OF_LEAST * least)
 
 
 @njit(error_model="numpy")

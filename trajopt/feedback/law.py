@@ -1,21 +1,80 @@
-"""What a feedback law is: a voltage for every state."""
+"""What a feedback law is: a voltage for every state.
+
+A law that holds a gait is one compiled function of the state and of its own numbers (`Law`). What
+keeps the foot pressed down (`trajopt.feedback.guard`) and what brings the wheel to the gait are put
+around it.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import real_array
 from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.params import WheelParams
 
 Floats: TypeAlias = NDArray[np.float64]
+
+#: Largest angle (rad) and rate (rad/s) of a state.
+LARGEST = 1e6
 
 #: (x (N, 4), mode (N,)) -> V (N,): a voltage (V) for each state (phi, theta, phi', theta') and
 #: stance mode (`rimless_gym.equations.SINGLE` or `DOUBLE`).
 Controller: TypeAlias = Callable[[Floats, NDArray[np.int64]], Floats]
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """A law that holds a gait: a compiled function of the state, without memory.
+
+    Attributes:
+        params: the machine.
+        volts: (x (4,), mode, data) -> V; a `rimless_gym.jit.inner` function.
+        data: what it needs besides the state, a NamedTuple of arrays and numbers; `data.orbit` is
+            the gait's `trajopt.feedback.orbit.Orbit`.
+    """
+
+    params: WheelParams
+    volts: Callable[[Any, Any, Any], Any]
+    data: Any
+
+    @property
+    def compiled(self) -> Any:
+        """`volts`, for compiled code that is given it as an argument."""
+        return self.volts.dispatcher  # type: ignore[attr-defined]
+
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states.
+
+        Args:
+            x: states, shape (N, 4) or (4,).
+            mode: stance modes, shape (N,), or one for all states.
+
+        Returns:
+            Volts within the limit, shape (N,) or ().
+
+        Raises:
+            TypeError: the states or modes are not real numbers.
+            ValueError: they have another shape, or a mode is neither SINGLE nor DOUBLE.
+        """
+        states, modes = states_and_modes(x, mode)
+        limit = self.params.voltage_limit
+        volts: Floats = _voltages(states, modes, self.compiled, self.data, limit)
+        return volts if np.ndim(x) == 2 else volts[0]
+
+
+@njit(error_model="numpy")
+def _voltages(x, mode, law, data, limit):  # type: ignore[no-untyped-def]
+    volts = np.empty(len(x))
+    for i in range(len(x)):
+        volts[i] = min(max(law(x[i], mode[i], data), -limit), limit)
+    return volts
 
 
 def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
@@ -27,11 +86,17 @@ def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.
 
     Raises:
         TypeError: the states or modes are not real numbers.
-        ValueError: they have another shape, or a mode is neither SINGLE nor DOUBLE.
+        ValueError: they have another shape, a state is not finite or larger than `LARGEST`, or a
+            mode is neither SINGLE nor DOUBLE.
     """
     states = np.atleast_2d(real_array("x", x))
     if states.ndim != 2 or states.shape[1] != 4:
         raise ValueError(f"x: has shape {np.shape(x)}; must have shape (4,) or (N, 4)")
+    if not (np.abs(states) <= LARGEST).all():
+        raise ValueError(
+            f"x: has {states[~(np.abs(states) <= LARGEST)][0]}; angles (rad) and rates (rad/s) "
+            f"must be at most {LARGEST:g} in size, where angles still have their digits"
+        )
     modes = real_array("mode", mode)
     if modes.shape not in ((), (1,), (len(states),)):
         raise ValueError(f"mode: has shape {modes.shape}; must have shape () or ({len(states)},)")

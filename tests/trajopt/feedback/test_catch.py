@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.evaluate import evaluate
+from agents.policies import controller_policy
+from agents.protocol import Protocol
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.equations import DOUBLE, SINGLE
+from trajopt.feedback.catch.catch import Catch, catch_for
+from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch.options import Options, played
+from trajopt.feedback.catch.value import NEVER
+from trajopt.feedback.guard import Guarded
+from trajopt.feedback.joined import NEAR, Joined
+from trajopt.feedback.laws.lqr import design
+from trajopt.feedback.orbit import squared_distances
+
+P = THESIS_PHYSICAL
+COUNTS = (9, 24, 17, 41)
+
+
+@pytest.fixture(scope="module")
+def law(held):
+    return design(held)
+
+
+@pytest.fixture(scope="module")
+def catch(law):
+    return Catch.to(P, law.data.orbit, NEAR, COUNTS)
+
+
+def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
+    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    nodes = grid.single()[:, :4].reshape(3, 8, 5, 7, 4)
+    plain = nodes @ [2.0, 0.0, -0.3, 0.7] + np.cos(nodes[..., 1])
+    values = Values(plain, np.cos(grid.axis(1))[:, None] + 0.7 * grid.axis(3))
+    phi, dphi, dtheta = 1.3, 0.4, -2.2
+    for turn in (0, 2 * np.pi, -6 * np.pi):
+        for theta, cos in ((-np.pi, -1.0), (0.0, 1.0), (np.pi / 8, 0.5 + np.sqrt(0.125))):
+            wanted = 2 * phi - 0.3 * dphi + 0.7 * dtheta + cos
+            found = value(values, grid, phi, theta + turn, dphi, dtheta, SINGLE)
+            assert found == pytest.approx(wanted, abs=1e-5)
+            double = value(values, grid, phi, theta + turn, dphi, dtheta, DOUBLE)
+            assert double == pytest.approx(0.7 * dtheta + cos)
+
+
+def test_beyond_the_grid_a_value_is_that_of_its_edge():
+    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    values = Values(grid.single()[:, 3].reshape(3, 8, 5, 7), np.zeros((8, 7)))
+    assert value(values, grid, 1.3, 0.0, 0.0, 50.0, SINGLE) == pytest.approx(6.0)
+
+
+def test_falling_costs_infinitely_much_and_a_foot_hardly_pressed_down_a_little():
+    options = Options.of(P)
+    states = np.zeros((2, 6))
+    states[:, :4] = [[1.5, 0.0, 0.0, 0.0], [1.5, np.pi, 0.0, 25.0]]
+    cost = played(P, options, states, np.zeros(2)).cost
+    assert cost[0] == options.hold
+    assert np.isinf(cost[1])
+
+
+def test_the_gait_is_reached_within_seconds_of_rest_and_from_most_states(catch):
+    rest = [value(catch.times, catch.grid, 1.0, t, 0.0, 0.0, DOUBLE) for t in (-0.4, 0.0, 0.4)]
+    assert max(rest) < 10.0
+    assert np.mean(catch.times.single < NEVER) > 0.5
+
+
+def test_where_it_is_at_the_gait_no_time_is_left(catch, law):
+    nodes = np.ascontiguousarray(catch.grid.single()[:, :4])
+    there = squared_distances(nodes, law.data.orbit) < NEAR**2
+    assert (catch.times.single.ravel()[there] == 0.0).all()
+    assert (catch.times.single.ravel()[~there] > 0.0).all()
+
+
+def test_from_rest_and_from_random_starts_it_leads_to_the_gait(law, catch, held):
+    controller = Guarded(P, Joined(law, catch))
+    protocol = Protocol(starts=48, duration=24.0, window=8.0, alive=4.0)
+    walks = evaluate(controller_policy(P, controller), P, protocol)
+    assert walks.walking_share >= 0.9
+    assert walks.speed == pytest.approx(held.speed, rel=0.01)
+
+
+def test_it_is_a_function_of_the_state(catch):
+    rng = np.random.default_rng(0)
+    c = P.constants
+    x = rng.uniform([c.a, -3, -2, -5], [c.b, 3, 2, 5], (20, 4))
+    modes = np.arange(20) % 2
+    together = catch(x, modes)
+    alone = [catch(x[i : i + 1], modes[i : i + 1])[0] for i in range(20)]
+    assert np.array_equal(together, alone)
+    assert np.isin(together, catch.options.voltages).all()
+
+
+def test_the_same_gait_is_planned_only_once(law, monkeypatch):
+    plans = []
+    monkeypatch.setattr(Catch, "to", lambda *args: plans.append(args) or object())
+    first = catch_for(P, law.data.orbit, 0.321)
+    assert catch_for(P, law.data.orbit, 0.321) is first
+    assert catch_for(P, law.data.orbit, 0.322) is not first
+    assert len(plans) == 2

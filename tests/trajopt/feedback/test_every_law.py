@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rimless_gym.energy import ROW
+from trajopt.feedback import laws
+
+#: They take long to design or to compile.
+SLOW = {"receding_horizon", "tuned"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in laws.names()],
+)
+def test_every_law_in_the_folder_holds_its_gait(name, held, walk):
+    law = laws.holding(name, held)
+    totals, _ = walk(law, held.state(np.linspace(0.05, 0.85, 4)), 8.0)
+    assert totals[:, ROW.steps].min() >= 4

@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.symbolic import HybridModel
+from trajopt.feedback.guard import CONTACT_MARGIN, Guarded, margin_for
+
+P = THESIS_PHYSICAL
+
+
+@pytest.mark.parametrize("wanted", [-20.0, 0.0, 20.0])
+def test_the_guard_changes_a_voltage_only_to_keep_the_foot_pressed_down(wanted):
+    rng = np.random.default_rng(2)
+    x = rng.uniform([P.constants.a, -3, -1, -8], [P.constants.b, 3, 2, 8], (400, 4))
+    reaction = HybridModel(P).functions["ground_reaction"].map(len(x))
+
+    def force(volts):
+        return np.asarray(reaction(x.T, volts[None]))[1]
+
+    volts = Guarded(P, lambda x, mode: np.full(len(x), wanted))(x, np.zeros(len(x), int))
+    floor = 0.1 * P.weight
+    asked, given = force(np.full(len(x), wanted)), force(volts)
+    changed = volts != wanted
+    assert np.abs(volts).max() <= P.voltage_limit
+    assert np.array_equal(changed, (asked < floor) & (given > asked))
+    within = changed & (np.abs(volts) < P.voltage_limit)
+    assert given[within] == pytest.approx(floor)
+    assert changed.sum() > 5
+
+
+def test_the_guard_of_a_gait_that_hardly_presses_does_not_act_on_the_gait_itself(held):
+    v = held.verification
+    light = dataclasses.replace(v, min_normal_force_over_weight=0.05)
+    assert margin_for(held) == CONTACT_MARGIN < v.min_normal_force_over_weight
+    assert margin_for(dataclasses.replace(held, verification=light)) == pytest.approx(0.03)

@@ -1,0 +1,101 @@
+"""The catch: a plan by dynamic programming, and one look ahead on the simulator itself.
+
+`time_to_gait` knows roughly how long it takes from every state to the gait. The catch plays each of
+a few voltages forward on the stepping kernel, exactly, and chooses the one after which the least
+time remains (a rollout of one stage: Bertsekas, Dynamic Programming and Optimal Control, 6.4). It
+pumps the pendulum up, swings it over without losing the foot, and needs nothing but the state.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import OrderedDict
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.params import WheelParams
+from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch.options import Options, played
+from trajopt.feedback.catch.value import NEVER, time_to_gait
+from trajopt.feedback.law import Floats
+from trajopt.feedback.orbit import Orbit, squared_distances
+
+#: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
+COUNTS = (13, 36, 25, 61)
+
+#: Catches that are kept in memory (6 MB each).
+MOST_KEPT = 8
+
+#: The grid's rates reach so much further than the gait's own.
+REACH = 1.3
+
+
+@dataclasses.dataclass(frozen=True)
+class Catch:
+    """The voltage after which the least time to a gait remains.
+
+    Attributes:
+        params: the machine.
+        options: voltages to choose from.
+        grid: of the times.
+        times: to the gait (s).
+    """
+
+    params: WheelParams
+    options: Options
+    grid: Grid
+    times: Values
+
+    @classmethod
+    def to(
+        cls, params: WheelParams, orbit: Orbit, near: float, counts: tuple[int, ...] = COUNTS
+    ) -> Catch:
+        """The catch that leads to a gait; it takes some seconds to a minute of computing.
+
+        Args:
+            params: the machine.
+            orbit: the gait's.
+            near: distance from the orbit at which a law takes over.
+            counts: of the grid's nodes.
+        """
+        rates = REACH * np.abs(orbit.states[:, 2:]).max(axis=0)
+        grid, options = Grid.over(params, rates, counts), Options.of(params)
+        there = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), orbit) < near**2
+        return cls(params, options, grid, time_to_gait(params, grid, options, there))
+
+    def __call__(self, x: Floats, mode: NDArray[np.int64]) -> Floats:
+        """Voltages (N,) for states (N, 4) and stance modes (N,)."""
+        states = np.zeros((len(x), STATE_SIZE))
+        states[:, :4], states[:, MODE] = x, mode
+        m = len(self.options.voltages)
+        volts = np.tile(self.options.voltages, len(x))
+        after = played(self.params, self.options, np.repeat(states, m, axis=0), volts)
+        remaining = _remaining(after.states, after.cost, self.times, self.grid)
+        best = remaining.reshape(len(x), m).argmin(axis=1)
+        return np.asarray(self.options.voltages[best])
+
+
+_KEPT: OrderedDict[bytes, Catch] = OrderedDict()
+
+
+def catch_for(params: WheelParams, orbit: Orbit, near: float) -> Catch:
+    """The catch that leads to a gait; of the last `MOST_KEPT` gaits it is planned only once."""
+    key = repr((params, near)).encode() + orbit.states.tobytes()
+    if key not in _KEPT:
+        _KEPT[key] = Catch.to(params, orbit, near)
+    _KEPT.move_to_end(key)
+    while len(_KEPT) > MOST_KEPT:
+        _KEPT.popitem(last=False)
+    return _KEPT[key]
+
+
+@njit(error_model="numpy")
+def _remaining(states, cost, values, grid):  # type: ignore[no-untyped-def]
+    total = np.empty(len(cost))
+    for i in range(len(cost)):
+        x = states[i]
+        total[i] = cost[i] + min(value(values, grid, x[0], x[1], x[2], x[3], x[MODE]), NEVER)
+    return total

@@ -1,0 +1,40 @@
+"""A law near its gait, and a catch that brings the wheel there from everywhere else."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rimless_gym.equations import DOUBLE, SINGLE
+from trajopt.feedback.law import Controller, Floats, Law, states_and_modes
+from trajopt.feedback.orbit import squared_distances
+
+#: Distance from its gait up to which a law acts, in standard deviations of the gait's own motion.
+#: Farther away, fast gaits lose the foot before a law has corrected them.
+NEAR = 0.15
+
+
+@dataclasses.dataclass(frozen=True)
+class Joined:
+    """A law in single stance near its gait, and a catch elsewhere.
+
+    Attributes:
+        law: that holds the gait.
+        catch: that leads to it.
+        near: see `NEAR`.
+    """
+
+    law: Law
+    catch: Controller
+    near: float = NEAR
+
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states; arguments, result and errors are those of a `Law`."""
+        states, modes = states_and_modes(x, mode)
+        volts = self.law(states, modes)
+        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > self.near**2)
+        if far.any():
+            volts[far] = self.catch(states[far], modes[far])
+        return volts if np.ndim(x) == 2 else volts[0]

@@ -1,0 +1,83 @@
+"""The linear dynamics across a gait's orbit under a zero-order hold, touchdowns included."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.params import WheelParams
+from rimless_gym.symbolic import HybridModel
+from trajopt.feedback.law import Floats
+from trajopt.feedback.orbit import FINENESS, Grid
+
+#: Of the central differences (rad, rad/s, V).
+DIFFERENCE = 1e-6
+
+
+class Transverse(NamedTuple):
+    """From every time of a `Grid` to the one a period later, in coordinates of the orbit.
+
+    The first three coordinates lie across the orbit, in standard deviations of the gait's own
+    motion. The last one is the time by which the state is ahead (s).
+
+    Attributes:
+        A: shape (m, 4, 4): of the deviation.
+        B: shape (m, 4, 1): of the voltage (1/V).
+        into: deviations (m, 4) to coordinates: shape (m, 4, 4).
+    """
+
+    A: Floats
+    B: Floats
+    into: Floats
+
+
+def transverse_dynamics(grid: Grid) -> Transverse:
+    """The dynamics across the orbit."""
+    solution, params = grid.solution, grid.solution.params
+    flow = HybridModel(params).functions["flow"].map(len(grid.times))
+    tangents = np.asarray(flow(grid.states.T, solution.control(grid.times)[None])).T
+    pairs = [coordinates(tangent, grid.metric) for tangent in tangents]
+    into, out = (np.array(each) for each in zip(*pairs, strict=True))
+    A, B = held_dynamics(params, grid.states, grid.voltages, grid.period)
+    later = np.roll(into, -FINENESS, axis=0)
+    return Transverse(later @ A @ out, later @ B, into)
+
+
+def held_dynamics(
+    params: WheelParams, states: Floats, voltages: Floats, period: float
+) -> tuple[Floats, Floats]:
+    """Derivatives of the state after a held period: A (n, 4, 4) by the state, B (n, 4, 1) by V.
+
+    Central differences of the stepping kernel. It locates touchdowns exactly, so a period that
+    contains one is differentiated like any other.
+    """
+    n, columns = len(states), []
+    for i in range(5):
+        ends = []
+        for sign in (1.0, -1.0):
+            batch, volts = np.zeros((n, STATE_SIZE)), voltages.copy()
+            batch[:, :4] = states
+            if i < 4:
+                batch[:, i] += sign * DIFFERENCE
+            else:
+                volts += sign * DIFFERENCE
+            advance(params, batch, volts, period, pull=math.inf)
+            ends.append(batch[:, :4])
+        columns.append((ends[0] - ends[1]) / (2 * DIFFERENCE))
+    jacobian = np.stack(columns, axis=2)
+    return jacobian[:, :, :4], jacobian[:, :, 4:]
+
+
+def coordinates(tangent: Floats, metric: Floats) -> tuple[Floats, Floats]:
+    """Into the coordinates of `Transverse` and out of them, (4, 4) both.
+
+    The first three columns of `out` are orthogonal to the tangent in the metric.
+    """
+    scale = np.sqrt(metric)
+    unit = scale * tangent / np.linalg.norm(scale * tangent)
+    basis = np.linalg.qr(np.column_stack([unit, np.eye(4)]))[0][:, 1:]
+    out = np.column_stack([basis / scale[:, None], tangent])
+    return np.linalg.inv(out), out
