@@ -1,0 +1,28 @@
+"""The linear dynamics of a law on its gait: what a stride makes of a deviation across the orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trajopt.feedback.law import Floats, Law
+from trajopt.feedback.orbit import FINENESS, Grid
+from trajopt.feedback.transverse import DIFFERENCE, transverse_dynamics
+from trajopt.gaits.solution import Solution
+
+
+def multipliers(law: Law, solution: Solution) -> Floats:
+    """Sizes of the multipliers of a stride across the orbit, at 100 Hz, largest first, shape (3,).
+
+    The law is differentiated at one state of every control period, and the stride goes from one of
+    these states to the next (`trajopt.feedback.transverse`).
+    """
+    grid = Grid.of(solution)
+    A, B, into = transverse_dynamics(grid)
+    out = np.linalg.inv(into)
+    product = np.eye(3)
+    for j in range(0, len(A), FINENESS):
+        nudges = DIFFERENCE * out[j].T[:3]
+        volts = law(np.concatenate([grid.states[j] + nudges, grid.states[j] - nudges]))
+        slopes = (volts[:3] - volts[3:]) / (2 * DIFFERENCE)
+        product = (A[j, :3, :3] + B[j, :3] * slopes) @ product
+    return np.asarray(np.sort(np.abs(np.linalg.eigvals(product)))[::-1])

@@ -1,0 +1,89 @@
+"""Input-output linearisation of a gait's virtual constraint, at 100 Hz.
+
+    y'' + kd y' + kp y = 0,    y: the error of the virtual constraint
+
+The output y (`trajopt.feedback.constraint`) has relative degree two: y'' is affine in V but for the
+kink of friction. The law takes y'' from the model at two voltages and solves for the V that gives
+the y'' above. What it does not control is the motion along the constraint, the zero dynamics; their
+multiplier over a stride is `trajopt.feedback.zero_dynamics.zero_dynamics_multiplier` (Westervelt,
+Grizzle and Koditschek, Hybrid zero dynamics of planar biped walkers, IEEE TAC 2003).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rimless_gym.checks import positive
+from rimless_gym.constants import Constants
+from rimless_gym.equations import SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD, accelerations
+from rimless_gym.jit import inner
+from trajopt.feedback.constraint import Constraint, constraint_of, output
+from trajopt.feedback.law import Law
+from trajopt.feedback.orbit import Orbit
+from trajopt.gaits.solution import Solution
+
+#: Both roots of s^2 + kd s + kp lie at -15 1/s: seven control periods to a time constant.
+KP, KD = 225.0, 30.0
+
+
+class Inverse(NamedTuple):
+    """What the law needs.
+
+    Attributes:
+        orbit: the gait's.
+        constraint: the virtual constraint.
+        machine: constants of the machine.
+        kp: 1/s^2.
+        kd: 1/s.
+    """
+
+    orbit: Orbit
+    constraint: Constraint
+    machine: Constants
+    kp: float
+    kd: float
+
+
+def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
+    """The law for a gait.
+
+    The voltage is held, so the gains have limits: those of a sampled double integrator.
+
+    Args:
+        solution: the gait.
+        kp: gain (1/s^2) of y; > 0 and less than 2 kd / 10 ms.
+        kd: gain (1/s) of y'; > 0 and less than 2 / 10 ms.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: a gain is out of range, or the gait has no virtual constraint.
+    """
+    kp, kd = positive("kp", kp), positive("kd", kd)
+    for name, value, limit in (("kd", kd, 2 / CONTROL_PERIOD), ("kp", kp, 2 * kd / CONTROL_PERIOD)):
+        if value >= limit:
+            raise ValueError(
+                f"{name} = {value}: must be less than {limit:g}, or the loop is unstable with the "
+                f"voltage held for {1e3 * CONTROL_PERIOD:g} ms"
+            )
+    constraint = constraint_of(solution)
+    data = Inverse(constraint.orbit, constraint, solution.params.constants, kp, kd)
+    return Law(solution.params, volts, data)
+
+
+@inner
+def volts(x, mode, data):  # type: ignore[no-untyped-def]
+    """The voltage for a state (4,)."""
+    out = output(x, data.constraint, data.machine)
+    here = _second_derivative(x, out, out.voltage, data)
+    per_volt = _second_derivative(x, out, out.voltage + 1.0, data) - here
+    return out.voltage - (here + data.kd * out.dy + data.kp * out.y) / per_volt
+
+
+@inner
+def _second_derivative(x, out, u, data):  # type: ignore[no-untyped-def]
+    """y'' (rad/s^2) at a voltage."""
+    a = accelerations(SINGLE, x[0], x[1], x[2], x[3], u, data.machine)
+    leads = data.constraint.phase == 0
+    other, phase = (a.ddtheta, a.ddphi) if leads else (a.ddphi, a.ddtheta)
+    return other - out.slope * phase - out.bend * x[2 + data.constraint.phase] ** 2

@@ -1,0 +1,70 @@
+"""PD about a gait on its phase: a servo of the motor's angle, at 100 Hz.
+
+    V = V*(s) - K (kp (psi - psi*(s)) + kd (psi' - psi*'(s)))
+
+The thesis (5.1.3) proposes PID about the trajectory. psi is the pendulum's angle from the leg, the
+angle that the motor turns, and K the motor's back-EMF, so that the gains do not depend on the
+machine. The phase s is where the gait's pendulum points as the wheel's does
+(`trajopt.feedback.constraint`): to be early or late is no error.
+
+There is no I term. An integral is memory, and a law is a function of the state alone. What an
+integral would have to find, the voltage that the gait needs, is known: it is V*(s).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rimless_gym.checks import not_negative, positive
+from rimless_gym.constants import Constants
+from rimless_gym.jit import inner
+from trajopt.feedback.constraint import Constraint, constraint_of, output
+from trajopt.feedback.law import Law
+from trajopt.feedback.orbit import Orbit
+from trajopt.gaits.solution import Solution
+
+#: Volts per rad of the motor's angle and per rad/s of its rate, in units of the back-EMF's K (V s).
+KP, KD = 400.0, 10.0
+
+
+class Gains(NamedTuple):
+    """What the law needs.
+
+    Attributes:
+        orbit: the gait's.
+        constraint: that finds the phase and the error of the angle.
+        machine: constants of the machine.
+        kp: volts per rad; its sign is that of the acceleration that a voltage causes.
+        kd: volts per rad/s; likewise.
+    """
+
+    orbit: Orbit
+    constraint: Constraint
+    machine: Constants
+    kp: float
+    kd: float
+
+
+def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
+    """The law for a gait.
+
+    Args:
+        solution: the gait.
+        kp: gain (1/s) of the angle's error; see `KP`; > 0.
+        kd: gain of its rate's error; see `KD`; at least 0.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: a gain is out of range, or the gait has no virtual constraint.
+    """
+    constraint, constants = constraint_of(solution), solution.params.constants
+    unit = constraint.authority * constants.K
+    kp, kd = unit * positive("kp", kp), unit * not_negative("kd", kd)
+    return Law(solution.params, volts, Gains(constraint.orbit, constraint, constants, kp, kd))
+
+
+@inner
+def volts(x, mode, data):  # type: ignore[no-untyped-def]
+    """The voltage for a state (4,)."""
+    out = output(x, data.constraint, data.machine)
+    return out.voltage - data.kp * out.y - data.kd * out.error

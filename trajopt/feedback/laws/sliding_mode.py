@@ -1,0 +1,162 @@
+"""Discrete-time sliding mode on the deviation across a gait's orbit, at 100 Hz.
+
+    sigma = c(s) e,    V = V*(s) + sigma - c(s + T) A(s) e - reach sat(sigma / layer)
+
+e is the deviation across the orbit at its nearest point s, and e(s + T) = A e + B v what becomes of
+it in a control period T under V* + v (`trajopt.feedback.transverse`). The terms after V* are the
+equivalent control and the switching term. With b = c(s + T) B(s)
+
+    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e.
+
+If b = 1, sigma shrinks by `reach` in a period outside the boundary layer and by the share
+reach / layer within it. The sign of sigma in place of sat would chatter with the size of `reach`
+for ever (Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995).
+The voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
+
+c(s + T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a
+squared volt. What is left to move on the surface c e = 0 then moves as under optimal control (Utkin
+and Young, Methods for constructing discontinuity planes, Automation and Remote Control 1978). r
+makes b less than 1, and the reaching slower. Without it, b = 1, the law asks for everything where
+a volt does next to nothing, as just before a touchdown, and loses the foot.
+
+With a held gait, e has a fourth coordinate: the time by which the wheel is ahead of the nearest
+tick of the gait's clock.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rimless_gym.checks import positive
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.jit import inner
+from trajopt.feedback.law import Floats, Law
+from trajopt.feedback.laws.lqr import periodic_gains
+from trajopt.feedback.orbit import FINENESS, Grid, Orbit, between, deviation, located
+from trajopt.feedback.transverse import transverse_dynamics
+from trajopt.gaits.solution import Solution
+
+#: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
+#: shares of the voltage limit.
+REACH, LAYER = 0.5, 0.7
+
+#: Cost of a squared volt in the Riccati recursion behind the surface, where a squared deviation of
+#: one standard deviation of the gait's own motion costs 1.
+EFFORT = 0.03
+
+#: Time (s) ahead of a held gait's clock that counts like one standard deviation.
+AHEAD = 0.05
+
+
+class Surface(NamedTuple):
+    """What the law needs.
+
+    Attributes:
+        orbit: the gait's.
+        now: sigma per deviation at its nodes (V), shape (n, 4).
+        later: sigma a period later under V*, per deviation now, shape (n, 4).
+        clock_now: sigma per second by which the gait is ahead of the clock, shape (n,).
+        clock_later: the same a period later, shape (n,).
+        reach: V.
+        layer: V.
+        hold: period of the clock (s).
+        tick: time of one of its ticks (s).
+    """
+
+    orbit: Orbit
+    now: Floats
+    later: Floats
+    clock_now: Floats
+    clock_later: Floats
+    reach: float
+    layer: float
+    hold: float
+    tick: float
+
+
+def design(
+    solution: Solution,
+    reach: float = REACH,
+    layer: float = LAYER,
+    effort: float = EFFORT,
+    ahead: float = AHEAD,
+) -> Law:
+    """The law for a gait.
+
+    Args:
+        solution: the gait.
+        reach: see `REACH`; > 0, and at most `layer`, so that sigma does not overshoot.
+        layer: see `LAYER`; > 0.
+        effort: see `EFFORT`; > 0.
+        ahead: see `AHEAD`; > 0.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: a number is out of range.
+    """
+    grid, limit = Grid.of(solution), solution.params.voltage_limit
+    reach, layer = positive("reach", reach), positive("layer", layer)
+    if reach > layer:
+        raise ValueError(
+            f"reach = {reach}: must be at most layer = {layer}, or sigma overshoots; lower reach"
+        )
+    clocked = positive("ahead", ahead) if solution.hold is not None else math.inf
+    rows = surface(grid, positive("effort", effort), clocked)
+    into = transverse_dynamics(grid).into[:, :3]
+    now, later = (grid.at_nodes(np.einsum("jk,jkc->jc", row[:, :3], into)) for row in rows)
+    data = Surface(
+        orbit=grid.orbit(),
+        now=now,
+        later=later,
+        clock_now=grid.at_nodes(rows[0][:, 3]),
+        clock_later=grid.at_nodes(rows[1][:, 3]),
+        reach=reach * limit,
+        layer=layer * limit,
+        hold=solution.hold or CONTROL_PERIOD,
+        tick=solution.first_tick if solution.hold is not None else 0.0,
+    )
+    return Law(solution.params, volts, data)
+
+
+def surface(grid: Grid, effort: float, ahead: float) -> tuple[Floats, Floats]:
+    """Sigma now and a period later under V*, per deviation in the coordinates of `Transverse`.
+
+    Args:
+        grid: of the gait.
+        effort: cost of a squared volt.
+        ahead: time (s) that counts like one standard deviation; infinite: time does not count.
+
+    Returns:
+        c(s) and c(s + T) A(s) at the times of the grid, shape (m, 4) both.
+    """
+    A = transverse_dynamics(grid).A
+    gains = periodic_gains(grid, effort, ahead)  # (effort + B' P B)^-1 B' P A
+    ends = np.linalg.solve(A.swapaxes(1, 2), gains[..., None])[..., 0]  # c(s + T)
+    return np.roll(ends, FINENESS, axis=0), gains
+
+
+@inner
+def sigma_now_and_later(x, data):  # type: ignore[no-untyped-def]
+    """The gait's voltage at the nearest point, sigma, and sigma a period later under it."""
+    spot = located(x, data.orbit)
+    d = deviation(x, between(data.orbit.states, spot))
+    now, later = between(data.now, spot), between(data.later, spot)
+    # Ahead of the nearest tick, and without a jump half way between two.
+    turn = 2 * np.pi / data.hold
+    ahead = np.sin(turn * (between(data.orbit.times, spot) - data.tick)) / turn
+    sigma = between(data.clock_now, spot) * ahead
+    free = between(data.clock_later, spot) * ahead
+    for c in range(4):
+        sigma += now[c] * d[c]
+        free += later[c] * d[c]
+    return between(data.orbit.voltages, spot), sigma, free
+
+
+@inner
+def volts(x, mode, data):  # type: ignore[no-untyped-def]
+    """The voltage for a state (4,)."""
+    u, sigma, free = sigma_now_and_later(x, data)
+    return u + sigma - free - data.reach * min(max(sigma / data.layer, -1.0), 1.0)
