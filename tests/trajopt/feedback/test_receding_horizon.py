@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.energy import ROW
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from trajopt.feedback.laws import lqr, receding_horizon
+
+#: numba compiles the law for some ten seconds.
+pytestmark = pytest.mark.slow
+
+P = THESIS_PHYSICAL
+
+
+@pytest.fixture(scope="module")
+def law(one_step):
+    return receding_horizon.design(one_step)
+
+
+@pytest.fixture(scope="module")
+def linear(one_step):
+    return lqr.design(one_step)
+
+
+def disturbed(gait, law, size, count):
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(count, 4))
+    ways *= size / np.linalg.norm(ways, axis=1, keepdims=True)
+    times = rng.uniform(0.1, 0.9, count) * gait.duration
+    return np.asarray(gait.state(times)) + ways / np.sqrt(law.data.orbit.metric)
+
+
+def lasting(law, x, seconds):
+    states = np.zeros((len(x), STATE_SIZE))
+    states[:, :4] = x
+    walks = np.ones(len(x), dtype=bool)
+    for _ in range(round(100 * seconds)):
+        volts = law(states[:, :4], states[:, 4].astype(int))
+        walks &= advance(P, states, volts)[:, ROW.failure] == 0.0
+    return walks.sum()
+
+
+def test_on_the_gait_it_plays_nearly_the_gaits_own_voltage(law, linear, one_step):
+    x = np.asarray(one_step.state(np.linspace(0.05, 0.95, 40) * one_step.duration))
+    assert np.sqrt(np.mean((law(x) - linear(x)) ** 2)) < 0.1 * P.voltage_limit
+
+
+def test_it_is_a_function_of_the_state_within_the_voltage_limit(law, linear, one_step):
+    x = disturbed(one_step, law, 0.5, 20)
+    together = law(x)
+    assert np.array_equal(together, [law(state) for state in x])
+    assert np.allclose(together, law(x + [0, 2 * np.pi, 0, 0]), atol=1e-3)
+    assert np.abs(together).max() <= P.voltage_limit
+
+
+def test_it_holds_more_disturbed_wheels_than_the_lqr(law, linear, one_step):
+    x = disturbed(one_step, law, 0.6, 24)
+    assert lasting(law, x, 1.0) > lasting(linear, x, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"horizon": 0}, ValueError),
+        ({"iterations": -1}, ValueError),
+        ({"horizon": 2.5}, TypeError),
+        ({"effort": 0.0}, ValueError),
+        ({"lifting": -1.0}, ValueError),
+        ({"slipping": "much"}, TypeError),
+    ],
+)
+def test_it_refuses_numbers_out_of_range(one_step, change, error):
+    with pytest.raises(error, match=next(iter(change))):
+        receding_horizon.design(one_step, **change)
