@@ -1,4 +1,4 @@
-# make install | compare | front | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | front | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -18,12 +18,13 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare front test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare front feedback test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
+	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
@@ -53,6 +54,9 @@ compare: $(INSTALLED)
 
 front: $(INSTALLED)
 	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)
+
+feedback: $(INSTALLED)
+	$(BIN)/python scripts/feedback.py --docs docs/feedback.md
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""Every feedback law about several held gaits, measured alike."""

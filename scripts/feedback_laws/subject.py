@@ -1,0 +1,86 @@
+"""What is measured: a law about a held gait."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from agents.policies import Policy, controller_policy
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import preset
+from trajopt.feedback import laws
+from trajopt.feedback.law import Controller, Law
+from trajopt.gaits.periodic import periodic_gait
+from trajopt.gaits.solution import Solution
+
+
+class Held(NamedTuple):
+    """A gait of a preset, under a voltage that is held for a control interval.
+
+    Attributes:
+        preset: the machine's name.
+        speed: m/s.
+    """
+
+    preset: str
+    speed: float
+
+    @property
+    def key(self) -> str:
+        """For files, such as buildable_0.56."""
+        return f"{self.preset.lower()}_{self.speed:g}"
+
+    def solved(self) -> Solution:
+        """The gait."""
+        return periodic_gait(preset(self.preset), self.speed, hold=0.01)
+
+
+#: The gaits of the study.
+GAITS = (
+    Held("BUILDABLE", 0.5),
+    Held("BUILDABLE", 0.56),
+    Held("BUILDABLE", 0.605),
+    Held("THESIS_PHYSICAL", 0.5),
+    Held("THESIS_PHYSICAL", 0.57),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Subject:
+    """A law about a gait.
+
+    Attributes:
+        gait: the gait.
+        name: of the law.
+    """
+
+    gait: Solution
+    name: str
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine that the law was designed for."""
+        return self.gait.params
+
+    @cached_property
+    def law(self) -> Law:
+        """By itself."""
+        return laws.holding(self.name, self.gait)
+
+    @cached_property
+    def controller(self) -> Controller:
+        """With the catch and the guard; laws about the same gait share the catch."""
+        return laws.design(self.name, self.gait)
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The controller, as the environment takes it."""
+        return controller_policy(self.params, self.controller)
+
+
+@lru_cache(maxsize=32)
+def subject_of(path: Path, name: str) -> Subject:
+    """A law about a kept gait; designed and compiled only once in a process."""
+    return Subject(Solution.load(path), name)

@@ -1,0 +1,247 @@
+"""The study of feedback laws: what it measures, what it keeps, what it writes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from scripts.feedback_laws import cells, command, drawing, page
+from scripts.feedback_laws.cells import Cell, measured, sources_of
+from scripts.feedback_laws.columns import COLUMNS, TIMING
+from scripts.feedback_laws.columns.attraction import random_states
+from scripts.feedback_laws.columns.changes import changed_machines
+from scripts.feedback_laws.columns.pushes import pushed_states
+from scripts.feedback_laws.sizes import sizes_for
+from scripts.feedback_laws.study import study
+from scripts.feedback_laws.subject import GAITS, subject_of
+from trajopt.feedback import laws
+from trajopt.feedback.catch import catch as catching
+
+DOCS = Path(__file__).parents[2] / "docs"
+HELD = GAITS[2]
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of a finished trial of one law about one gait, with a coarse catch."""
+    folder = tmp_path_factory.mktemp("feedback")
+
+    def coarse(params: Any, orbit: Any, near: float) -> catching.Catch:
+        return catching.Catch.to(params, orbit, near, counts=(4, 9, 5, 9))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catching, "catch_for", coarse)
+        study(folder, [HELD], ["lqr"], 1, True)
+    yield folder
+    subject_of.cache_clear()
+
+
+@pytest.fixture
+def trial(kept: Path) -> dict[str, Any]:
+    return dict(json.loads((kept / "results.json").read_text()))
+
+
+class Repeating:
+    """Measures by reading a finished trial; it counts the cells, and may be interrupted."""
+
+    def __init__(self, trial: dict[str, Any], interrupted_at: int | None = None) -> None:
+        self.trial, self.interrupted_at, self.done = trial, interrupted_at, list[str]()
+
+    def __call__(self, cell: Cell, gait: Path) -> dict[str, Any]:
+        if len(self.done) == self.interrupted_at:
+            raise KeyboardInterrupt
+        self.done.append(cell.column)
+        return {"found": self.trial["results"][cell.gait]["lqr"][cell.column], "seconds": 1.0}
+
+
+def with_gait(kept: Path, folder: Path) -> Path:
+    shutil.copytree(kept / "gaits", folder / "gaits")
+    return folder
+
+
+# -- what is measured -----------------------------------------------------------------------------
+
+
+def test_a_trial_measures_every_column_and_the_law_holds_its_gait(trial: dict[str, Any]) -> None:
+    row = trial["results"][HELD.key]["lqr"]
+    assert trial["errors"] == {}
+    assert set(row) == set(COLUMNS)
+    assert row["slopes"]["tried"]["0"]["share"] == 1.0
+    assert 0 < row[TIMING]["batch"] < row[TIMING]["single"]
+    assert row["attraction"]["states"] == len(row["attraction"]["walking"])
+
+
+def test_small_deviations_decay_by_the_largest_multiplier(trial: dict[str, Any]) -> None:
+    found = trial["results"][HELD.key]["lqr"]["multipliers"]
+    assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
+    assert found["decay"] == pytest.approx(found["closed_loop"][0], rel=0.2)
+
+
+def test_a_push_is_that_of_the_environment() -> None:
+    c, impulse = BUILDABLE.constants, 0.3
+    x = np.zeros((1, STATE_SIZE))
+    x[0, :4] = [0.5 * (c.a + c.b), 0.4, 1.0, -2.0]
+    envs = RimlessWheelVectorEnv(
+        1, BUILDABLE, disturbances={"pushes": {"rate": 1e9, "impulse": (impulse, impulse)}}
+    )
+    envs.reset(seed=0, options={"state": x[:, :4], "mode": "single_stance"})
+    envs.step(np.zeros((1, 1), np.float32))
+    ends = []
+    for sign in (1.0, -1.0):
+        pushed = pushed_states(BUILDABLE, x, np.array([sign * impulse]))
+        advance(BUILDABLE, pushed, np.zeros(1))
+        ends.append(np.allclose(pushed[:, :4], envs.states[:, :4], rtol=1e-12))
+    assert sum(ends) == 1
+
+
+def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(trial: dict[str, Any]) -> None:
+    found = trial["results"][HELD.key]["lqr"]["pushes"]
+    for side in ("backward", "forward"):
+        walking, stepping = (np.array(found[f"{side}_{kind}"]) for kind in ("walking", "stepping"))
+        assert (walking <= stepping).all()
+
+
+def test_random_states_press_on_the_ground_and_are_the_same_for_all_laws(kept: Path) -> None:
+    subject = subject_of(kept / "gaits" / f"{HELD.key}.npz", "lqr")
+    orbit = subject.law.data.orbit
+    states = random_states(subject, orbit, 10)
+    assert np.array_equal(states, random_states(subject, orbit, 12)[:10])
+    assert states[:, 2].min() < 0 < states[:, 2].max()
+
+
+def test_every_parameter_of_the_machine_is_changed_up_and_down_by_itself() -> None:
+    found = list(changed_machines(BUILDABLE))
+    assert {name for name, _, _ in found} > {"pendulum_length", "motor_constant", "gear_loss"}
+    for name, change, params in found:
+        assert getattr(params, name) == pytest.approx((1 + change) * getattr(BUILDABLE, name))
+        others = {k for k, v in params.to_dict().items() if v != BUILDABLE.to_dict()[k]}
+        assert others <= {name, "pendulum_reach"}
+
+
+def test_a_slow_law_is_measured_from_fewer_starts() -> None:
+    assert sizes_for(slow=True, quick=False).starts < sizes_for(slow=False, quick=False).starts
+
+
+# -- what is kept ---------------------------------------------------------------------------------
+
+
+def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
+    kept: Path, trial: dict[str, Any], tmp_path: Path
+) -> None:
+    folder, first = with_gait(kept, tmp_path), Repeating(trial, interrupted_at=3)
+    with pytest.raises(KeyboardInterrupt):
+        study(folder, [HELD], ["lqr"], 1, True, first)
+    second, third = Repeating(trial), Repeating(trial)
+    found = study(folder, [HELD], ["lqr"], 1, True, second)
+    assert first.done + second.done == list(COLUMNS)
+    assert study(folder, [HELD], ["lqr"], 1, True, third)["results"] == found["results"]
+    assert third.done == []
+    assert page.sections(found)["gaits"] == page.sections(trial)["gaits"]
+
+
+def test_a_damaged_cell_is_measured_again(
+    kept: Path, trial: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = with_gait(kept, tmp_path)
+    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
+    (folder / "cells" / f"{HELD.key}_lqr_cost.json").write_text('{"made_of": "')
+    again = Repeating(trial)
+    study(folder, [HELD], ["lqr"], 1, True, again)
+    assert again.done == ["cost"]
+
+
+def test_a_law_whose_file_has_changed_is_measured_again(
+    kept: Path, trial: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, own = with_gait(kept, tmp_path), tmp_path / "laws"
+    shutil.copytree(laws.__path__[0], own, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(cells.laws, "__path__", [str(own)])
+    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
+    with (own / "lqr.py").open("a") as file:
+        file.write("# changed\n")
+    again = Repeating(trial)
+    study(folder, [HELD], ["lqr"], 1, True, again)
+    assert again.done == list(COLUMNS)
+
+
+def test_a_law_is_made_of_its_own_file_and_of_what_all_share() -> None:
+    names = {path.name for path in sources_of("lqr")}
+    assert {"lqr.py", "orbit.py", "catch.py", "guard.py"} <= names
+    assert not names & {f"{other}.py" for other in laws.names()} - {"lqr.py"}
+
+
+def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
+    kept: Path, trial: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = with_gait(kept, tmp_path)
+    gait = folder / "gaits" / f"{HELD.key}.npz"
+    failure = measured(Cell(HELD.key, "no_such_law", "cost", False, True), gait)
+    assert "no_such_law" in failure["error"]
+
+    def failing(cell: Cell, gait: Path) -> dict[str, Any]:
+        return failure if cell.column == "cost" else Repeating(trial)(cell, gait)
+
+    found = study(folder, [HELD], ["lqr"], 1, True, failing)
+    assert list(found["errors"]) == [f"{HELD.key}_lqr_cost"]
+    assert not (folder / "cells" / f"{HELD.key}_lqr_cost.json").exists()
+    assert page.sections(found)
+    assert drawing.figures(found)
+
+
+# -- what is written ------------------------------------------------------------------------------
+
+
+def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice(
+    trial: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "feedback.md"
+    shutil.copy(DOCS / "feedback.md", path)
+    page.refresh(path, trial)
+    once = path.read_text()
+    page.refresh(path, trial)
+    assert path.read_text() == once
+    assert f"### {HELD.preset} at {HELD.speed:g} m/s" in once
+    assert "| `lqr` |" in once
+
+
+def test_there_are_two_pictures_of_every_gait(trial: dict[str, Any]) -> None:
+    drawn = drawing.figures(trial)
+    assert set(drawn) == {drawing.attraction_file(HELD.key), drawing.pushes_file(HELD.key)}
+    assert all(figure.axes for figure in drawn.values())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--laws", "lqr,lqg"], "'lqg': choose from"),
+        (["--gaits", "buildable_0.7"], "'buildable_0.7': choose from buildable_0.5"),
+        (["--workers", "0"], "must be an integer of at least 1"),
+        (["--docs", "nowhere.md"], "nowhere.md: no such file"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exited:
+        command.main(["--out", str(tmp_path), *arguments])
+    assert exited.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_an_interruption_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "study", interrupted)
+    assert command.main(["--quick", "--out", str(tmp_path)]) == command.INTERRUPTED
+    assert "the same command goes on" in capsys.readouterr().err
