@@ -51,7 +51,7 @@ class Catch:
 
     @classmethod
     def to(
-        cls, params: WheelParams, orbit: Orbit, near: float, counts: tuple[int, ...] = COUNTS
+        cls, params: WheelParams, orbit: Orbit, near: float, counts: tuple[int, ...] | None = None
     ) -> Catch:
         """The catch that leads to a gait; it takes some seconds to a minute of computing.
 
@@ -59,10 +59,10 @@ class Catch:
             params: the machine.
             orbit: the gait's.
             near: distance from the orbit at which a law takes over.
-            counts: of the grid's nodes.
+            counts: of the grid's nodes, default `COUNTS`.
         """
         rates = REACH * np.abs(orbit.states[:, 2:]).max(axis=0)
-        grid, options = Grid.over(params, rates, counts), Options.of(params)
+        grid, options = Grid.over(params, rates, counts or COUNTS), Options.of(params)
         there = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), orbit) < near**2
         return cls(params, options, grid, time_to_gait(params, grid, options, there))
 
