@@ -41,19 +41,7 @@ class Guarded:
     margin: float = CONTACT_MARGIN
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
-        """Voltages for states.
-
-        Args:
-            x: states, shape (N, 4) or (4,).
-            mode: stance modes, shape (N,), or one for all states.
-
-        Returns:
-            Volts within the limit, shape (N,) or ().
-
-        Raises:
-            TypeError: the states or modes are not real numbers.
-            ValueError: they have another shape, or a mode is neither SINGLE nor DOUBLE.
-        """
+        """Voltages for states; arguments, result and errors are those of a `Law`."""
         states, modes = states_and_modes(x, mode)
         volts = np.asarray(self.controller(states, modes), dtype=np.float64)
         p, floor = self.params, self.margin * self.params.weight

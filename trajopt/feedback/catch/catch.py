@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import OrderedDict
+from collections.abc import Hashable
 
 import numpy as np
 from numba import njit
@@ -78,12 +79,12 @@ class Catch:
         return np.asarray(self.options.voltages[best])
 
 
-_KEPT: OrderedDict[bytes, Catch] = OrderedDict()
+_KEPT: OrderedDict[Hashable, Catch] = OrderedDict()
 
 
 def catch_for(params: WheelParams, orbit: Orbit, near: float) -> Catch:
     """The catch that leads to a gait; of the last `MOST_KEPT` gaits it is planned only once."""
-    key = repr((params, near)).encode() + orbit.states.tobytes()
+    key = params, near, COUNTS, orbit.states.tobytes()
     if key not in _KEPT:
         _KEPT[key] = Catch.to(params, orbit, near)
     _KEPT.move_to_end(key)

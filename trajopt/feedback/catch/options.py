@@ -12,7 +12,14 @@ from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import advance
 from rimless_gym.params import WheelParams
+from trajopt.feedback.guard import CONTACT_MARGIN
 from trajopt.feedback.law import Floats
+
+#: Voltages to choose from, and control intervals for which one is held.
+COUNT, INTERVALS = 9, 4
+
+#: Charge (s) for a foot without any normal force.
+CHARGE = 0.5
 
 #: Wheels that are played at a time.
 BLOCK = 1 << 15
@@ -34,11 +41,10 @@ class Options(NamedTuple):
     charge: float
 
     @classmethod
-    def of(cls, params: WheelParams, count: int = 9, intervals: int = 4) -> Options:
-        """Evenly spread voltages, held for so many control intervals."""
-        limit = params.voltage_limit
-        hold = intervals * CONTROL_PERIOD
-        return cls(np.linspace(-limit, limit, count), hold, 0.1 * params.weight, 0.5)
+    def of(cls, params: WheelParams) -> Options:
+        """Voltages evenly spread between a machine's limits."""
+        volts = np.linspace(-params.voltage_limit, params.voltage_limit, COUNT)
+        return cls(volts, INTERVALS * CONTROL_PERIOD, CONTACT_MARGIN * params.weight, CHARGE)
 
 
 class Played(NamedTuple):
