@@ -20,6 +20,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import SCRATCH_SIZE, STATE_SIZE, advance_batch, machine_arrays
 from rimless_gym.params import WheelParams
+from trajopt.feedback.clock import Clock, ahead_of_clock
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, between, deviation, located
 
@@ -45,8 +46,7 @@ class Price(NamedTuple):
         final: the same for all the time after the horizon, shape (n, 4, 4).
         tangent: rates of the state along the orbit, shape (n, 4).
         turn: derivatives of the gait's voltage at the nearest point by the state, shape (n, 4).
-        hold: period of the gait's clock (s).
-        tick: time of one of its ticks (s).
+        clock: the gait's.
         effort: of a squared volt.
         normal: least normal force (N) without a price.
         friction: largest friction demand without a price.
@@ -59,8 +59,7 @@ class Price(NamedTuple):
     final: Floats
     tangent: Floats
     turn: Floats
-    hold: float
-    tick: float
+    clock: Clock
     effort: float
     normal: float
     friction: float
@@ -156,8 +155,7 @@ def offset(x, price):  # type: ignore[no-untyped-def]
     """The spot of a state and its deviation (4,), which includes being ahead of the clock."""
     spot = located(x, price.orbit)
     d = deviation(x, between(price.orbit.states, spot))
-    time = between(price.orbit.times, spot) - price.tick
-    early = time - price.hold * np.round(time / price.hold)
+    early = ahead_of_clock(spot, price.orbit.times, price.clock)
     tangent = between(price.tangent, spot)
     return spot, np.array(
         (

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rimless_gym.checks import require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
+from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 
@@ -109,6 +110,12 @@ class Grid:
     def voltages(self) -> Floats:
         """Means over a period from the times on (V), shape (m,)."""
         return mean_voltage(self.solution, self.times, self.period)
+
+    @cached_property
+    def tangents(self) -> Floats:
+        """Rates of the state along the orbit at the times, shape (m, 4)."""
+        flow = HybridModel(self.solution.params).functions["flow"].map(len(self.times))
+        return np.asarray(flow(self.states.T, self.solution.control(self.times)[None])).T
 
     @cached_property
     def metric(self) -> Floats:

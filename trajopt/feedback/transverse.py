@@ -9,7 +9,6 @@ import numpy as np
 
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from rimless_gym.params import WheelParams
-from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import FINENESS, Grid
 
@@ -33,15 +32,19 @@ class Transverse(NamedTuple):
     B: Floats
     into: Floats
 
+    def per_deviation(self, rows: Floats) -> Floats:
+        """Rows (m, 4) per coordinate across the orbit as rows (m, 4) per deviation of the state.
+
+        What they say of the time ahead is left out.
+        """
+        return np.asarray(np.einsum("jk,jkc->jc", rows[:, :3], self.into[:, :3]))
+
 
 def transverse_dynamics(grid: Grid) -> Transverse:
     """The dynamics across the orbit."""
-    solution, params = grid.solution, grid.solution.params
-    flow = HybridModel(params).functions["flow"].map(len(grid.times))
-    tangents = np.asarray(flow(grid.states.T, solution.control(grid.times)[None])).T
-    pairs = [coordinates(tangent, grid.metric) for tangent in tangents]
+    pairs = [coordinates(tangent, grid.metric) for tangent in grid.tangents]
     into, out = (np.array(each) for each in zip(*pairs, strict=True))
-    A, B = held_dynamics(params, grid.states, grid.voltages, grid.period)
+    A, B = held_dynamics(grid.solution.params, grid.states, grid.voltages, grid.period)
     later = np.roll(into, -FINENESS, axis=0)
     return Transverse(later @ A @ out, later @ B, into)
 

@@ -52,11 +52,12 @@ def test_deviations_die_out(lqr, held, walk):
     assert (after < 0.01 * before).all()
 
 
-def test_its_voltage_has_no_jumps_beside_the_gait(lqr, held):
-    t = np.linspace(0.05, held.duration - 0.05, 4000)
+@pytest.mark.parametrize("begin", [0.1, 0.4, 0.6, 0.8])
+def test_its_voltage_has_no_jumps_beside_the_gait(lqr, held, begin):
+    t = begin + np.linspace(0.0, 0.004, 1000)  # half a dozen of the table's nodes
     volts = lqr(held.state(t) + [0.002, 0.01, 0.01, 0.02])
     changes = np.abs(np.diff(volts))
-    assert changes.max() < 30 * np.median(changes) + 0.05
+    assert changes.max() < 20 * changes.mean()
 
 
 def test_it_is_a_function_of_the_state_within_the_voltage_limit(lqr):

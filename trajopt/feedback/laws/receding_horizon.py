@@ -6,7 +6,7 @@
 over a horizon of N control intervals: y is the deviation from the orbit at its nearest point s and
 from the gait's clock, in standard deviations of the gait's own motion, d a shift of its voltage, c
 how far the foot is less pressed down or nearer to slipping than the gait allows, and P the cost to
-go of the LQR (`trajopt.feedback.laws.lqr`), which stands for all the time after. Only V_0 is
+go of the LQR (`trajopt.feedback.riccati`), which stands for all the time after. Only V_0 is
 played.
 
 There is no time to solve the problem to the end, and no need to: the LQR's own motion from the
@@ -26,12 +26,13 @@ from rimless_gym.checks import integer, positive
 from rimless_gym.energy import ROW
 from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import MODE, SCRATCH_SIZE, STATE_SIZE
-from rimless_gym.symbolic import HybridModel
+from trajopt.feedback.clock import Clock
 from trajopt.feedback.horizon import LANES, Machine, Price, motion_from, move_on
 from trajopt.feedback.ilqr import improved
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import FINENESS, Grid, Orbit
+from trajopt.feedback.riccati import riccati, weights
 from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.gaits.solution import Solution
 
@@ -102,7 +103,7 @@ def design(
     start = lqr.design(solution, ahead=ahead)
     price = price_about(
         solution,
-        start.data,
+        start.data.orbit,
         positive("effort", effort),
         positive("lifting", lifting),
         positive("slipping", slipping),
@@ -121,7 +122,7 @@ def design(
 
 def price_about(
     solution: Solution,
-    gains: lqr.Gains,
+    orbit: Orbit,
     effort: float,
     lifting: float,
     slipping: float,
@@ -129,24 +130,20 @@ def price_about(
 ) -> Price:
     """What motions cost; the arguments are those of `design`, `ahead` infinite without a clock."""
     grid, params = Grid.of(solution), solution.params
-    into = transverse_dynamics(grid).into
-    to_go = lqr.riccati(grid, effort, ahead)[1]
-    each = np.diag([1.0, 1.0, 1.0, ahead**-2])
-    flow = HybridModel(params).functions["flow"].map(len(grid.times))
-    tangents = np.asarray(flow(grid.states.T, solution.control(grid.times)[None])).T
+    transverse = transverse_dynamics(grid)
+    into, to_go = transverse.into, riccati(transverse, effort, ahead).to_go
     turned = into.swapaxes(1, 2)
     rates = np.gradient(np.concatenate([grid.voltages[-1:], grid.voltages, grid.voltages[:1]]))
     rates = rates[1:-1] * FINENESS / grid.period
     checked = solution.verification
     weight = params.weight
     return Price(
-        orbit=gains.orbit,
-        stage=grid.at_nodes(turned @ each @ into),
+        orbit=orbit,
+        stage=grid.at_nodes(turned @ weights(ahead) @ into),
         final=grid.at_nodes(turned @ to_go @ into),
-        tangent=grid.at_nodes(tangents),
+        tangent=grid.at_nodes(grid.tangents),
         turn=grid.at_nodes(rates[:, None] * into[:, 3]),
-        hold=gains.hold,
-        tick=gains.tick,
+        clock=Clock.of(solution),
         effort=effort,
         normal=min(PRESSED * weight, checked.min_normal_force),
         friction=max(

@@ -31,12 +31,12 @@ from typing import NamedTuple
 import numpy as np
 
 from rimless_gym.checks import positive
-from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
+from trajopt.feedback.clock import Clock, ahead_of_clock
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.laws.lqr import periodic_gains
 from trajopt.feedback.orbit import FINENESS, Grid, Orbit, between, deviation, located
-from trajopt.feedback.transverse import transverse_dynamics
+from trajopt.feedback.riccati import riccati
+from trajopt.feedback.transverse import Transverse, transverse_dynamics
 from trajopt.gaits.solution import Solution
 
 #: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
@@ -58,23 +58,21 @@ class Surface(NamedTuple):
         orbit: the gait's.
         now: sigma per deviation at its nodes (V), shape (n, 4).
         later: sigma a period later under V*, per deviation now, shape (n, 4).
-        clock_now: sigma per second by which the gait is ahead of the clock, shape (n,).
-        clock_later: the same a period later, shape (n,).
+        timing_now: sigma per second by which the gait is ahead of its clock, shape (n,).
+        timing_later: the same a period later, shape (n,).
         reach: V.
         layer: V.
-        hold: period of the clock (s).
-        tick: time of one of its ticks (s).
+        clock: the gait's.
     """
 
     orbit: Orbit
     now: Floats
     later: Floats
-    clock_now: Floats
-    clock_later: Floats
+    timing_now: Floats
+    timing_later: Floats
     reach: float
     layer: float
-    hold: float
-    tick: float
+    clock: Clock
 
 
 def design(
@@ -104,37 +102,34 @@ def design(
             f"reach = {reach}: must be at most layer = {layer}, or sigma overshoots; lower reach"
         )
     clocked = positive("ahead", ahead) if solution.hold is not None else math.inf
-    rows = surface(grid, positive("effort", effort), clocked)
-    into = transverse_dynamics(grid).into[:, :3]
-    now, later = (grid.at_nodes(np.einsum("jk,jkc->jc", row[:, :3], into)) for row in rows)
+    transverse = transverse_dynamics(grid)
+    now, later = surface(transverse, positive("effort", effort), clocked)
     data = Surface(
         orbit=grid.orbit(),
-        now=now,
-        later=later,
-        clock_now=grid.at_nodes(rows[0][:, 3]),
-        clock_later=grid.at_nodes(rows[1][:, 3]),
+        now=grid.at_nodes(transverse.per_deviation(now)),
+        later=grid.at_nodes(transverse.per_deviation(later)),
+        timing_now=grid.at_nodes(now[:, 3]),
+        timing_later=grid.at_nodes(later[:, 3]),
         reach=reach * limit,
         layer=layer * limit,
-        hold=solution.hold or CONTROL_PERIOD,
-        tick=solution.first_tick if solution.hold is not None else 0.0,
+        clock=Clock.of(solution),
     )
     return Law(solution.params, volts, data)
 
 
-def surface(grid: Grid, effort: float, ahead: float) -> tuple[Floats, Floats]:
+def surface(transverse: Transverse, effort: float, ahead: float) -> tuple[Floats, Floats]:
     """Sigma now and a period later under V*, per deviation in the coordinates of `Transverse`.
 
     Args:
-        grid: of the gait.
+        transverse: the dynamics across the orbit.
         effort: cost of a squared volt.
         ahead: time (s) that counts like one standard deviation; infinite: time does not count.
 
     Returns:
-        c(s) and c(s + T) A(s) at the times of the grid, shape (m, 4) both.
+        c(s) and c(s + T) A(s) at the times of the gait's grid, shape (m, 4) both.
     """
-    A = transverse_dynamics(grid).A
-    gains = periodic_gains(grid, effort, ahead)  # (effort + B' P B)^-1 B' P A
-    ends = np.linalg.solve(A.swapaxes(1, 2), gains[..., None])[..., 0]  # c(s + T)
+    gains = riccati(transverse, effort, ahead).gains  # (effort + B' P B)^-1 B' P A
+    ends = np.linalg.solve(transverse.A.swapaxes(1, 2), gains[..., None])[..., 0]  # c(s + T)
     return np.roll(ends, FINENESS, axis=0), gains
 
 
@@ -144,11 +139,9 @@ def sigma_now_and_later(x, data):  # type: ignore[no-untyped-def]
     spot = located(x, data.orbit)
     d = deviation(x, between(data.orbit.states, spot))
     now, later = between(data.now, spot), between(data.later, spot)
-    # Ahead of the nearest tick, and without a jump half way between two.
-    turn = 2 * np.pi / data.hold
-    ahead = np.sin(turn * (between(data.orbit.times, spot) - data.tick)) / turn
-    sigma = between(data.clock_now, spot) * ahead
-    free = between(data.clock_later, spot) * ahead
+    early = ahead_of_clock(spot, data.orbit.times, data.clock)
+    sigma = between(data.timing_now, spot) * early
+    free = between(data.timing_later, spot) * early
     for c in range(4):
         sigma += now[c] * d[c]
         free += later[c] * d[c]

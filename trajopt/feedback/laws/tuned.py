@@ -108,6 +108,6 @@ def with_numbers(gains: lqr.Gains, duration: float, q: Floats) -> lqr.Gains:
         orbit=gains.orbit._replace(voltages=gains.orbit.voltages + more),
         gentle=gains.gentle + GENTLE_UNIT * gentle * series[:, :4],
         firm=gains.firm + firm * series[:, 4:8],
-        clock=gains.clock * np.exp(q[-2]),
+        timing=gains.timing * np.exp(q[-2]),
         between=gains.between * np.exp(q[-1]),
     )
