@@ -52,7 +52,8 @@ FOR_FAST_LAWS = Sizes(
     deviations=32,
 )
 
-FOR_SLOW_LAWS = Sizes(
+FOR_SLOW_LAWS = dataclasses.replace(
+    FOR_FAST_LAWS,
     seeds=3,
     starts=8,
     few_starts=4,
@@ -65,10 +66,9 @@ FOR_SLOW_LAWS = Sizes(
     deviations=8,
 )
 
-FOR_A_TRIAL = Sizes(
-    seeds=3,
+FOR_A_TRIAL = dataclasses.replace(
+    FOR_SLOW_LAWS,
     starts=4,
-    few_starts=4,
     phases=2,
     impulses=4,
     bisections=2,

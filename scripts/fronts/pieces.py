@@ -27,8 +27,7 @@ from trajopt.ocp.transcribe.nlp import Result, Transcription
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 #: Longest element of the search's mesh (s), as far as the largest mesh allows; elements per step.
-#: Elements of 0.15 s made slow walks with dry friction look up to 60 % cheaper than they are; with
-#: 0.05 s the costs of such walks are right to 0.2 %.
+#: Longer elements step over the kinks of dry friction and make slow walks look too cheap.
 ELEMENT_TIME, MESHES = 0.05, (SEARCH_ELEMENTS, 20, 30, 40, 55, 75, 100)
 
 #: A gait whose deviations grow by more in a stride is not counted: rounding alone would make its

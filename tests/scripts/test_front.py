@@ -351,6 +351,18 @@ def test_another_machine_in_the_same_folder_is_refused(
     assert "another machine" in capsys.readouterr().err
 
 
+def test_a_search_without_the_record_of_its_machine_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "THESIS_PHYSICAL_CHANGED" / "search").mkdir(parents=True)
+    machine = ["--preset", "THESIS_PHYSICAL", "--params", '{"gear_ratio": 250}']
+    with pytest.raises(SystemExit):
+        main([*machine, "--out", str(tmp_path)])
+    refusal = capsys.readouterr().err
+    assert "machine.json" in refusal
+    assert "give another --out" in " ".join(refusal.split())
+
+
 # -- shipped fronts -------------------------------------------------------------------------------
 
 

@@ -90,7 +90,16 @@ def test_it_is_a_function_of_the_state(catch):
     together = catch(x, modes)
     alone = [catch(x[i : i + 1], modes[i : i + 1])[0] for i in range(20)]
     assert np.array_equal(together, alone)
-    assert np.isin(together, catch.options.voltages).all()
+    assert np.abs(together).max() <= P.voltage_limit
+
+
+def test_its_voltage_does_not_jump_from_state_to_state(catch):
+    x = np.zeros((4000, 4))
+    x[:, 0], x[:, 1], x[:, 3] = P.constants.a, np.linspace(-1.0, 1.0, 4000), 1.0
+    volts = catch(x, np.full(4000, DOUBLE))
+    between_options = np.diff(catch.options.voltages)[0]
+    assert np.abs(volts).max() > between_options
+    assert np.abs(np.diff(volts)).max() < 0.25 * between_options
 
 
 def test_the_same_gait_is_planned_only_once(law, monkeypatch):
