@@ -12,8 +12,9 @@ from trajopt.feedback.law import Controller, Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
 
 #: Distance from its gait up to which a law acts, in standard deviations of the gait's own motion.
-#: Farther away, fast gaits lose the foot before a law has corrected them.
-NEAR = 0.15
+#: Farther away, fast gaits lose the foot before a law has corrected them. The catch's grid cannot
+#: see what is much smaller.
+NEAR = 0.13
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,75 @@
+"""Figures in the text of docs/feedback.md that its tables do not have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.evaluate import evaluate
+from agents.policies import controller_policy
+from agents.protocol import SHORT_PROTOCOL
+from rimless_gym.presets import preset
+from trajopt import Solution, periodic_gait
+from trajopt.feedback.closed_loop import multipliers
+from trajopt.feedback.laws import input_output, lqr, pid
+from trajopt.feedback.linearisation import linearisation_conditions
+from trajopt.feedback.zero_dynamics import zero_dynamics_multiplier
+
+pytestmark = pytest.mark.slow
+
+GAITS = [
+    ("BUILDABLE", 0.45, 0.57, 0.56),
+    ("BUILDABLE", 0.5, 0.60, 0.59),
+    ("BUILDABLE", 0.56, 0.63, 0.63),
+    ("BUILDABLE", 0.605, 0.67, 0.66),
+    ("THESIS_PHYSICAL", 0.5, 0.53, 0.49),
+    ("THESIS_PHYSICAL", 0.57, 0.71, 0.71),
+]
+
+
+def gait(machine: str, speed: float) -> Solution:
+    return periodic_gait(preset(machine), speed, hold=0.01)
+
+
+@pytest.mark.parametrize(("machine", "speed", "predicted", "measured"), GAITS)
+def test_the_zero_dynamics_are_those_of_the_page(machine, speed, predicted, measured):
+    solution = gait(machine, speed)
+    assert zero_dynamics_multiplier(solution) == pytest.approx(predicted, abs=0.006)
+    found = multipliers(input_output.design(solution), solution)[0]
+    assert found == pytest.approx(measured, abs=0.006)
+
+
+@pytest.mark.parametrize(("machine", "speed"), [row[:2] for row in GAITS])
+def test_the_servo_holds_every_gait_in_theory(machine, speed):
+    solution = gait(machine, speed)
+    assert multipliers(pid.design(solution), solution)[0] <= 0.815
+
+
+@pytest.mark.parametrize(
+    ("speed", "with_clock", "without"), [(0.57, 0.005, 0.018), (0.5, 0.002, 0.010)]
+)
+def test_the_clocks_gain_is_worth_what_the_page_says(speed, with_clock, without):
+    solution = gait("THESIS_PHYSICAL", speed)
+    starts = np.zeros((16, 6))
+    starts[:, :4] = solution.state(solution.duration * (np.arange(16) + 0.5) / 16)
+    for ahead, over in ((lqr.AHEAD, with_clock), (1e6, without)):
+        policy = controller_policy(solution.params, lqr.design(solution, ahead=ahead))
+        walk = evaluate(policy, solution.params, SHORT_PROTOCOL, starts=starts)
+        assert walk.cot / solution.cot - 1.0 == pytest.approx(over, abs=0.0012)
+
+
+@pytest.mark.parametrize(
+    ("machine", "reached", "median", "largest"),
+    [("BUILDABLE", 0.007, 0.005, 0.23), ("THESIS_PHYSICAL", 0.014, 0.018, 0.80)],
+)
+def test_the_conditions_of_input_state_linearisation_are_those_of_the_page(
+    machine, reached, median, largest
+):
+    params, rng = preset(machine), np.random.default_rng(0)
+    low = [params.constants.a, -np.pi, -3, -12]
+    high = [params.constants.b, np.pi, 6, 12]
+    found = linearisation_conditions(params, rng.uniform(low, high, (200, 4)))
+    assert np.median(found.accessibility) == pytest.approx(reached, abs=6e-4)
+    assert np.median(found.involutivity) == pytest.approx(median, abs=6e-4)
+    assert found.involutivity.max() == pytest.approx(largest, abs=6e-3)
+    assert found.involutivity.min() > 5e-6
