@@ -1,0 +1,1 @@
+"""Evolution of smooth policies on the compiled simulator, from nothing."""

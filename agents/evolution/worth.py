@@ -1,0 +1,112 @@
+"""What walks are worth, and to which family of gaits they belong.
+
+A family is the number of turns that the pendulum makes per step, forward or backward: 0 if it
+swings or leans. No small change of a policy leads from one family to another, and a family in which
+walking is easy to find is rarely the cheapest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.evolution.walks import Duration, Walks
+from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+
+#: Fewest steps in the window of a wheel that walks.
+FEWEST_STEPS = 3
+
+#: A walk belongs to a family if its turns per step differ by less than this.
+WITHIN = 0.25
+
+#: Lasted for the whole time.
+_WHOLE = 1.0 - 1e-9
+
+
+class Gait(NamedTuple):
+    """How a policy walks from several starts.
+
+    Attributes:
+        share: of the starts from which it walks by the rules, in its family.
+        cot: cost of transport of these walks; infinite without any.
+        speed: of these walks (m/s); 0 without any.
+    """
+
+    share: float
+    cot: float
+    speed: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Worth:
+    """What is paid for.
+
+    Attributes:
+        params: the machine.
+        task: slipping and falling are charged as the task says.
+        speed: up to which distance is paid (m/s).
+    """
+
+    params: WheelParams
+    task: Task
+    speed: float
+
+    def of(self, walks: Walks, duration: Duration, family: float, price: float) -> Floats:
+        """The mean earnings (P,) of policies per second (m/s), at a price of distance.
+
+        Distance in another family's gait is not paid.
+        """
+        time = duration.intervals * CONTROL_PERIOD
+        idle = self.params.idle_power * time * walks.lasted
+        energy = (walks.energy + idle) / self.params.weight
+        off = np.abs(turns(walks) - family)
+        own = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
+        paid = np.minimum(walks.distance, self.speed * time)
+        paid = np.where(paid > 0.0, own * paid, paid)
+        slipped = self.task.slip_speed * CONTROL_PERIOD * walks.slipping
+        fallen = self.task.fall_distance * (walks.lasted < _WHOLE)
+        worth = price * (paid - slipped - fallen) - energy
+        return np.asarray(worth.mean(axis=1) / time)
+
+    def gait(self, walks: Walks, duration: Duration, family: float) -> Gait:
+        """How the first policy of some walks walks."""
+        fits = members(walks, family)[0] & (walks.window_slipping[0] == 0.0)
+        if not fits.any():
+            return Gait(0.0, np.inf, 0.0)
+        time = duration.window * CONTROL_PERIOD * fits.sum()
+        distance = walks.window_distance[0][fits].sum()
+        energy = walks.window_energy[0][fits].sum() + self.params.idle_power * time
+        return Gait(
+            float(fits.mean()),
+            float(energy / (self.params.weight * distance)) if distance > 0.0 else np.inf,
+            float(distance / time),
+        )
+
+
+def stepping(walks: Walks) -> NDArray[np.bool_]:
+    """Whether the wheels still take steps forward at the end, (P, S)."""
+    return (walks.lasted > _WHOLE) & (walks.steps >= FEWEST_STEPS)
+
+
+def members(walks: Walks, family: float) -> NDArray[np.bool_]:
+    """Which wheels walk in a family's gait, (P, S)."""
+    return stepping(walks) & (np.abs(turns(walks) - family) < WITHIN)
+
+
+def turns(walks: Walks) -> Floats:
+    """Turns of the pendulum per step in the window, (P, S)."""
+    return np.asarray(walks.turned / (2.0 * np.pi) / np.maximum(walks.steps, 1.0))
+
+
+def families(walks: Walks) -> NDArray[np.int64]:
+    """The families in which some wheel walks, fewest turns first."""
+    nearest = np.round(turns(walks))
+    found = np.unique(nearest[members(walks, 0.0) | (stepping(walks) & (nearest != 0.0))])
+    kept = [family for family in found.tolist() if members(walks, family).any()]
+    return np.asarray(sorted(kept, key=lambda family: (abs(family), family)), dtype=np.int64)

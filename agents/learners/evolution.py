@@ -1,0 +1,152 @@
+"""Evolution of smooth policies on the compiled simulator, from nothing: no gait, no demonstration.
+
+See `agents.evolution.campaign` for the search and `agents.evolution.policy` for what evolves. It
+takes some thousand million control intervals and, on two cores, a few minutes.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from agents import learner
+from agents.evolution import policy
+from agents.evolution.campaign import Answer, EvolutionSettings, Request, campaign
+from agents.evolution.walks import World
+from agents.evolution.worth import Gait, Worth, families, members
+from agents.learner import PolicyParts, Watch
+from agents.policies import Act
+from agents.rollout import draw_starts
+from agents.training import Settings, Training
+from rimless_gym.envs.disturbances import Disturbances
+from rimless_gym.envs.task import Task
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+
+
+class Learner(learner.Learner):
+    """Screens random policies, and evolves the best of every family of gaits.
+
+    Raises:
+        TypeError: the training's settings are not `EvolutionSettings`.
+        ValueError: there are ranges or disturbances.
+    """
+
+    def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
+        conditions, settings = training.conditions, training.settings
+        if not isinstance(settings, EvolutionSettings):
+            raise TypeError(f"settings = {settings!r}: must be EvolutionSettings")
+        if conditions.ranges.bounds or conditions.disturbances != Disturbances():
+            raise ValueError(
+                "algo = 'evolution': walks on the nominal machine without disturbances; leave out "
+                "ranges and disturbances, or choose another learner"
+            )
+        self._world = World(conditions.params)
+        self._worth = Worth(conditions.params, training.task, settings.paid_speed)
+        self._begin = functools.partial(
+            campaign,
+            settings,
+            training.seed,
+            training.task.value_of_distance,
+            None if start is None else start.weights["weights"].astype(np.float64),
+        )
+        self._steps = 0
+        self._answers: list[Answer] = []
+        self._campaign = self._begin()
+        self._request = next(self._campaign)
+
+    @classmethod
+    def settings(cls, init: str) -> Settings:
+        """The defaults, for every start."""
+        return EvolutionSettings()
+
+    @classmethod
+    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> Act:
+        """The policy in `parts`."""
+        weights = parts.weights["weights"].astype(np.float64)
+        if weights.shape != (policy.SIZE,):
+            raise ValueError(f"weights: have shape {weights.shape}, must be ({policy.SIZE},)")
+        return functools.partial(policy.act, weights)
+
+    @property
+    def steps(self) -> int:
+        """Control intervals so far, all wheels together."""
+        return self._steps
+
+    @property
+    def act(self) -> Act:
+        """The best policy so far; it does nothing before one walks."""
+        return functools.partial(policy.act, self._request.best)
+
+    def learn(self, until: int, watch: Watch) -> None:
+        """Go on until there have been `until` steps, or some more."""
+        while self._steps < until:
+            watch.between()
+            request = self._request
+            answer = self._walked(request)
+            _log(watch, request, answer)
+            self._send(answer)
+            self._steps += len(request.weights) * request.starts * request.duration.intervals
+            watch.advanced()
+            watch.log.dump(self._steps)
+
+    def _walked(self, request: Request) -> Answer:
+        starts = draw_starts(self._world.params, request.starts, request.seed)
+        walks = self._world.walk(request.weights, starts, request.duration)
+        duration, gait = request.duration, Gait(0.0, np.inf, 0.0)
+        found = families(walks) if request.family is None else np.array([request.family])
+        worth = np.empty((len(found), len(request.weights)))
+        for k, family in enumerate(found):
+            worth[k] = self._worth.of(walks, duration, family, request.price)
+            if request.family is None:
+                worth[k, ~members(walks, family).any(axis=1)] = -np.inf
+        if len(found):
+            gait = self._worth.gait(walks, duration, found[0])
+        return Answer(found.astype(np.float64), worth, gait)
+
+    def _send(self, answer: Answer) -> None:
+        self._answers.append(answer)
+        self._request = self._campaign.send(answer)
+
+    def parts(self) -> PolicyParts:
+        """The weights of the best policy so far."""
+        return PolicyParts({}, {"weights": self._request.best})
+
+    def state(self) -> dict[str, Any]:
+        """The answers so far, from which the campaign comes to the same place again."""
+        families = [answer.families for answer in self._answers]
+        return {
+            "steps": self._steps,
+            "families": np.concatenate([*families, np.empty(0)]),
+            "counts": np.array([len(each) for each in families], dtype=np.int64),
+            "sizes": np.array([answer.worth.shape[1] for answer in self._answers], dtype=np.int64),
+            "worth": np.concatenate([*(a.worth.ravel() for a in self._answers), np.empty(0)]),
+            "gaits": np.array([answer.gait for answer in self._answers]).reshape(-1, 3),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Send the answers of a state to a new campaign."""
+        self._campaign, self._answers = self._begin(), []
+        self._request, self._steps = next(self._campaign), int(state["steps"])
+        families: Floats = state["families"]
+        worth: Floats = state["worth"]
+        for count, size, gait in zip(state["counts"], state["sizes"], state["gaits"], strict=True):
+            of, families = families[:count], families[count:]
+            earned, worth = worth[: count * size], worth[count * size :]
+            self._send(Answer(of, earned.reshape(count, size), Gait(*map(float, gait))))
+
+
+def _log(watch: Watch, request: Request, answer: Answer) -> None:
+    log = watch.log
+    log.record("evolution/price", request.price)
+    if len(answer.families):
+        log.record("evolution/worth", float(answer.worth[0].mean()))
+        log.record("evolution/best_worth", float(answer.worth.max()))
+    if request.family is not None:
+        log.record("evolution/family", request.family)
+    if len(request.weights) == 1 and answer.gait.share > 0.0:
+        log.record("walk/share", answer.gait.share)
+        log.record("walk/cot", answer.gait.cot)
+        log.record("walk/speed", answer.gait.speed)

@@ -1,0 +1,43 @@
+"""The self-paced price of distance: it follows what the learner's own walking costs.
+
+At the true price, standing still is the best that an untrained policy can do. At a high one walking
+pays at once, but so does running, and little is gained by walking cheaply. So the price begins high
+and falls with the policy's own cost of transport, to a multiple of it: walking always pays, and so
+does walking cheaper. Lowered faster than that, it makes policies rest, or fall on purpose.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+#: The price is this multiple of the cost of transport.
+MULTIPLE = 2.0
+
+#: Share of starts that must walk before the price falls.
+LEAST_SHARE = 0.3
+
+
+class Walking(Protocol):
+    """How a policy walks."""
+
+    @property
+    def share(self) -> float:
+        """Of the starts, from which it walks."""
+
+    @property
+    def cot(self) -> float:
+        """Cost of transport of these walks."""
+
+
+def paced_price(price: float, walking: Walking, floor: float) -> float:
+    """The next price of distance.
+
+    Args:
+        price: the last one; the price never rises.
+        walking: how the policy walks, without exploration.
+        floor: the true price, below which it never falls.
+    """
+    if walking.share < LEAST_SHARE or not math.isfinite(walking.cot):
+        return price
+    return min(price, max(MULTIPLE * walking.cot, floor))
