@@ -61,19 +61,19 @@ class EvolutionSettings(Settings):
             because it runs.
     """
 
-    n_timesteps: int = 1_500_000_000
-    screened: int = 40_000
+    n_timesteps: int = 600_000_000
+    screened: int = 20_000
     screen_starts: int = 4
-    screen_intervals: int = 700
+    screen_intervals: int = 600
     rescreened: int = 16
-    rescreen_starts: int = 32
-    contenders: int = 6
-    race: int = 60
-    longer_race: int = 100
+    rescreen_starts: int = 24
+    contenders: int = 5
+    race: int = 40
+    longer_race: int = 80
     population: int = 24
-    intervals: int = 1000
-    starts: int = 16
-    refining_starts: int = 32
+    intervals: int = 800
+    starts: int = 12
+    refining_starts: int = 24
     spread: float = 0.3
     first_price: float = 5.0
     paid_speed: float = 0.62

@@ -7,6 +7,7 @@ of the state, an action, its voltage held for 10 ms.
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observation
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import kept
+from rimless_gym.kernel.lanes import LANES
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -34,8 +36,8 @@ from trajopt.feedback.law import Floats
 
 EVOLUTION = "the simulator for evolution (about 15 s)"
 
-#: Wheels that a thread walks with at a time.
-BLOCK = 512
+#: Most wheels that a thread walks with at a time.
+MOST = 512
 
 
 class Walks(NamedTuple):
@@ -98,9 +100,10 @@ class World:
         results = np.zeros((len(Walks._fields), n))
         params, machine = self.params, machine_arrays([self.params])
         slipping = params.friction * (1.0 + LIMIT_TOLERANCE)
+        block = min(MOST, LANES * math.ceil(n / (LANES * self.threads)))
 
         def part(begin: int) -> None:
-            which = np.arange(begin, min(begin + BLOCK, n))
+            which = np.arange(begin, min(begin + block, n))
             columns = np.ascontiguousarray(starts[which % n_starts].T)
             of_wheel = np.ascontiguousarray(weights[which // n_starts])
             results[:, which] = _walk(
@@ -109,7 +112,7 @@ class World:
             )
 
         with ThreadPoolExecutor(self.threads) as threads:
-            list(threads.map(part, range(0, n, BLOCK)))
+            list(threads.map(part, range(0, n, block)))
         return Walks(*results.reshape(-1, n_policies, n_starts))
 
 
