@@ -30,7 +30,7 @@ from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
 
-#: What is imitated where no expert is given: a feedback law, and the gait that it holds.
+#: What is imitated where nothing else is given: a feedback law, and the gait that it holds.
 EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.56, 1
 
 #: The largest that numpy's global generator takes.
@@ -75,7 +75,7 @@ def train(
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     settings: Settings | None = None,
-    expert: Controller | None = None,
+    expert: Controller | str = EXPERT,
     cloning: Cloning | None = None,
     score: Callable[[Evaluation], float] = reward_per_second,
     protocol: Protocol = SHORT_PROTOCOL,
@@ -100,8 +100,8 @@ def train(
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
         settings: hyperparameters; default: the learner's own.
-        expert: to imitate; default: LQR about the optimal gait at 0.56 m/s whose
-            voltage is held as the environment holds it.
+        expert: to imitate; or the name of a feedback law, about the optimal gait at
+            `EXPERT_SPEED` whose voltage is held as the environment holds it.
         cloning: how, default `Cloning()`.
         score: what "best" means, larger is better; default: reward per second.
         protocol: of the periodic evaluations.
@@ -143,7 +143,7 @@ def train(
             learner.close()
 
 
-def _begun(plan: Plan, init: str, expert: Controller | None, cloning: Cloning) -> Learner:
+def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) -> Learner:
     """The learner with which a training begins."""
     training, out = plan.training, plan.out
     kind = learners.learner(training.algo)
@@ -152,11 +152,11 @@ def _begun(plan: Plan, init: str, expert: Controller | None, cloning: Cloning) -
     if init != IMITATION:
         return _started_from(init, training)
     learner, params = kind(training), training.conditions.params
-    if expert is None:
+    if isinstance(expert, str):
         gait = periodic_gait(
             params, EXPERT_SPEED, EXPERT_STEPS, hold=CONTROL_PERIOD, progress=plan.progress
         )
-        expert = laws.design(EXPERT, gait)
+        expert = laws.design(expert, gait)
     report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
     return learner

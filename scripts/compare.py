@@ -38,7 +38,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--timesteps",
         type=whole(0),
         default=default.timesteps,
-        help="control intervals of fine-tuning, and of training from scratch",
+        help="control intervals of fine-tuning, and of PPO from scratch",
+    )
+    parser.add_argument(
+        "--evolution-timesteps",
+        type=whole(0),
+        default=default.evolution_timesteps,
+        help="control intervals of evolution",
     )
     parser.add_argument(
         "--starts", type=whole(0), default=default.starts, help="random starts of the gait's search"

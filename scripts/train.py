@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents import learners
-from agents.train import train
+from agents.train import EXPERT, train
 from agents.training import INITS
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
@@ -30,6 +30,7 @@ from scripts.commandline import (
     terminated_like_ctrl_c,
     whole,
 )
+from trajopt.feedback import laws
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,6 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--algo", choices=learners.names(), default="ppo", help="learner")
     parser.add_argument(
         "--init", default="scratch", help=f"{' or '.join(INITS)}, or a policy's file to start from"
+    )
+    parser.add_argument(
+        "--expert", choices=laws.names(), default=EXPERT, help="feedback law to imitate"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of everything random")
     parser.add_argument("--out", type=Path, default=Path("runs/train"), help="results' folder")
@@ -62,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 options.out,
                 timesteps=options.timesteps,
                 params=params,
+                expert=options.expert,
                 task=options.task,
                 ranges=options.ranges,
                 disturbances=options.disturbances,

@@ -184,7 +184,7 @@ class Learned:
         shown: title of a row -> the policy's file in the training's folder; the first is the main
             one.
         algo: the learner.
-        learns: whether it is trained for the study's time steps, or not at all.
+        budget: the field of the study that has its control intervals; None: it is not trained.
         drawn: what the plot of limit cycles calls its main policy; None: it is not drawn.
     """
 
@@ -192,7 +192,7 @@ class Learned:
     init: str
     shown: dict[str, str]
     algo: str = "ppo"
-    learns: bool = True
+    budget: str | None = "timesteps"
     drawn: str | None = None
 
     def compete(self, arena: Arena) -> Result:
@@ -203,9 +203,9 @@ class Learned:
             self.init if self.init in INITS else arena.out / self.init,
             arena.study.seed,
             arena.out / self.name,
-            timesteps=arena.study.timesteps if self.learns else 0,
+            timesteps=0 if self.budget is None else getattr(arena.study, self.budget),
             params=arena.params,
-            expert=laws.design(EXPERT, arena.held_gait) if imitates else None,
+            expert=laws.design(EXPERT, arena.held_gait) if imitates else EXPERT,
             progress=arena.progress,
         )
         if trained.interrupted:
@@ -242,14 +242,22 @@ def entrants() -> tuple[Entrant, ...]:
         HeldFront(),
         Gait("swinging", "optimal while the pendulum swings", _swinging),
         *(Law(name) for name in laws.names() if name not in LEFT_OUT),
-        Learned("imitation", IMITATION, {"imitation": CLONE}, learns=False, drawn="imitation"),
+        Learned("imitation", IMITATION, {"imitation": CLONE}, budget=None, drawn="imitation"),
         Learned(
             "fine_tuned",
             f"imitation/{CLONE}",
             {"fine-tuned, best kept": BEST, "fine-tuned, last": LAST},
             drawn="fine-tuned",
         ),
-        Learned("scratch", SCRATCH, {"from scratch": BEST}),
+        Learned("scratch", SCRATCH, {"PPO from scratch": BEST}),
+        Learned(
+            "evolution",
+            SCRATCH,
+            {"evolution from scratch": BEST},
+            algo="evolution",
+            budget="evolution_timesteps",
+            drawn="evolution",
+        ),
     )
 
 

@@ -20,7 +20,8 @@ class Study:
         speed: at which the gait to imitate is optimal (m/s).
         steps: of the gait that is solved for and reported beside the front's best.
         seed: of everything random.
-        timesteps: control intervals of fine-tuning, and of training from scratch.
+        timesteps: control intervals of fine-tuning, and of PPO from scratch.
+        evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
         front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
 
@@ -35,8 +36,9 @@ class Study:
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
+    evolution_timesteps: int = 400_000_000
     starts: int = 4
-    front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62)
+    front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62, 0.63)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
@@ -48,7 +50,13 @@ class Study:
         object.__setattr__(self, "front", tuple(self.front))
         for speed in self.front:
             positive("front: speed", speed)
-        for name, least in (("steps", 1), ("timesteps", 0), ("starts", 0), ("seed", 0)):
+        for name, least in (
+            ("steps", 1),
+            ("timesteps", 0),
+            ("evolution_timesteps", 0),
+            ("starts", 0),
+            ("seed", 0),
+        ):
             integer(name, getattr(self, name), least)
 
     @property

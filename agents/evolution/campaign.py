@@ -76,7 +76,7 @@ class EvolutionSettings(Settings):
     refining_starts: int = 24
     spread: float = 0.3
     first_price: float = 5.0
-    paid_speed: float = 0.62
+    paid_speed: float = 0.6
 
 
 class Request(NamedTuple):

@@ -16,12 +16,27 @@ BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
 QUICK = Cloning(
     rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
 )
-STEPS = {"ppo": 512, "sac": 160}
+STEPS = {"ppo": 512, "sac": 160, "evolution": 2_500_000}
+SHORT_SEARCH = {
+    "screened": 400,
+    "screen_intervals": 400,
+    "rescreened": 3,
+    "rescreen_starts": 4,
+    "contenders": 1,
+    "race": 10,
+    "longer_race": 10,
+    "population": 8,
+    "intervals": 400,
+    "starts": 4,
+    "refining_starts": 4,
+}
 
 
 def small(algo, init="scratch"):
-    """Two environments and short roll-outs, all else as published."""
+    """Two environments and short roll-outs, or a short search; all else as published."""
     settings = learners.learner(algo).settings(str(init))
+    if algo == "evolution":
+        return dataclasses.replace(settings, **SHORT_SEARCH)
     changes = {"n_steps": 64, "batch_size": 64}
     if algo == "sac":
         changes = {"learning_starts": 50, "buffer_size": 2000}

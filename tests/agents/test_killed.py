@@ -83,7 +83,7 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path
     monkeypatch.setattr(entrants, "train", brief)
     monkeypatch.setattr(entrants, "FRONT_STEPS", (1,))
     monkeypatch.setattr(compare, "animate", lambda *args, **kw: None)
-    study = Study(steps=1, timesteps=512, starts=0, front=(0.5, 0.55))
+    study = Study(steps=1, timesteps=512, evolution_timesteps=0, starts=0, front=(0.5, 0.55))
 
     def work(out):
         Comparison(study, out, progress=False).run()

@@ -12,22 +12,9 @@ from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.session import Session
 from agents.train import train
-from tests.agents.runs import BRIEF, scalars
+from tests.agents.runs import BRIEF, scalars, small
 
-SMALL = EvolutionSettings(
-    n_timesteps=5_000_000,
-    screened=400,
-    screen_intervals=400,
-    rescreened=3,
-    rescreen_starts=4,
-    contenders=1,
-    race=10,
-    longer_race=10,
-    population=8,
-    intervals=400,
-    starts=4,
-    refining_starts=4,
-)
+SMALL = small("evolution")
 
 
 def run(out, **changes):
