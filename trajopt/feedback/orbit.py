@@ -112,6 +112,12 @@ class Grid:
         return mean_voltage(self.solution, self.times, self.period)
 
     @cached_property
+    def voltage_rates(self) -> Floats:
+        """Rates of `voltages` along the orbit (V/s), shape (m,)."""
+        around = np.concatenate([self.voltages[-1:], self.voltages, self.voltages[:1]])
+        return np.asarray(np.gradient(around)[1:-1] * FINENESS / self.period)
+
+    @cached_property
     def tangents(self) -> Floats:
         """Rates of the state along the orbit at the times, shape (m, 4)."""
         flow = HybridModel(self.solution.params).functions["flow"].map(len(self.times))

@@ -23,8 +23,8 @@ class Transverse(NamedTuple):
     motion. The last one is the time by which the state is ahead (s).
 
     Attributes:
-        A: shape (m, 4, 4): of the deviation.
-        B: shape (m, 4, 1): of the voltage (1/V).
+        A: shape (m, 4, 4): of the deviation, under the gait's voltage at the nearest point.
+        B: shape (m, 4, 1): of what is added to that voltage (1/V).
         into: deviations (m, 4) to coordinates: shape (m, 4, 4).
     """
 
@@ -46,7 +46,9 @@ def transverse_dynamics(grid: Grid) -> Transverse:
     into, out = (np.array(each) for each in zip(*pairs, strict=True))
     A, B = held_dynamics(grid.solution.params, grid.states, grid.voltages, grid.period)
     later = np.roll(into, -FINENESS, axis=0)
-    return Transverse(later @ A @ out, later @ B, into)
+    A, B = later @ A @ out, later @ B
+    A[:, :, 3] += B[:, :, 0] * grid.voltage_rates[:, None]  # a state that is ahead plays V* ahead
+    return Transverse(A, B, into)
 
 
 def held_dynamics(

@@ -31,7 +31,7 @@ from trajopt.feedback.horizon import LANES, Machine, Price, motion_from, move_on
 from trajopt.feedback.ilqr import improved
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import FINENESS, Grid, Orbit
+from trajopt.feedback.orbit import Grid, Orbit
 from trajopt.feedback.riccati import riccati, weights
 from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.gaits.solution import Solution
@@ -133,8 +133,6 @@ def price_about(
     transverse = transverse_dynamics(grid)
     into, to_go = transverse.into, riccati(transverse, effort, ahead).to_go
     turned = into.swapaxes(1, 2)
-    rates = np.gradient(np.concatenate([grid.voltages[-1:], grid.voltages, grid.voltages[:1]]))
-    rates = rates[1:-1] * FINENESS / grid.period
     checked = solution.verification
     weight = params.weight
     return Price(
@@ -142,7 +140,7 @@ def price_about(
         stage=grid.at_nodes(turned @ weights(ahead) @ into),
         final=grid.at_nodes(turned @ to_go @ into),
         tangent=grid.at_nodes(grid.tangents),
-        turn=grid.at_nodes(rates[:, None] * into[:, 3]),
+        turn=grid.at_nodes(grid.voltage_rates[:, None] * into[:, 3]),
         clock=Clock.of(solution),
         effort=effort,
         normal=min(PRESSED * weight, checked.min_normal_force),
