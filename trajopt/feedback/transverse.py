@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import advance, hybrid_states
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import FINENESS, Grid
@@ -59,12 +60,11 @@ def held_dynamics(
     Central differences of the stepping kernel. It locates touchdowns exactly, so a period that
     contains one is differentiated like any other.
     """
-    n, columns = len(states), []
+    columns = []
     for i in range(5):
         ends = []
         for sign in (1.0, -1.0):
-            batch, volts = np.zeros((n, STATE_SIZE)), voltages.copy()
-            batch[:, :4] = states
+            batch, volts = hybrid_states(states, SINGLE), voltages.copy()
             if i < 4:
                 batch[:, i] += sign * DIFFERENCE
             else:

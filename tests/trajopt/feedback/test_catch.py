@@ -9,7 +9,7 @@ from agents.protocol import Protocol
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.equations import DOUBLE, SINGLE
 from trajopt.feedback.catch.catch import Catch, catch_for
-from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.catch.value import NEVER
 from trajopt.feedback.guard import Guarded
@@ -32,7 +32,7 @@ def catch(law):
 
 
 def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
-    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    grid = StateGrid.over(P, (4.0, 6.0), (3, 8, 5, 7))
     nodes = grid.single()[:, :4].reshape(3, 8, 5, 7, 4)
     plain = nodes @ [2.0, 0.0, -0.3, 0.7] + np.cos(nodes[..., 1])
     values = Values(plain, np.cos(grid.axis(1))[:, None] + 0.7 * grid.axis(3))
@@ -47,7 +47,7 @@ def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
 
 
 def test_beyond_the_grid_a_value_is_that_of_its_edge():
-    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    grid = StateGrid.over(P, (4.0, 6.0), (3, 8, 5, 7))
     values = Values(grid.single()[:, 3].reshape(3, 8, 5, 7), np.zeros((8, 7)))
     assert value(values, grid, 1.3, 0.0, 0.0, 50.0, SINGLE) == pytest.approx(6.0)
 
