@@ -13,18 +13,20 @@ import pytest
 
 from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from scripts.feedback_laws import cells, command, drawing, page
+from scripts.feedback_laws import cells, command, drawing, gaits, page
 from scripts.feedback_laws.cells import Cell, measured
 from scripts.feedback_laws.columns import COLUMNS, TIMING
 from scripts.feedback_laws.columns.attraction import random_states
 from scripts.feedback_laws.columns.changes import changed_machines
 from scripts.feedback_laws.columns.pushes import pushed_states
+from scripts.feedback_laws.gaits import GAITS, Held
+from scripts.feedback_laws.gaits import kept as kept_gaits
 from scripts.feedback_laws.sizes import sizes_for
-from scripts.feedback_laws.gaits import GAITS, Held, kept as kept_gaits
 from scripts.feedback_laws.study import study
 from scripts.feedback_laws.subject import subject_of
 from scripts.imports import PACKAGES, ROOT, needed
 from trajopt.feedback.catch import catch as catching
+from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[2] / "docs"
 HELD = GAITS[2]
@@ -36,7 +38,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("feedback")
 
     def coarse(params: Any, orbit: Any, near: float) -> catching.Catch:
-        return catching.Catch.to(params, orbit, near, counts=(4, 9, 5, 9))
+        return catching.Catch.to(params, orbit, near, counts=(5, 16, 11, 13))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catching, "catch_for", coarse)
