@@ -21,7 +21,9 @@ def other_hold(held):
 def test_near_a_tick_a_wheel_on_the_gait_is_ahead_by_its_time_since_the_tick(held, late):
     clock, orbit = Clock.of(held, 0.03), Grid.of(held).orbit()
     for tick in held.first_tick + CONTROL_PERIOD * np.arange(5, 60, 5):
-        assert offset(held.state(tick + late), orbit, clock).early == pytest.approx(late, rel=0.1)
+        assert offset(held.state(tick + late), orbit, clock).early == pytest.approx(
+            late, rel=0.1, abs=2e-5
+        )
 
 
 def test_half_way_between_two_ticks_it_is_neither_early_nor_late(held):
