@@ -38,6 +38,9 @@ SPREAD = 0.1
 #: the gait itself soon costs more than it helps.
 GENTLE_UNIT, VOLTAGE_UNIT = 0.3, 0.002
 
+#: Series that are tuned: two gains for each of four coordinates, and the voltage.
+_SERIES = 9
+
 
 class Numbers(NamedTuple):
     """What is tuned; zeros leave the LQR as it is.
@@ -60,13 +63,13 @@ class Numbers(NamedTuple):
     @classmethod
     def of(cls, q: Floats) -> Numbers:
         """Out of one row of numbers, as many as `count` says."""
-        gentle, firm, voltage = np.split(q[:-2].reshape(9, -1), [4, 8])
+        gentle, firm, voltage = np.split(q[:-2].reshape(_SERIES, -1), [4, 8])
         return cls(gentle, firm, voltage[0], q[-2], q[-1])
 
     @staticmethod
     def count(harmonics: int) -> int:
         """How many there are."""
-        return 9 * (2 * harmonics + 1) + 2
+        return _SERIES * (2 * harmonics + 1) + 2
 
 
 def design(
