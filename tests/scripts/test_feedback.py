@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.params import WheelParams
 from scripts.feedback_laws import cells, command, drawing, gaits, page
 from scripts.feedback_laws.cells import Cell, measured
 from scripts.feedback_laws.columns import COLUMNS, TIMING
@@ -20,7 +21,6 @@ from scripts.feedback_laws.columns.attraction import random_states
 from scripts.feedback_laws.columns.changes import changed_machines
 from scripts.feedback_laws.columns.pushes import pushed_states
 from scripts.feedback_laws.gaits import GAITS, Held
-from scripts.feedback_laws.gaits import kept as kept_gaits
 from scripts.feedback_laws.sizes import sizes_for
 from scripts.feedback_laws.study import study
 from scripts.feedback_laws.subject import subject_of
@@ -164,25 +164,20 @@ def test_a_damaged_cell_is_measured_again(
 @pytest.fixture
 def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the repository's code, of which digests are made."""
-    root = tmp_path / "repository"
+    root, data = tmp_path / "repository", shutil.ignore_patterns("__pycache__", "*.npz", "*.zip")
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, root / package, ignore=_no_code)
+        shutil.copytree(ROOT / package, root / package, ignore=data)
     monkeypatch.setattr(cells, "needed", lambda modules: needed(modules, root))
     return root
 
 
-def _no_code(folder: str, names: list[str]) -> set[str]:
-    return {name for name in names if Path(name).suffix not in ("", ".py")}
-
-
-def test_a_law_whose_file_has_changed_is_measured_again(
+def test_what_a_changed_law_has_measured_is_measured_again(
     kept: Path, trial: dict[str, Any], tmp_path: Path, repository: Path
 ) -> None:
-    folder = with_gait(kept, tmp_path)
+    folder, again = with_gait(kept, tmp_path), Repeating(trial)
     study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
     with (repository / "trajopt/feedback/laws/lqr.py").open("a") as file:
         file.write("# changed\n")
-    again = Repeating(trial)
     study(folder, [HELD], ["lqr"], 1, True, again)
     assert again.done == list(COLUMNS)
 
@@ -211,24 +206,26 @@ def test_what_depends_on_a_changed_file_is_out_of_date(
     assert {c.column for c in study_cells if c.made_of(gait) != before[c.column]} == columns
 
 
-@pytest.mark.parametrize("other", [{"slope": -0.01}, {}])
-def test_a_kept_gait_of_another_machine_or_speed_is_solved_again(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: dict[str, float]
+@pytest.mark.parametrize(
+    ("params", "speed", "again"),
+    [(BUILDABLE, 0.605, False), (BUILDABLE, 0.59, True), (THESIS_PHYSICAL, 0.605, True)],
+)
+def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_for(
+    kept: Path, monkeypatch: pytest.MonkeyPatch, params: WheelParams, speed: float, again: bool
 ) -> None:
-    folder = with_gait(kept, tmp_path) / "gaits"
-    gait = Solution.load(folder / f"{HELD.key}.npz")
-    solved = []
-    monkeypatch.setattr(Held, "solved", lambda held: solved.append(held) or gait)
-    kept_gaits(folder, [HELD])
-    assert solved == []
-    if other:
-        monkeypatch.setattr(gaits, "preset", lambda name: BUILDABLE.replace(**other))
-        asked = HELD
-    else:
-        asked = Held(HELD.preset, 0.59)
-        (folder / f"{HELD.key}.npz").rename(folder / f"{asked.key}.npz")
-    kept_gaits(folder, [asked])
-    assert solved == [asked]
+    path = kept / "gaits" / f"{HELD.key}.npz"
+    monkeypatch.setattr(gaits, "preset", lambda name: params)
+    assert Held("BUILDABLE", speed).is_that_of(path) is not again
+
+
+def test_a_gait_is_solved_only_if_none_is_kept(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+    monkeypatch.setattr(Held, "solved", lambda held: gait)
+    assert gaits.kept(tmp_path, [HELD])[HELD.key].exists()
+    monkeypatch.delattr(Held, "solved")
+    gaits.kept(tmp_path, [HELD])
 
 
 def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
