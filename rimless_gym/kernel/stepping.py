@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.energy import ROW
@@ -51,6 +51,18 @@ SCRATCH_SIZE = _QUEUE + 2 * LANES * CARRIED + 1
 
 #: Fastest motor pole (1/s). At this pole 10 ms take 700 steps, a millisecond of computing.
 MAX_POLE = 1e4
+
+
+def hybrid_states(x: ArrayLike, mode: ArrayLike) -> NDArray[np.float64]:
+    """Hybrid states (N, STATE_SIZE) on their first foot.
+
+    Args:
+        x: states (phi, theta, phi', theta'), (N, 4).
+        mode: stance modes, (N,), or one for all states.
+    """
+    states = np.zeros((len(np.asarray(x)), STATE_SIZE))
+    states[:, :MODE], states[:, MODE] = x, mode
+    return states
 
 
 @inner

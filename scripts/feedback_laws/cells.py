@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import inspect
-import re
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +11,7 @@ from typing import Any, NamedTuple
 from scripts.feedback_laws.columns import COLUMNS, TIMING
 from scripts.feedback_laws.sizes import Sizes, sizes_for
 from scripts.feedback_laws.subject import Subject, subject_of
-from trajopt import feedback
+from scripts.imports import needed
 from trajopt.feedback import laws
 
 #: A slow law's cells take about so much longer than those of a fast one.
@@ -53,28 +51,14 @@ class Cell(NamedTuple):
         return COLUMNS[self.column].seconds * (SLOWER if self.slow else 1.0)
 
     def made_of(self, gait: Path) -> str:
-        """A digest of the gait's file, the law's code, the column's code and the sizes.
+        """A digest of the gait's file, the sizes, and all code that the column and the law need.
 
         A kept result with another digest is out of date.
         """
+        modules = COLUMNS[self.column].measure.__module__, f"{laws.__name__}.{self.law}"
         sources = [gait.read_bytes(), repr(dataclasses.astuple(self.sizes)).encode()]
-        sources += [path.read_bytes() for path in sources_of(self.law)]
-        sources += [Path(inspect.getfile(COLUMNS[self.column].measure)).read_bytes()]
+        sources += [path.read_bytes() for path in needed(modules)]
         return hashlib.sha256(b"\0".join(sources)).hexdigest()
-
-
-def sources_of(law: str) -> list[Path]:
-    """A law's file, those of the laws that it imports, and what all laws share."""
-    folder, waiting, found = Path(laws.__path__[0]), [law], set[str]()
-    while waiting:
-        name = waiting.pop()
-        path = folder / f"{name}.py"
-        if name in found or not path.exists():
-            continue
-        found.add(name)
-        waiting += re.findall(r"feedback\.laws(?:\.| import )(\w+)", path.read_text())
-    shared = [p for p in Path(feedback.__path__[0]).rglob("*.py") if p.parent != folder]
-    return sorted([folder / f"{name}.py" for name in found] + shared)
 
 
 def cells(gaits: list[str], names: list[str], slow: set[str], quick: bool) -> list[Cell]:

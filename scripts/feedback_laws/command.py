@@ -2,8 +2,8 @@
 
 Cost over the optimum, pushes, region of attraction, changed machines, slopes, noise, delay, a low
 battery, decision time and Floquet multipliers. Every figure is kept in a file as soon as it is
-known: after Ctrl-C or a kill, the same command goes on from there. A law whose file has changed is
-measured again. With two workers and six laws it takes about 40 minutes.
+known: after Ctrl-C or a kill, the same command goes on from there. What depends on a
+file that has changed is measured again. With two workers and six laws it takes about 40 minutes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
 from scripts.documents.plots import save
 from scripts.feedback_laws import drawing, page
+from scripts.feedback_laws.gaits import GAITS
 from scripts.feedback_laws.study import study
-from scripts.feedback_laws.subject import GAITS
 from trajopt.feedback import laws
 
 

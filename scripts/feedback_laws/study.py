@@ -8,15 +8,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from tqdm import tqdm
-
 from scripts.feedback_laws.cells import Cell, cells, measured
 from scripts.feedback_laws.columns import COLUMNS, TIMING
+from scripts.feedback_laws.gaits import Held, kept
 from scripts.feedback_laws.keeping import Measure, completed
 from scripts.feedback_laws.sizes import SLOW
-from scripts.feedback_laws.subject import Held
 from trajopt.files import jsonable, write_text
-from trajopt.gaits.gait_file import GaitFileError
 from trajopt.gaits.solution import Solution
 from trajopt.provenance import provenance
 
@@ -39,7 +36,7 @@ def study(
         quick: whether this is a trial.
         measure: what measures a cell.
     """
-    paths = _kept_gaits(folder / "gaits", gaits)
+    paths = kept(folder / "gaits", gaits)
     keys, place = list(paths), folder / "cells"
     timed = [Cell(gait, law, TIMING, False, quick) for gait in keys for law in names]
     # One at a time, or they would slow each other down.
@@ -77,24 +74,6 @@ def _slow(times: dict[Cell, dict[str, Any]], names: Sequence[str]) -> set[str]:
         if known and median(known) > SLOW:
             slow.add(law)
     return slow
-
-
-def _kept_gaits(folder: Path, gaits: Sequence[Held]) -> dict[str, Path]:
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = {}
-    for held in tqdm(gaits, desc="gaits"):
-        path = paths[held.key] = folder / f"{held.key}.npz"
-        if not _readable(path):
-            held.solved().save(path)
-    return paths
-
-
-def _readable(path: Path) -> bool:
-    try:
-        Solution.load(path)
-    except (FileNotFoundError, GaitFileError):
-        return False
-    return True
 
 
 def _figures(held: Held, path: Path) -> dict[str, Any]:

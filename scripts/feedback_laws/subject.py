@@ -5,46 +5,12 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 from agents.policies import Policy, controller_policy
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import preset
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller, Law
-from trajopt.gaits.periodic import periodic_gait
 from trajopt.gaits.solution import Solution
-
-
-class Held(NamedTuple):
-    """A gait of a preset, under a voltage that is held for a control interval.
-
-    Attributes:
-        preset: the machine's name.
-        speed: m/s.
-    """
-
-    preset: str
-    speed: float
-
-    @property
-    def key(self) -> str:
-        """For files, such as buildable_0.56."""
-        return f"{self.preset.lower()}_{self.speed:g}"
-
-    def solved(self) -> Solution:
-        """The gait."""
-        return periodic_gait(preset(self.preset), self.speed, hold=0.01)
-
-
-#: The gaits of the study.
-GAITS = (
-    Held("BUILDABLE", 0.5),
-    Held("BUILDABLE", 0.56),
-    Held("BUILDABLE", 0.605),
-    Held("THESIS_PHYSICAL", 0.5),
-    Held("THESIS_PHYSICAL", 0.57),
-)
 
 
 @dataclasses.dataclass(frozen=True)

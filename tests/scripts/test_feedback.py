@@ -11,19 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from scripts.feedback_laws import cells, command, drawing, page
-from scripts.feedback_laws.cells import Cell, measured, sources_of
+from rimless_gym.params import WheelParams
+from scripts.feedback_laws import cells, command, drawing, gaits, page
+from scripts.feedback_laws.cells import Cell, measured
 from scripts.feedback_laws.columns import COLUMNS, TIMING
 from scripts.feedback_laws.columns.attraction import random_states
 from scripts.feedback_laws.columns.changes import changed_machines
 from scripts.feedback_laws.columns.pushes import pushed_states
+from scripts.feedback_laws.gaits import GAITS, Held
 from scripts.feedback_laws.sizes import sizes_for
 from scripts.feedback_laws.study import study
-from scripts.feedback_laws.subject import GAITS, subject_of
-from trajopt.feedback import laws
+from scripts.feedback_laws.subject import subject_of
+from scripts.imports import PACKAGES, ROOT, needed
 from trajopt.feedback.catch import catch as catching
+from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[2] / "docs"
 HELD = GAITS[2]
@@ -35,7 +38,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("feedback")
 
     def coarse(params: Any, orbit: Any, near: float) -> catching.Catch:
-        return catching.Catch.to(params, orbit, near, counts=(4, 9, 5, 9))
+        return catching.Catch.to(params, orbit, near, counts=(5, 16, 11, 13))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catching, "catch_for", coarse)
@@ -158,24 +161,71 @@ def test_a_damaged_cell_is_measured_again(
     assert again.done == ["cost"]
 
 
-def test_a_law_whose_file_has_changed_is_measured_again(
-    kept: Path, trial: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the repository's code, of which digests are made."""
+    root, data = tmp_path / "repository", shutil.ignore_patterns("__pycache__", "*.npz", "*.zip")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, root / package, ignore=data)
+    monkeypatch.setattr(cells, "needed", lambda modules: needed(modules, root))
+    return root
+
+
+def test_what_a_changed_law_has_measured_is_measured_again(
+    kept: Path, trial: dict[str, Any], tmp_path: Path, repository: Path
 ) -> None:
-    folder, own = with_gait(kept, tmp_path), tmp_path / "laws"
-    shutil.copytree(laws.__path__[0], own, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(cells.laws, "__path__", [str(own)])
+    folder, again = with_gait(kept, tmp_path), Repeating(trial)
     study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
-    with (own / "lqr.py").open("a") as file:
+    with (repository / "trajopt/feedback/laws/lqr.py").open("a") as file:
         file.write("# changed\n")
-    again = Repeating(trial)
     study(folder, [HELD], ["lqr"], 1, True, again)
     assert again.done == list(COLUMNS)
 
 
-def test_a_law_is_made_of_its_own_file_and_of_what_all_share() -> None:
-    names = {path.name for path in sources_of("lqr")}
-    assert {"lqr.py", "orbit.py", "catch.py", "guard.py"} <= names
-    assert not names & {f"{other}.py" for other in laws.names()} - {"lqr.py"}
+@pytest.mark.parametrize(
+    ("changed", "columns"),
+    [
+        ("trajopt/feedback/laws/__init__.py", set(COLUMNS)),
+        ("trajopt/feedback/laws/lqr.py", set(COLUMNS)),
+        ("trajopt/feedback/laws/pid.py", set()),
+        ("rimless_gym/kernel/attempt.py", set(COLUMNS)),
+        ("scripts/feedback_laws/columns/pushes.py", {"pushes"}),
+        ("scripts/feedback_laws/columns/changes.py", {"machines", "nuisances", "slopes", "pushes"}),
+        ("agents/verdicts.py", set(COLUMNS) - {TIMING, "multipliers"}),
+        ("agents/train.py", set()),
+    ],
+)
+def test_what_depends_on_a_changed_file_is_out_of_date(
+    kept: Path, repository: Path, changed: str, columns: set[str]
+) -> None:
+    gait = kept / "gaits" / f"{HELD.key}.npz"
+    study_cells = [Cell(HELD.key, "lqr", column, False, True) for column in COLUMNS]
+    before = {cell.column: cell.made_of(gait) for cell in study_cells}
+    with (repository / changed).open("a") as file:
+        file.write("# changed\n")
+    assert {c.column for c in study_cells if c.made_of(gait) != before[c.column]} == columns
+
+
+@pytest.mark.parametrize(
+    ("params", "speed", "again"),
+    [(BUILDABLE, 0.605, False), (BUILDABLE, 0.59, True), (THESIS_PHYSICAL, 0.605, True)],
+)
+def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_for(
+    kept: Path, monkeypatch: pytest.MonkeyPatch, params: WheelParams, speed: float, again: bool
+) -> None:
+    path = kept / "gaits" / f"{HELD.key}.npz"
+    monkeypatch.setattr(gaits, "preset", lambda name: params)
+    assert Held("BUILDABLE", speed).is_that_of(path) is not again
+
+
+def test_a_gait_is_solved_only_if_none_is_kept(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+    monkeypatch.setattr(Held, "solved", lambda held: gait)
+    assert gaits.kept(tmp_path, [HELD])[HELD.key].exists()
+    monkeypatch.delattr(Held, "solved")
+    gaits.kept(tmp_path, [HELD])
 
 
 def test_a_law_that_fails_is_named_and_does_not_stop_the_others(

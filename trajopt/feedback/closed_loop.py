@@ -14,7 +14,10 @@ def multipliers(law: Law, solution: Solution) -> Floats:
     """Sizes of the multipliers of a stride across the orbit, at 100 Hz, largest first, shape (3,).
 
     The law is differentiated at one state of every control period, and the stride goes from one of
-    these states to the next (`trajopt.feedback.transverse`).
+    these states to the next (`trajopt.feedback.transverse`). The wheel is taken to be in step with
+    the gait at every decision: a deviation makes it early or late, which under a hold comes back as
+    a small deviation, and that is left out. Which sign it has depends on where the touchdown falls
+    between two decisions.
     """
     grid = Grid.of(solution)
     A, B, into = transverse_dynamics(grid)

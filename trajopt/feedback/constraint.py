@@ -32,13 +32,16 @@ LEAST_RATE = 0.1
 #: causes. At 0 no voltage moves the wheel off its path or back to it.
 LEAST_SINE = 0.03
 
+#: The angle that serves as phase, as an index.
+LEG, PENDULUM = 0, 1
+
 
 class Constraint(NamedTuple):
     """The constraint at the orbit's nodes.
 
     Attributes:
         orbit: the gait's.
-        phase: which angle s is: 0 the leg's, 1 the pendulum's.
+        phase: which angle s is, `LEG` or `PENDULUM`.
         direction: sign of s'.
         slope: q_d' at the nodes, shape (n,).
         bend: q_d'' (1/rad), shape (n,).
@@ -59,7 +62,7 @@ class Output(NamedTuple):
     Attributes:
         y: error of the angle (rad).
         dy: its rate (rad/s).
-        error: of the motor's rate psi', against the gait's at the same phase (rad/s).
+        motor_rate_error: of the motor's rate psi', against the gait's at the same phase (rad/s).
         slope: q_d' there.
         bend: q_d'' there (1/rad).
         voltage: the gait's there (V).
@@ -67,7 +70,7 @@ class Output(NamedTuple):
 
     y: float
     dy: float
-    error: float
+    motor_rate_error: float
     slope: float
     bend: float
     voltage: float
@@ -134,13 +137,13 @@ def output(x, c, p):  # type: ignore[no-untyped-def]
     """
     states, s, q = c.orbit.states, c.phase, 1 - c.phase
     i = located(x, c.orbit).node
-    if not c.orbit.joined[i]:
+    if not c.orbit.continued[i]:
         i -= 1
     past, width = _past(x, states, i, c), _past(states[i + 1], states[i:], 0, c)
     for _ in range(len(states)):
-        if past < 0.0 and i > 0 and c.orbit.joined[i - 1]:
+        if past < 0.0 and i > 0 and c.orbit.continued[i - 1]:
             i -= 1
-        elif past > width and c.orbit.joined[i + 1]:
+        elif past > width and c.orbit.continued[i + 1]:
             i += 1
         else:
             break
@@ -152,9 +155,9 @@ def output(x, c, p):  # type: ignore[no-untyped-def]
     turn = x[q] - on[q] - rest * (slope + 0.5 * bend * rest)
     y = turn - 2 * np.pi * np.round(turn / (2 * np.pi))
     slope += bend * rest
-    error = relative_rate(x[2], x[3], p) - relative_rate(on[2], on[3], p)
+    motor_rate_error = relative_rate(x[2], x[3], p) - relative_rate(on[2], on[3], p)
     volts = between(c.orbit.voltages, spot)
-    return Output(y, x[2 + q] - slope * x[2 + s], error, slope, bend, volts)
+    return Output(y, x[2 + q] - slope * x[2 + s], motor_rate_error, slope, bend, volts)
 
 
 @inner

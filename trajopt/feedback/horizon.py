@@ -20,14 +20,15 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import SCRATCH_SIZE, STATE_SIZE, advance_batch, machine_arrays
 from rimless_gym.params import WheelParams
-from trajopt.feedback.clock import Clock, ahead_of_clock
+from trajopt.feedback.clock import Clock, offset
 from trajopt.feedback.law import Floats
-from trajopt.feedback.orbit import Orbit, between, deviation, located
+from trajopt.feedback.orbit import Orbit, between, located
 
 #: Motions that the kernel plays at a time: as many take hardly longer than one.
 LANES = 8
 
-#: Residuals of an interval: how far the normal force and friction exceed their margins.
+#: Residuals of an interval: how far the normal force falls below its margin, and the friction
+#: demand exceeds its own.
 RESIDUALS = 2
 
 #: Of the central differences (rad, rad/s, V).
@@ -45,7 +46,8 @@ class Price(NamedTuple):
         stage: weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4).
         final: the same for all the time after the horizon, shape (n, 4, 4).
         tangent: rates of the state along the orbit, shape (n, 4).
-        turn: derivatives of the gait's voltage at the nearest point by the state, shape (n, 4).
+        voltage_slope: derivatives of the gait's voltage at the nearest point by the state, shape
+            (n, 4).
         clock: the gait's.
         effort: of a squared volt.
         normal: least normal force (N) without a price.
@@ -58,7 +60,7 @@ class Price(NamedTuple):
     stage: Floats
     final: Floats
     tangent: Floats
-    turn: Floats
+    voltage_slope: Floats
     clock: Clock
     effort: float
     normal: float
@@ -151,13 +153,12 @@ def motion_from(state, n, price):  # type: ignore[no-untyped-def]
 
 
 @inner
-def offset(x, price):  # type: ignore[no-untyped-def]
-    """The spot of a state and its deviation (4,), which includes being ahead of the clock."""
-    spot = located(x, price.orbit)
-    d = deviation(x, between(price.orbit.states, spot))
-    early = ahead_of_clock(spot, price.orbit.times, price.clock)
-    tangent = between(price.tangent, spot)
-    return spot, np.array(
+def priced(x, price):  # type: ignore[no-untyped-def]
+    """The spot of a state, and the deviation (4,) that costs: it includes being ahead."""
+    off = offset(x, price.orbit, price.clock)
+    d, early = off.across, off.early
+    tangent = between(price.tangent, off.spot)
+    return off.spot, np.array(
         (
             d[0] + early * tangent[0],
             d[1] + early * tangent[1],
@@ -192,7 +193,7 @@ def limited(voltage, price):  # type: ignore[no-untyped-def]
 
 @inner
 def residual(out, i, which, price):  # type: ignore[no-untyped-def]
-    """How far wheel i's interval exceeds a margin, weighed."""
+    """How far wheel i's interval is beyond a margin, weighed."""
     if which == 0:
         return price.lifting * max(price.normal - out[ROW.min_normal_force, i], 0.0)
     demand = max(out[ROW.friction_demand, i], out[ROW.impulse_friction_demand, i])
@@ -201,13 +202,14 @@ def residual(out, i, which, price):  # type: ignore[no-untyped-def]
 
 @inner
 def move_on(motion, k, price, machine, out, work):  # type: ignore[no-untyped-def]
-    """Play interval k of all lanes with their shifts, and add up its cost."""
+    """Play interval k of all lanes, and add up its cost; shifts end at the voltage limit."""
     volts, last = np.empty(LANES), k + 1 == len(motion.shifts)
     following = motion.states[k + 1]
     for lane in range(LANES):
         for c in range(STATE_SIZE):
             following[c, lane] = motion.states[k, c, lane]
         volts[lane] = limited(motion.own[k, lane] + motion.shifts[k, lane], price)
+        motion.shifts[k, lane] = volts[lane] - motion.own[k, lane]
     machine.play(following, volts, machine.constants, machine.poles, out, work)
     for lane in range(LANES):
         cost = 0.5 * price.effort * motion.shifts[k, lane] ** 2
@@ -215,7 +217,7 @@ def move_on(motion, k, price, machine, out, work):  # type: ignore[no-untyped-de
             exceeded = residual(out, lane, which, price)
             motion.residuals[k, which, lane] = exceeded
             cost += 0.5 * exceeded**2
-        spot, y = offset(following[:4, lane], price)
+        spot, y = priced(following[:4, lane], price)
         motion.own[k + 1, lane] = between(price.orbit.voltages, spot)
         cost += halved_square(between(price.final if last else price.stage, spot), y)
         motion.costs[lane] += cost if out[ROW.failure, lane] == 0.0 else np.inf
@@ -227,7 +229,7 @@ def slopes_of(states, own, shifts, price, machine):  # type: ignore[no-untyped-d
     n, each = len(shifts), 10
     columns, volts = np.empty((STATE_SIZE, each * n)), np.empty(each * n)
     for k in range(n):
-        turn = between(price.turn, located(states[k], price.orbit))
+        slope = between(price.voltage_slope, located(states[k], price.orbit))
         for j in range(each):
             i, step = each * k + j, DIFFERENCE if j % 2 else -DIFFERENCE
             for c in range(STATE_SIZE):
@@ -235,7 +237,7 @@ def slopes_of(states, own, shifts, price, machine):  # type: ignore[no-untyped-d
             volts[i] = limited(own[k] + shifts[k], price)
             if j < 8:
                 columns[j // 2, i] += step
-                volts[i] += step * turn[j // 2]
+                volts[i] += step * slope[j // 2]
             else:
                 volts[i] += step
     out, work = np.empty((len(ROW), each * n)), np.zeros(SCRATCH_SIZE)

@@ -5,6 +5,9 @@ costs. Its minimum within the voltage limit is a change of every shift, with gai
 that follow. A forward pass plays shares of the change on the stepping kernel, all at once, and
 keeps the best (Tassa, Mansard and Todorov, Control-limited differential dynamic programming, ICRA
 2014; with a single input the limited minimum is the free one, clipped).
+
+The derivative dy/dx of the priced deviation by the state is taken as the identity. That is right up
+to the orbit's curvature: along the orbit, y changes by the time ahead, or is not weighed at all.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from trajopt.feedback.horizon import (
     RESIDUALS,
     motion_from,
     move_on,
-    offset,
+    priced,
     slope_of,
     slopes_of,
 )
@@ -55,11 +58,11 @@ def backward(states, shifts, residuals, slopes, price):  # type: ignore[no-untyp
     """The best `Step` of the quadratic model."""
     n = len(shifts)
     step = Step(np.zeros(n), np.zeros((n, 4)))
-    spot, y = offset(states[n, :4], price)
+    spot, y = priced(states[n, :4], price)
     Vxx = between(price.final, spot).copy()
     Vx = slope_of(Vxx, y)
     for k in range(n - 1, -1, -1):
-        spot, y = offset(states[k, :4], price)
+        spot, y = priced(states[k, :4], price)
         Qx, Qxx = quadratic(Vx, Vxx, residuals[k], slopes.states[k], slopes.residuals[k])
         Qx[4] += price.effort * shifts[k]
         Qxx[4, 4] += price.effort

@@ -34,8 +34,9 @@ class Joined:
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""
         states, modes = states_and_modes(x, mode)
-        volts = self.law(states, modes)
         far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > self.near**2)
-        if far.any():
-            volts[far] = self.catch(states[far], modes[far])
+        volts = np.empty(len(states))
+        for controller, these in ((self.law, ~far), (self.catch, far)):
+            if these.any():
+                volts[these] = controller(states[these], modes[these])
         return volts if np.ndim(x) == 2 else volts[0]

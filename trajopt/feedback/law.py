@@ -61,7 +61,8 @@ class Law:
 
         Raises:
             TypeError: the states or modes are not real numbers.
-            ValueError: they have another shape, or a mode is neither SINGLE nor DOUBLE.
+            ValueError: they have another shape, a state is not finite or larger than `LARGEST`, or
+                a mode is neither SINGLE nor DOUBLE.
         """
         states, modes = states_and_modes(x, mode)
         limit = self.params.voltage_limit

@@ -49,7 +49,8 @@ def linearisation_conditions(params: WheelParams, x: ArrayLike) -> Conditions:
 
     Raises:
         TypeError: the states are not real numbers.
-        ValueError: they have another shape.
+        ValueError: they have another shape, or one is not finite or larger than
+            `trajopt.feedback.law.LARGEST`.
     """
     states, _ = states_and_modes(x, 0)
     fields, brackets = (np.asarray(each) for each in _fields(params).map(len(states))(states.T))

@@ -1,8 +1,9 @@
-"""A gait's orbit as a table, and where on it a state is: its phase, without jumps.
+"""A gait's orbit as a table, and where on it a state is: its phase.
 
 The orbit is kept at nodes a fraction of a control period apart. The phase of a state is the nearest
 point of the polyline through them, in a metric in which all four coordinates vary alike along the
-gait: it moves continuously from node to node. Only the deviation across the orbit is an error; to
+gait. Near the gait it moves continuously from node to node; far away, where two points of the orbit
+are equally near, it jumps. Only the deviation across the orbit is an error; to
 be early or late is none (Shiriaev, Freidovich and Gusev, IEEE TAC 2010, for transverse
 coordinates).
 """
@@ -45,7 +46,7 @@ class Orbit(NamedTuple):
         states: shape (n, 4); a touchdown has two nodes, one before it and one after.
         times: from the stride's start (s), shape (n,).
         voltages: means over a control period from the node on (V), shape (n,).
-        joined: whether the next node lies on the same step, shape (n,).
+        continued: whether the next node lies on the same step, shape (n,).
         metric: weights of the squared coordinates in the distance from the orbit, shape (4,).
         limit: largest voltage (V).
     """
@@ -53,7 +54,7 @@ class Orbit(NamedTuple):
     states: Floats
     times: Floats
     voltages: Floats
-    joined: NDArray[np.bool_]
+    continued: NDArray[np.bool_]
     metric: Floats
     limit: float
 
@@ -64,12 +65,12 @@ class Spot(NamedTuple):
     Attributes:
         node: the node behind it.
         share: of the way to the next node, from 0 to 1.
-        distance: squared distance from the orbit, in its metric.
+        squared: the squared distance from the orbit, in its metric.
     """
 
     node: int
     share: float
-    distance: float
+    squared: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +79,8 @@ class Grid:
 
     Attributes:
         solution: the gait.
-        period: time in which it passes `FINENESS` of the times (s), about 10 ms.
+        period: time in which it passes `FINENESS` of the times (s): about a control period, but at
+            most the share 1 / `FEWEST_PERIODS` of the stride.
         times: s, shape (m,).
     """
 
@@ -112,6 +114,12 @@ class Grid:
         return mean_voltage(self.solution, self.times, self.period)
 
     @cached_property
+    def voltage_rates(self) -> Floats:
+        """Rates of `voltages` along the orbit (V/s), shape (m,)."""
+        around = np.concatenate([self.voltages[-1:], self.voltages, self.voltages[:1]])
+        return np.asarray(np.gradient(around)[1:-1] * FINENESS / self.period)
+
+    @cached_property
     def tangents(self) -> Floats:
         """Rates of the state along the orbit at the times, shape (m, 4)."""
         flow = HybridModel(self.solution.params).functions["flow"].map(len(self.times))
@@ -127,17 +135,17 @@ class Grid:
 
     def orbit(self) -> Orbit:
         """The table: the times' nodes, and two at every touchdown."""
-        states, times, joined = [], [], []
+        states, times, continued = [], [], []
         for i, phase in enumerate(self.solution.phases):
             begin, end = self.solution.phase_times[i : i + 2]
             inside = (self.times > begin) & (self.times < end)
             times += [begin, *self.times[inside], end]
             states += [phase.states[0, 0], *self.states[inside], phase.states[-1, -1]]
-            joined += [True] * (inside.sum() + 1) + [False]
+            continued += [True] * (inside.sum() + 1) + [False]
         t = np.array(times)
         voltages = mean_voltage(self.solution, t, self.period)
         limit = self.solution.params.voltage_limit
-        return Orbit(np.array(states), t, voltages, np.array(joined), self.metric, limit)
+        return Orbit(np.array(states), t, voltages, np.array(continued), self.metric, limit)
 
     def at_nodes(self, values: Floats) -> Floats:
         """Values (m, ...) at the times as values at the orbit's nodes.
@@ -149,9 +157,9 @@ class Grid:
             inside = np.flatnonzero((self.times > begin) & (self.times < end))
             first, last = values[inside[:2]], values[inside[-2:]]
             t, u = self.times[inside[:2]], self.times[inside[-2:]]
-            before = first[0] + (begin - t[0]) / (t[1] - t[0]) * (first[1] - first[0])
-            after = last[1] + (end - u[1]) / (u[1] - u[0]) * (last[1] - last[0])
-            found += [before, *values[inside], after]
+            at_begin = first[0] + (begin - t[0]) / (t[1] - t[0]) * (first[1] - first[0])
+            at_end = last[1] + (end - u[1]) / (u[1] - u[0]) * (last[1] - last[0])
+            found += [at_begin, *values[inside], at_end]
         return np.array(found)
 
 
@@ -163,7 +171,10 @@ def _clearest(touchdowns: Floats) -> float:
 
 
 def mean_voltage(solution: Solution, t: Floats, period: float) -> Floats:
-    """Mean of the gait's voltage over [t, t + period], shape (N,): the nearest to it when held."""
+    """Mean of the gait's voltage over [t, t + period], shape (N,).
+
+    It is the constant voltage nearest to it in that interval.
+    """
     knots = np.concatenate([[0.0], solution.breakpoints])
     sums = np.cumsum([0.0, *_integrals(solution, knots[:-1], knots[1:])])
 
@@ -220,11 +231,11 @@ def located(x, orbit):  # type: ignore[no-untyped-def]
         distance = weighed(d, d, orbit.metric)
         if distance < best:
             best, j = distance, i
-    ahead = on_segment(x, orbit, j) if orbit.joined[j] else Spot(j, 0.0, best)
-    if j == 0 or not orbit.joined[j - 1]:
+    ahead = on_segment(x, orbit, j) if orbit.continued[j] else Spot(j, 0.0, best)
+    if j == 0 or not orbit.continued[j - 1]:
         return ahead
     behind = on_segment(x, orbit, j - 1)
-    return behind if behind.distance < ahead.distance else ahead
+    return behind if behind.squared < ahead.squared else ahead
 
 
 @inner
@@ -253,5 +264,5 @@ def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
     """Of states (N, 4) from an orbit, shape (N,)."""
     squares = np.empty(len(x))
     for i in range(len(x)):
-        squares[i] = located(x[i], orbit).distance
+        squares[i] = located(x[i], orbit).squared
     return squares

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import advance, hybrid_states
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import FINENESS, Grid
@@ -23,8 +24,8 @@ class Transverse(NamedTuple):
     motion. The last one is the time by which the state is ahead (s).
 
     Attributes:
-        A: shape (m, 4, 4): of the deviation.
-        B: shape (m, 4, 1): of the voltage (1/V).
+        A: shape (m, 4, 4): of the deviation, under the gait's voltage at the nearest point.
+        B: shape (m, 4, 1): of what is added to that voltage (1/V).
         into: deviations (m, 4) to coordinates: shape (m, 4, 4).
     """
 
@@ -46,7 +47,9 @@ def transverse_dynamics(grid: Grid) -> Transverse:
     into, out = (np.array(each) for each in zip(*pairs, strict=True))
     A, B = held_dynamics(grid.solution.params, grid.states, grid.voltages, grid.period)
     later = np.roll(into, -FINENESS, axis=0)
-    return Transverse(later @ A @ out, later @ B, into)
+    A, B = later @ A @ out, later @ B
+    A[:, :, 3] += B[:, :, 0] * grid.voltage_rates[:, None]  # a state that is ahead plays V* ahead
+    return Transverse(A, B, into)
 
 
 def held_dynamics(
@@ -57,12 +60,11 @@ def held_dynamics(
     Central differences of the stepping kernel. It locates touchdowns exactly, so a period that
     contains one is differentiated like any other.
     """
-    n, columns = len(states), []
+    columns = []
     for i in range(5):
         ends = []
         for sign in (1.0, -1.0):
-            batch, volts = np.zeros((n, STATE_SIZE)), voltages.copy()
-            batch[:, :4] = states
+            batch, volts = hybrid_states(states, SINGLE), voltages.copy()
             if i < 4:
                 batch[:, i] += sign * DIFFERENCE
             else:

@@ -1,32 +1,27 @@
-"""Evolution of a feedback law's numbers on the compiled simulator.
+"""How good a feedback law is, in one number, by walks on the compiled simulator.
 
-Every candidate walks from the same states: some on the gait, which measure its cost of transport,
-and some disturbed, which measure what it can bear. CMA-ES moves the candidates (Hansen, The CMA
-evolution strategy: a tutorial, arXiv:1604.00772).
+Every law walks from the same states: some on the gait, which measure its cost of transport, and
+some disturbed, which measure what it can bear.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
-import cma
 import numpy as np
 from numba import njit
-from tqdm import tqdm
 
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import (
     MODE,
-    STATE_SIZE,
     advance_batch,
+    hybrid_states,
     machine_arrays,
     scratch,
 )
+from trajopt.feedback.clock import has_clock
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.orbit import Orbit, located
 from trajopt.gaits.solution import Solution
@@ -47,7 +42,7 @@ LOST = 0.1
 
 
 class Trial(NamedTuple):
-    """From where candidates walk.
+    """From where laws walk.
 
     Attributes:
         gait: hybrid states on the gait, shape (STATE_SIZE, n).
@@ -69,9 +64,9 @@ class Trial(NamedTuple):
         """
         rng, n = np.random.default_rng(seed), max(wheels // 8, 1)
         even = solution.duration * (np.arange(n) + 0.5) / n
-        if solution.hold is not None:  # in step with the gait's clock
-            ticks = np.round((even - solution.first_tick) / solution.hold)
-            even = solution.first_tick + ticks * solution.hold
+        if has_clock(solution):  # in step with it
+            ticks = np.round((even - solution.first_tick) / CONTROL_PERIOD)
+            even = solution.first_tick + ticks * CONTROL_PERIOD
         at = solution.duration * rng.uniform(size=wheels)
         ways = rng.normal(size=(wheels, 4))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -80,7 +75,8 @@ class Trial(NamedTuple):
         disturbed = np.asarray(solution.state(at)) + sizes * ways / np.sqrt(orbit.metric)
         c = solution.params.constants
         disturbed[:, 0] = np.clip(disturbed[:, 0], c.a + 1e-6, c.b - 1e-6)
-        return cls(_hybrid(np.asarray(solution.state(even))), _hybrid(disturbed))
+        starts = (hybrid_states(x, SINGLE).T for x in (solution.state(even), disturbed))
+        return cls(*starts)
 
 
 class Walks(NamedTuple):
@@ -89,20 +85,15 @@ class Walks(NamedTuple):
     Attributes:
         lasted: share of the time until the fall, shape (n,).
         energy: electrical, without regeneration (J), shape (n,).
-        distance: (m), shape (n,).
-        off: squared distance from the gait at the end; infinite after a fall; shape (n,).
+        distance: net (m), shape (n,).
+        off: squared distance from the gait at the end; infinite after a fall, and in double stance,
+            where no gait is; shape (n,).
     """
 
     lasted: Floats
     energy: Floats
     distance: Floats
     off: Floats
-
-
-def _hybrid(x: Floats) -> Floats:
-    states = np.zeros((STATE_SIZE, len(x)))
-    states[:4], states[MODE] = x.T, SINGLE
-    return states
 
 
 def walked(law: Law, states: Floats, duration: float) -> Walks:
@@ -139,67 +130,25 @@ def _walked(states, law, data, ticks, constants, poles, work):  # type: ignore[n
                 states[:, i] = states[:, count]
     for i in range(count):
         if states[MODE, i] == SINGLE:
-            off[wheel[i]] = located(states[:4, i], data.orbit).distance
+            off[wheel[i]] = located(states[:4, i], data.orbit).squared
     return lasted, energy, distance, off
 
 
 def score(law: Law, solution: Solution, trial: Trial) -> float:
-    """What evolution minimises: the share of disturbed wheels that are lost, and the cost.
+    """What is to be small: the share of disturbed wheels that are lost, and the cost.
 
     A wheel that falls counts less the later it falls, and one that walks on counts by its distance
-    from the gait.
+    from the gait; one that ends in double stance counts as lost. From the gait itself, none may
+    fall or stand, and they must get ahead.
     """
     disturbed = walked(law, trial.disturbed, LASTING)
-    fallen = np.isinf(disturbed.off)
-    away = np.minimum(np.where(fallen, 0.0, disturbed.off) / LOST, 1.0)
-    lost = np.where(fallen, 1.0 + 0.5 * (1.0 - disturbed.lasted), away).mean()
+    gone = np.isinf(disturbed.off)
+    away = np.minimum(np.where(gone, 0.0, disturbed.off) / LOST, 1.0)
+    lost = np.where(gone, 1.0 + 0.5 * (1.0 - disturbed.lasted), away).mean()
     gait = walked(law, trial.gait, WALKING)
-    if np.isinf(gait.off).any():
+    if np.isinf(gait.off).any() or gait.distance.sum() <= 0.0:
         return float(lost + DEARNESS)
     params = solution.params
     energy = gait.energy.sum() + params.idle_power * WALKING * len(gait.energy)
     cost = energy / (params.weight * gait.distance.sum())
     return float(lost + DEARNESS * (cost / solution.cot - 1.0))
-
-
-def evolved(
-    loss: Callable[[Floats], float],
-    count: int,
-    spread: float,
-    generations: int,
-    seed: int,
-    progress: bool,
-) -> Floats:
-    """The numbers (count,) of the least loss that CMA-ES finds from zero.
-
-    Args:
-        loss: of numbers.
-        count: how many there are.
-        spread: standard deviation of the first generation.
-        generations: how many follow each other.
-        seed: of the evolution.
-        progress: whether to show a progress bar.
-    """
-    rng = np.random.default_rng(seed)
-    options = {
-        "CMA_diagonal": True,  # too few generations for a full covariance
-        "randn": lambda *shape: rng.standard_normal(shape),
-        "seed": np.nan,  # numpy's global generator stays as it is
-        "verbose": -9,
-    }
-    strategy = cma.CMAEvolutionStrategy(count * [0.0], spread, options)
-    best, least = np.zeros(count), loss(np.zeros(count))
-    with (
-        ThreadPoolExecutor(os.cpu_count()) as threads,
-        tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
-    ):
-        for _ in range(generations):
-            candidates = strategy.ask()
-            losses = list(threads.map(loss, candidates))
-            strategy.tell(candidates, losses)
-            first = int(np.argmin(losses))
-            if losses[first] < least:
-                best, least = np.array(candidates[first]), losses[first]
-            bar.set_postfix(loss=f"{least:.4f}")
-            bar.update()
-    return best

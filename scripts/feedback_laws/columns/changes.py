@@ -12,7 +12,8 @@ import numpy as np
 from agents.evaluate import evaluate
 from agents.policies import Policy
 from agents.protocol import SHORT_PROTOCOL, Protocol
-from rimless_gym.kernel.stepping import STATE_SIZE
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import hybrid_states
 from rimless_gym.params import WheelParams
 from scripts.feedback_laws.sizes import Sizes
 from scripts.feedback_laws.subject import Subject
@@ -125,9 +126,8 @@ def slopes(subject: Subject, sizes: Sizes) -> dict[str, Any]:
 
 def on_the_gait(gait: Solution, count: int) -> Floats:
     """Hybrid states (count, STATE_SIZE), evenly spread over a stride in time."""
-    starts = np.zeros((count, STATE_SIZE))
-    starts[:, :4] = gait.state(gait.duration * (np.arange(count) + 0.5) / count)
-    return starts
+    times = gait.duration * (np.arange(count) + 0.5) / count
+    return hybrid_states(gait.state(times), SINGLE)
 
 
 def _walk(

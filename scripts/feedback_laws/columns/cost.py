@@ -1,4 +1,7 @@
-"""Cost over the environment's own optimum, and how many starts walk."""
+"""Cost over the environment's own optimum, and how many starts walk.
+
+Averages are interquartile means over the sets of starts, as their intervals are.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 
 from agents.evaluate import Evaluation, evaluate
 from agents.protocol import PROTOCOL, Protocol
-from agents.statistics import bootstrap_interval
+from agents.statistics import bootstrap_interval, interquartile_mean
 from scripts.feedback_laws.sizes import Sizes
 from scripts.feedback_laws.subject import Subject
 
@@ -28,9 +31,9 @@ def cost(subject: Subject, sizes: Sizes) -> dict[str, Any]:
     return {
         "seeds": sizes.seeds,
         "starts": sizes.starts,
-        "share": float(np.mean(shares)),
+        "share": interquartile_mean(shares),
         "share_interval": bootstrap_interval(shares),
-        "gap": float(np.mean(gaps)) if gaps else None,
+        "gap": interquartile_mean(gaps) if gaps else None,
         "gap_interval": bootstrap_interval(gaps) if gaps else None,
         "gaps": gaps,
         "speed": _mean([walk.speed for walk in walks]),
@@ -51,7 +54,7 @@ def _protocol(sizes: Sizes, seed: int) -> Protocol:
 
 def _mean(values: list[float]) -> float | None:
     known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else None
+    return interquartile_mean(known) if known else None
 
 
 def _worst(walks: list[Evaluation], name: str, sign: float) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
-from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from rimless_gym.kernel.stepping import advance, hybrid_states
 from scripts.feedback_laws.sizes import Sizes
 from scripts.feedback_laws.subject import Subject
 from trajopt.feedback.law import Floats
@@ -59,8 +59,7 @@ class Stride(NamedTuple):
         """States (n, 4) a stride later; NaN where the wheel fell."""
         gait, hold = self.gait, self.gait.hold
         assert hold is not None
-        x = np.zeros((len(states), STATE_SIZE))
-        x[:, :4] = states
+        x = hybrid_states(states, SINGLE)
         fell = ~np.isfinite(states).all(axis=1)
         x[fell, :4] = gait.state(gait.first_tick)
         for tick in range(round(gait.duration / hold)):

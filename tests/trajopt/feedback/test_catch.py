@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections import OrderedDict
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from agents.policies import controller_policy
 from agents.protocol import Protocol
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.equations import DOUBLE, SINGLE
-from trajopt.feedback.catch.catch import Catch, catch_for
-from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch import catch as catching
+from trajopt.feedback.catch import value as value_module
+from trajopt.feedback.catch.catch import MOST_KEPT, Catch, catch_for
+from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.catch.value import NEVER
 from trajopt.feedback.guard import Guarded
@@ -32,7 +36,7 @@ def catch(law):
 
 
 def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
-    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    grid = StateGrid.over(P, (4.0, 6.0), (3, 8, 5, 7))
     nodes = grid.single()[:, :4].reshape(3, 8, 5, 7, 4)
     plain = nodes @ [2.0, 0.0, -0.3, 0.7] + np.cos(nodes[..., 1])
     values = Values(plain, np.cos(grid.axis(1))[:, None] + 0.7 * grid.axis(3))
@@ -47,7 +51,7 @@ def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
 
 
 def test_beyond_the_grid_a_value_is_that_of_its_edge():
-    grid = Grid.over(P, (4.0, 6.0), (3, 8, 5, 7))
+    grid = StateGrid.over(P, (4.0, 6.0), (3, 8, 5, 7))
     values = Values(grid.single()[:, 3].reshape(3, 8, 5, 7), np.zeros((8, 7)))
     assert value(values, grid, 1.3, 0.0, 0.0, 50.0, SINGLE) == pytest.approx(6.0)
 
@@ -70,6 +74,7 @@ def test_the_gait_is_reached_within_seconds_of_rest_and_from_most_states(catch):
 def test_where_it_is_at_the_gait_no_time_is_left(catch, law):
     nodes = np.ascontiguousarray(catch.grid.single()[:, :4])
     there = squared_distances(nodes, law.data.orbit) < NEAR**2
+    assert 0 < there.sum() < there.size
     assert (catch.times.single.ravel()[there] == 0.0).all()
     assert (catch.times.single.ravel()[~there] > 0.0).all()
 
@@ -109,3 +114,28 @@ def test_the_same_gait_is_planned_only_once(law, monkeypatch):
     assert catch_for(P, law.data.orbit, 0.321) is first
     assert catch_for(P, law.data.orbit, 0.322) is not first
     assert len(plans) == 2
+
+
+def test_only_the_last_few_plans_are_kept(law, monkeypatch):
+    plans = []
+    monkeypatch.setattr(Catch, "to", lambda *args: plans.append(args[2]) or object())
+    monkeypatch.setattr(catching, "_KEPT", OrderedDict())
+    distances = [0.2 + 0.01 * k for k in range(MOST_KEPT)]
+    for near in (*distances, distances[0], 0.5):  # the first one is used again, so that it stays
+        catch_for(P, law.data.orbit, near)
+    assert plans == [*distances, 0.5]
+    catch_for(P, law.data.orbit, distances[0])
+    assert len(plans) == MOST_KEPT + 1
+    catch_for(P, law.data.orbit, distances[1])
+    assert plans[-1] == distances[1]
+
+
+def test_a_grid_without_a_node_near_the_gait_is_refused(law):
+    with pytest.raises(ValueError, match=r"near = 0.13, counts = \(3, 4, 3, 3\): .* raise"):
+        Catch.to(P, law.data.orbit, NEAR, (3, 4, 3, 3))
+
+
+def test_times_that_have_not_converged_are_refused(law, monkeypatch):
+    monkeypatch.setattr(value_module, "SWEEPS", 1)
+    with pytest.raises(RuntimeError, match=r"still change by .* s after 1 sweeps"):
+        Catch.to(P, law.data.orbit, 1.0, (3, 8, 5, 7))

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from trajopt.feedback.closed_loop import multipliers
-from trajopt.feedback.constraint import output, phase_of
+from trajopt.feedback.constraint import constraint_of, output, phase_of
 from trajopt.feedback.laws import input_output, pid, sliding_mode
 from trajopt.feedback.orbit import mean_voltage, squared_distances
 from trajopt.feedback.zero_dynamics import zero_dynamics_multiplier
@@ -126,6 +128,21 @@ def test_the_sliding_modes_voltage_does_not_chatter(one_step):
 def test_gains_out_of_range_are_refused_with_name_value_and_limit(law, gains, message, one_step):
     with pytest.raises(ValueError, match=message):
         law.design(one_step, **gains)
+
+
+def test_a_motor_whose_angle_is_the_phase_has_nothing_to_correct(one_step, monkeypatch):
+    constraint = constraint_of(one_step)
+    monkeypatch.setattr(pid, "constraint_of", lambda solution: constraint)
+    frame = dataclasses.replace(one_step, params=P.replace(motor_mount="frame"))
+    with pytest.raises(ValueError, match=r"motor_mount = 'frame' .* has no error.*'lqr'"):
+        pid.design(frame)
+
+
+def test_a_gait_that_a_servo_of_the_motor_drives_away_is_refused(one_step, monkeypatch):
+    backwards = constraint_of(one_step)._replace(authority=-1.0)
+    monkeypatch.setattr(pid, "constraint_of", lambda solution: backwards)
+    with pytest.raises(ValueError, match=r"moves the wheel backwards off its path.*'lqr'"):
+        pid.design(one_step)
 
 
 def test_the_phase_is_the_angle_that_turns_steadily():

@@ -38,7 +38,7 @@ def test_its_ticks_come_where_the_gaits_own_clock_has_them(lqr, held, walk):
 def test_without_the_clock_the_same_gait_costs_more(held, walk):
     starts = held.state(np.linspace(0.05, 0.85, 8))
     costs = []
-    for ahead in (0.03, 1e6):
+    for ahead in (0.03, None):
         totals, _ = walk(design(held, ahead=ahead), starts, 20.0)
         costs.append(totals[:, ROW.electrical_positive].sum() / totals[:, ROW.distance].sum())
     assert costs[1] > 1.001 * costs[0]
@@ -74,7 +74,7 @@ def test_it_holds_a_gait_of_two_steps_with_a_continuous_voltage(gait, walk):
     assert totals[:, ROW.steps].min() >= 4
 
 
-@pytest.mark.parametrize("name", ["gentle", "firm", "between", "ahead"])
+@pytest.mark.parametrize("name", ["gentle", "firm", "blend", "ahead"])
 def test_numbers_that_are_not_positive_are_refused_by_name(held, name):
     with pytest.raises(ValueError, match=f"{name} = -1.0: must be greater than 0"):
         design(held, **{name: -1.0})

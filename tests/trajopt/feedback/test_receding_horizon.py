@@ -5,7 +5,9 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
+from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
+from trajopt.feedback.ilqr import improved
 from trajopt.feedback.laws import lqr, receding_horizon
 
 #: numba compiles the law for some ten seconds.
@@ -53,6 +55,15 @@ def test_it_is_a_function_of_the_state_within_the_voltage_limit(law, linear, one
     assert np.array_equal(together, [law(state) for state in x])
     assert np.allclose(together, law(x + [0, 2 * np.pi, 0, 0]), atol=1e-3)
     assert np.abs(together).max() <= P.voltage_limit
+
+
+def test_an_iteration_keeps_all_its_shifts_within_the_voltage_limit(law, one_step):
+    short = law.data._replace(horizon=4)
+    for x in disturbed(one_step, law, 1.0, 3):
+        start = receding_horizon.started(x, SINGLE, short)
+        for motion in (start, improved(start, 0, short.price, short.machine)):
+            voltages = motion.own[:-1] + motion.shifts
+            assert np.abs(voltages).max() <= P.voltage_limit * (1 + 1e-12)
 
 
 def test_it_holds_more_disturbed_wheels_than_the_lqr(law, linear, one_step):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rimless_gym.kernel.stepping import DTHETA
 from trajopt.feedback import tuning
 from trajopt.feedback.laws import lqr, tuned
 
@@ -50,12 +51,31 @@ def test_its_voltage_has_no_jumps_about_the_gait(law, one_step):
 
 
 def test_a_wheel_that_falls_is_counted_as_lost_and_the_others_as_if_alone(law, trial):
-    together = tuning.walked(law, trial.disturbed, 1.0)
-    alone = tuning.walked(law, trial.disturbed[:, 7:8], 1.0)
+    states = trial.disturbed.copy()
+    states[DTHETA, :3] += 20.0
+    together = tuning.walked(law, states, 1.0)
+    alone = tuning.walked(law, states[:, 7:8], 1.0)
     assert together.energy[7] == alone.energy[0]
     assert together.off[7] == alone.off[0]
-    assert np.array_equal(np.isclose(together.lasted, 1.0), together.lasted > 1.0 - 1e-9)
-    assert np.isinf(together.off[together.lasted < 0.99]).all()
+    assert together.lasted[:3].max() < 0.99
+    assert np.isinf(together.off[:3]).all()
+    assert together.lasted[7] == pytest.approx(1.0)
+    assert np.isfinite(together.off[7])
+
+
+def test_a_law_that_walks_backwards_scores_like_one_that_falls(law, trial, one_step, monkeypatch):
+    count = trial.gait.shape[1]
+
+    def walked(gone, off):
+        walks = tuning.Walks(np.ones(count), np.ones(count), np.full(count, gone), off)
+        monkeypatch.setattr(tuning, "walked", lambda *args: walks)
+        return tuning.score(law, one_step, trial)
+
+    forwards, falls = walked(1.0, np.zeros(count)), tuning.DEARNESS
+    assert walked(-1.0, np.zeros(count)) == falls
+    assert walked(0.0, np.zeros(count)) == falls
+    assert walked(1.0, np.full(count, np.inf)) > falls > 0.0
+    assert forwards != falls
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.kernel.stepping import MODE, hybrid_states
 from rimless_gym.params import WheelParams
-from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.catch.value import NEVER, time_to_gait
 from trajopt.feedback.law import Floats
@@ -36,7 +36,8 @@ SOFTNESS = 0.01
 #: Catches that are kept in memory (6 MB each).
 MOST_KEPT = 8
 
-#: The time (s) of a fall: finite, where every voltage leads to one.
+#: The time (s) of a voltage that leads to a fall: longer than any other, and finite, so that times
+#: can be compared where all of them do.
 FALL = 2 * NEVER
 
 #: The grid's rates reach so much further than the gait's own.
@@ -56,7 +57,7 @@ class Catch:
 
     params: WheelParams
     options: Options
-    grid: Grid
+    grid: StateGrid
     times: Values
 
     @classmethod
@@ -70,17 +71,24 @@ class Catch:
             orbit: the gait's.
             near: distance from the orbit at which a law takes over.
             counts: of the grid's nodes, default `COUNTS`.
+
+        Raises:
+            ValueError: none of the grid's nodes is near the gait.
+            RuntimeError: the times do not converge.
         """
-        rates = REACH * np.abs(orbit.states[:, 2:]).max(axis=0)
-        grid, options = Grid.over(params, rates, counts or COUNTS), Options.of(params)
+        rates, counts = REACH * np.abs(orbit.states[:, 2:]).max(axis=0), counts or COUNTS
+        grid, options = StateGrid.over(params, rates, counts), Options.of(params)
         there = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), orbit) < near**2
+        if not there.any():
+            raise ValueError(
+                f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
+                "and nothing could lead there; raise the counts or near"
+            )
         return cls(params, options, grid, time_to_gait(params, grid, options, there))
 
     def __call__(self, x: Floats, mode: NDArray[np.int64]) -> Floats:
         """Voltages (N,) for states (N, 4) and stance modes (N,)."""
-        states = np.zeros((len(x), STATE_SIZE))
-        states[:, :4], states[:, MODE] = x, mode
-        m = len(self.options.voltages)
+        states, m = hybrid_states(x, mode), len(self.options.voltages)
         volts = np.tile(self.options.voltages, len(x))
         after = played(self.params, self.options, np.repeat(states, m, axis=0), volts)
         remaining = _remaining(after.states, after.cost, self.times, self.grid)
@@ -95,7 +103,11 @@ _KEPT: OrderedDict[Hashable, Catch] = OrderedDict()
 
 
 def catch_for(params: WheelParams, orbit: Orbit, near: float) -> Catch:
-    """The catch that leads to a gait; of the last `MOST_KEPT` gaits it is planned only once."""
+    """The catch that leads to a gait; of the last `MOST_KEPT` gaits it is planned only once.
+
+    Raises:
+        ValueError, RuntimeError: see `Catch.to`.
+    """
     key = params, near, COUNTS, orbit.states.tobytes()
     if key not in _KEPT:
         _KEPT[key] = Catch.to(params, orbit, near)

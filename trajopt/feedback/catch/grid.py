@@ -13,7 +13,7 @@ import numpy as np
 
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.jit import inner
-from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.kernel.stepping import hybrid_states
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
@@ -24,7 +24,7 @@ INSIDE = 1e-6
 _LAST = 1.0 - 1e-9
 
 
-class Grid(NamedTuple):
+class StateGrid(NamedTuple):
     """Nodes of the four coordinates, evenly spaced; the pendulum's angle goes round.
 
     Attributes:
@@ -38,7 +38,7 @@ class Grid(NamedTuple):
     counts: np.ndarray
 
     @classmethod
-    def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> Grid:
+    def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> StateGrid:
         """The grid of a machine.
 
         Args:
@@ -61,12 +61,12 @@ class Grid(NamedTuple):
         """Hybrid states (N, STATE_SIZE) of the nodes in single stance."""
         axes = [self.axis(coordinate) for coordinate in range(4)]
         axes[0] = np.clip(axes[0], axes[0][0] + INSIDE, axes[0][-1] - INSIDE)
-        return _hybrid(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), SINGLE)
+        return hybrid_states(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), SINGLE)
 
     def double(self) -> Floats:
         """Hybrid states (N, STATE_SIZE) of the nodes in double stance."""
         axes = [self.low[:1], self.axis(1), np.zeros(1), self.axis(3)]
-        return _hybrid(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), DOUBLE)
+        return hybrid_states(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), DOUBLE)
 
 
 class Values(NamedTuple):
@@ -79,12 +79,6 @@ class Values(NamedTuple):
 
     single: Floats
     double: Floats
-
-
-def _hybrid(states: Floats, mode: int) -> Floats:
-    hybrid = np.zeros((len(states), STATE_SIZE))
-    hybrid[:, :4], hybrid[:, MODE] = states, mode
-    return hybrid
 
 
 @inner

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
-from trajopt.feedback.catch.grid import Grid, Values, value
+from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.law import Floats
 
-#: The time (s) of a state from which nothing leads to the gait, and of a fall.
+#: The time (s) of a state from which nothing leads to the gait.
 NEVER = 20.0
 
 #: Most sweeps, and the largest change (s) at which they have converged.
@@ -40,7 +40,7 @@ class Outcomes(NamedTuple):
 
 
 def time_to_gait(
-    params: WheelParams, grid: Grid, options: Options, there: NDArray[np.bool_]
+    params: WheelParams, grid: StateGrid, options: Options, there: NDArray[np.bool_]
 ) -> Values:
     """The time (s) to a gait from all states, `NEVER` where nothing leads there.
 
@@ -48,7 +48,10 @@ def time_to_gait(
         params: the machine.
         grid: its nodes.
         options: what can be done.
-        there: which nodes in single stance are at the gait, in the order of `Grid.single`.
+        there: which nodes in single stance are at the gait, in the order of `StateGrid.single`.
+
+    Raises:
+        RuntimeError: the times have not converged after `SWEEPS` sweeps.
     """
     single = outcomes(params, options, grid.single())
     double = outcomes(params, options, grid.double())
@@ -64,8 +67,11 @@ def time_to_gait(
             change, _swept(values.double.reshape(-1), open_double[::order], double, values, grid)
         )
         if change < CONVERGED:
-            break
-    return values
+            return values
+    raise RuntimeError(
+        f"the times to the gait still change by {change:.3g} s after {SWEEPS} sweeps; wanted is "
+        f"{CONVERGED:g} s: take a grid of other counts"
+    )
 
 
 def outcomes(params: WheelParams, options: Options, nodes: Floats) -> Outcomes:

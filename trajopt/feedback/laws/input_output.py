@@ -18,7 +18,7 @@ from rimless_gym.constants import Constants
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, accelerations
 from rimless_gym.jit import inner
-from trajopt.feedback.constraint import Constraint, constraint_of, output
+from trajopt.feedback.constraint import LEG, Constraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
@@ -84,6 +84,6 @@ def volts(x, mode, data):  # type: ignore[no-untyped-def]
 def _second_derivative(x, out, u, data):  # type: ignore[no-untyped-def]
     """y'' (rad/s^2) at a voltage."""
     a = accelerations(SINGLE, x[0], x[1], x[2], x[3], u, data.machine)
-    leads = data.constraint.phase == 0
+    leads = data.constraint.phase == LEG
     other, phase = (a.ddtheta, a.ddphi) if leads else (a.ddphi, a.ddtheta)
     return other - out.slope * phase - out.bend * x[2 + data.constraint.phase] ** 2

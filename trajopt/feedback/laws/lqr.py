@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 from rimless_gym.checks import positive
 from rimless_gym.jit import inner
-from trajopt.feedback.clock import Clock, ahead_of_clock
+from trajopt.feedback.clock import Clock, offset
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.orbit import Grid, Orbit, between, deviation, located
+from trajopt.feedback.orbit import Grid, Orbit, between
 from trajopt.feedback.riccati import riccati
 from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.gaits.solution import Solution
@@ -28,7 +28,7 @@ from trajopt.gaits.solution import Solution
 GENTLE, FIRM = 0.1, 1e-3
 
 #: Distance from the gait, in standard deviations of its motion, at which both count alike.
-BETWEEN = 0.06
+BLEND = 0.06
 
 #: Time (s) ahead of a held gait's clock that counts like one standard deviation. A held gait is
 #: optimal only if its ticks come where they should.
@@ -40,27 +40,29 @@ class Gains(NamedTuple):
 
     Attributes:
         orbit: the gait's.
+        voltages: on the gait (V), at its nodes, shape (n,).
         gentle: gains on the gait, volts per deviation at its nodes, shape (n, 4).
         firm: gains away from it, shape (n, 4).
         timing: volts per second by which the gait is ahead of its clock, shape (n,).
         clock: the gait's.
-        between: see `BETWEEN`.
+        blend: see `BLEND`.
     """
 
     orbit: Orbit
+    voltages: Floats
     gentle: Floats
     firm: Floats
     timing: Floats
     clock: Clock
-    between: float
+    blend: float
 
 
 def design(
     solution: Solution,
     gentle: float = GENTLE,
     firm: float = FIRM,
-    between: float = BETWEEN,
-    ahead: float = AHEAD,
+    blend: float = BLEND,
+    ahead: float | None = AHEAD,
 ) -> Law:
     """The law for a gait.
 
@@ -68,25 +70,29 @@ def design(
         solution: the gait.
         gentle: cost of a squared volt on the gait; see `GENTLE`; > 0.
         firm: the same away from the gait; > 0.
-        between: see `BETWEEN`; > 0.
-        ahead: see `AHEAD`; > 0.
+        blend: see `BLEND`; > 0.
+        ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
+            (`trajopt.feedback.clock`), it does not matter.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: a number is not finite and positive.
+        RuntimeError: the Riccati recursion does not converge.
     """
     grid = Grid.of(solution)
-    clocked = positive("ahead", ahead) if solution.hold is not None else math.inf
+    clock = Clock.of(solution, ahead)
     transverse = transverse_dynamics(grid)
-    on = riccati(transverse, positive("gentle", gentle), clocked).gains
+    on = riccati(transverse, positive("gentle", gentle), clock.ahead).gains
     off = riccati(transverse, positive("firm", firm), math.inf).gains
+    orbit = grid.orbit()
     data = Gains(
-        orbit=grid.orbit(),
+        orbit=orbit,
+        voltages=orbit.voltages,
         gentle=grid.at_nodes(transverse.per_deviation(on)),
         firm=grid.at_nodes(transverse.per_deviation(off)),
         timing=grid.at_nodes(on[:, 3]),
-        clock=Clock.of(solution),
-        between=positive("between", between),
+        clock=clock,
+        blend=positive("blend", blend),
     )
     return Law(solution.params, volts, data)
 
@@ -94,12 +100,11 @@ def design(
 @inner
 def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
-    spot = located(x, data.orbit)
-    d = deviation(x, between(data.orbit.states, spot))
+    off = offset(x, data.orbit, data.clock)
+    spot, d = off.spot, off.across
     gentle, firm = between(data.gentle, spot), between(data.firm, spot)
-    share = spot.distance / (spot.distance + data.between**2)
-    u = between(data.orbit.voltages, spot)
+    share = spot.squared / (spot.squared + data.blend**2)
+    u = between(data.voltages, spot)
     for c in range(4):
         u -= (gentle[c] + share * (firm[c] - gentle[c])) * d[c]
-    early = ahead_of_clock(spot, data.orbit.times, data.clock)
-    return u - (1 - share) * between(data.timing, spot) * early
+    return u - (1 - share) * between(data.timing, spot) * off.early

@@ -2,10 +2,12 @@
 
     V = V*(s) - K (kp (psi - psi*(s)) + kd (psi' - psi*'(s)))
 
-The thesis (5.1.3) proposes PID about the trajectory. psi is the pendulum's angle from the leg, the
-angle that the motor turns, and K the motor's back-EMF, so that the gains do not depend on the
-machine. The phase s is where the gait's pendulum points as the wheel's does
-(`trajopt.feedback.constraint`): to be early or late is no error.
+The thesis (5.1.3) proposes PID about the trajectory. psi is the angle that the motor turns, from
+the leg to the pendulum, and K the motor's back-EMF, so that the gains do not depend on the machine.
+The phase s is where the gait's pendulum points as the wheel's does
+(`trajopt.feedback.constraint`): to be early or late is no error. At the same phase, the error of
+psi is that of the other angle. A motor on a frame that does not turn (motor_mount="frame") turns
+the pendulum alone: psi is then the phase itself and has no error, and there is no such law.
 
 There is no I term. An integral is memory, and a law is a function of the state alone. What an
 integral would have to find, the voltage that the gait needs, is known: it is V*(s).
@@ -18,7 +20,7 @@ from typing import NamedTuple
 from rimless_gym.checks import not_negative, positive
 from rimless_gym.constants import Constants
 from rimless_gym.jit import inner
-from trajopt.feedback.constraint import Constraint, constraint_of, output
+from trajopt.feedback.constraint import PENDULUM, Constraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
@@ -34,8 +36,8 @@ class Gains(NamedTuple):
         orbit: the gait's.
         constraint: that finds the phase and the error of the angle.
         machine: constants of the machine.
-        kp: volts per rad; its sign is that of the acceleration that a voltage causes.
-        kd: volts per rad/s; likewise.
+        kp: volts per rad.
+        kd: volts per rad/s.
     """
 
     orbit: Orbit
@@ -55,16 +57,35 @@ def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a gain is out of range, or the gait has no virtual constraint.
+        ValueError: a gain is out of range, or the gait has no virtual constraint, or none that a
+            servo of the motor's angle holds.
     """
     constraint, constants = constraint_of(solution), solution.params.constants
-    unit = constraint.authority * constants.K
-    kp, kd = unit * positive("kp", kp), unit * not_negative("kd", kd)
+    _require_servo(constraint, solution.params.motor_mount)
+    kp, kd = constants.K * positive("kp", kp), constants.K * not_negative("kd", kd)
     return Law(solution.params, volts, Gains(constraint.orbit, constraint, constants, kp, kd))
+
+
+def _require_servo(constraint: Constraint, motor_mount: str) -> None:
+    """Refuse a constraint that turning the motor back to its angle on the gait does not hold.
+
+    Raises:
+        ValueError: the motor's angle is the phase, or a voltage moves the other angle backwards.
+    """
+    if motor_mount == "frame" and constraint.phase == PENDULUM:
+        raise ValueError(
+            "solution: its motor_mount = 'frame' turns the pendulum, whose angle is the phase, so "
+            "that the motor's angle has no error; take another law, such as 'lqr'"
+        )
+    if constraint.authority < 0.0:
+        raise ValueError(
+            "solution: a voltage that turns its motor forwards moves the wheel backwards off its "
+            "path, so that a servo of the motor drives it away; take another law, such as 'lqr'"
+        )
 
 
 @inner
 def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
     out = output(x, data.constraint, data.machine)
-    return out.voltage - data.kp * out.y - data.kd * out.error
+    return out.voltage - data.kp * out.y - data.kd * out.motor_rate_error

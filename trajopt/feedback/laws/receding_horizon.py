@@ -17,7 +17,6 @@ limited iLQR (`trajopt.feedback.ilqr`). The law has no memory.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,11 +26,12 @@ from rimless_gym.energy import ROW
 from rimless_gym.jit import inner
 from rimless_gym.kernel.stepping import MODE, SCRATCH_SIZE, STATE_SIZE
 from trajopt.feedback.clock import Clock
+from trajopt.feedback.guard import CONTACT_MARGIN
 from trajopt.feedback.horizon import LANES, Machine, Price, motion_from, move_on
 from trajopt.feedback.ilqr import improved
 from trajopt.feedback.law import Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import FINENESS, Grid, Orbit
+from trajopt.feedback.orbit import Grid, Orbit
 from trajopt.feedback.riccati import riccati, weights
 from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.gaits.solution import Solution
@@ -48,7 +48,7 @@ LIFTING, SLIPPING = 30.0, 10.0
 
 #: Largest margin of the normal force, in weights, and the share of the friction coefficient that
 #: may be used. Where the gait itself goes beyond them, it is the margin.
-PRESSED, GRIP = 0.1, 0.995
+PRESSED, GRIP = CONTACT_MARGIN, 0.995
 
 #: The variants of the LQR's motion from which a decision starts: a share of the voltage limit is
 #: added for so many intervals.
@@ -83,7 +83,7 @@ def design(
     effort: float = lqr.GENTLE,
     lifting: float = LIFTING,
     slipping: float = SLIPPING,
-    ahead: float = lqr.AHEAD,
+    ahead: float | None = lqr.AHEAD,
 ) -> Law:
     """The law for a gait.
 
@@ -94,11 +94,12 @@ def design(
         effort: cost of a squared volt, see `trajopt.feedback.laws.lqr.GENTLE`; > 0.
         lifting: see `LIFTING`; > 0.
         slipping: see `SLIPPING`; > 0.
-        ahead: see `trajopt.feedback.laws.lqr.AHEAD`; > 0.
+        ahead: see `trajopt.feedback.laws.lqr.AHEAD`; > 0, or None.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: a number is out of its range.
+        RuntimeError: the Riccati recursion does not converge.
     """
     start = lqr.design(solution, ahead=ahead)
     price = price_about(
@@ -107,7 +108,7 @@ def design(
         positive("effort", effort),
         positive("lifting", lifting),
         positive("slipping", slipping),
-        ahead if solution.hold is not None else math.inf,
+        Clock.of(solution, ahead),
     )
     data = Data(
         orbit=start.data.orbit,
@@ -126,24 +127,22 @@ def price_about(
     effort: float,
     lifting: float,
     slipping: float,
-    ahead: float,
+    clock: Clock,
 ) -> Price:
-    """What motions cost; the arguments are those of `design`, `ahead` infinite without a clock."""
+    """What motions cost; the numbers are those of `design`."""
     grid, params = Grid.of(solution), solution.params
     transverse = transverse_dynamics(grid)
-    into, to_go = transverse.into, riccati(transverse, effort, ahead).to_go
+    into, to_go = transverse.into, riccati(transverse, effort, clock.ahead).to_go
     turned = into.swapaxes(1, 2)
-    rates = np.gradient(np.concatenate([grid.voltages[-1:], grid.voltages, grid.voltages[:1]]))
-    rates = rates[1:-1] * FINENESS / grid.period
     checked = solution.verification
     weight = params.weight
     return Price(
         orbit=orbit,
-        stage=grid.at_nodes(turned @ weights(ahead) @ into),
+        stage=grid.at_nodes(turned @ weights(clock.ahead) @ into),
         final=grid.at_nodes(turned @ to_go @ into),
         tangent=grid.at_nodes(grid.tangents),
-        turn=grid.at_nodes(rates[:, None] * into[:, 3]),
-        clock=Clock.of(solution),
+        voltage_slope=grid.at_nodes(grid.voltage_rates[:, None] * into[:, 3]),
+        clock=clock,
         effort=effort,
         normal=min(PRESSED * weight, checked.min_normal_force),
         friction=max(
@@ -179,6 +178,6 @@ def started(x, mode, data):  # type: ignore[no-untyped-def]
             u = lqr.volts(motion.states[k, :4, lane], mode, data.gains)
             if k < PUSHED[lane]:
                 u += PUSHES[lane] * limit
-            motion.shifts[k, lane] = min(max(u, -limit), limit) - motion.own[k, lane]
+            motion.shifts[k, lane] = u - motion.own[k, lane]
         move_on(motion, k, data.price, data.machine, out, work)
     return motion

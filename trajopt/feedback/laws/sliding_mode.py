@@ -8,10 +8,10 @@ equivalent control and the switching term. With b = c(s + T) B(s)
 
     sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e.
 
-If b = 1, sigma shrinks by `reach` in a period outside the boundary layer and by the share
-reach / layer within it. The sign of sigma in place of sat would chatter with the size of `reach`
-for ever (Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995).
-The voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
+If b = 1, sigma shrinks by `reach` in a period outside the boundary layer; within the layer it is
+reach sigma / layer. The sign of sigma in place of sat would chatter with the size of `reach` for
+ever (Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995). The
+voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
 
 c(s + T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a
 squared volt. What is left to move on the surface c e = 0 then moves as under optimal control (Utkin
@@ -25,18 +25,15 @@ tick of the gait's clock.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
-
-import numpy as np
 
 from rimless_gym.checks import positive
 from rimless_gym.jit import inner
-from trajopt.feedback.clock import Clock, ahead_of_clock
+from trajopt.feedback.clock import Clock, offset
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.orbit import FINENESS, Grid, Orbit, between, deviation, located
+from trajopt.feedback.orbit import Grid, Orbit, between
 from trajopt.feedback.riccati import riccati
-from trajopt.feedback.transverse import Transverse, transverse_dynamics
+from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.gaits.solution import Solution
 
 #: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
@@ -80,7 +77,7 @@ def design(
     reach: float = REACH,
     layer: float = LAYER,
     effort: float = EFFORT,
-    ahead: float = AHEAD,
+    ahead: float | None = AHEAD,
 ) -> Law:
     """The law for a gait.
 
@@ -89,11 +86,13 @@ def design(
         reach: see `REACH`; > 0, and at most `layer`, so that sigma does not overshoot.
         layer: see `LAYER`; > 0.
         effort: see `EFFORT`; > 0.
-        ahead: see `AHEAD`; > 0.
+        ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
+            (`trajopt.feedback.clock`), it does not matter.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: a number is out of range.
+        RuntimeError: the Riccati recursion does not converge.
     """
     grid, limit = Grid.of(solution), solution.params.voltage_limit
     reach, layer = positive("reach", reach), positive("layer", layer)
@@ -101,9 +100,10 @@ def design(
         raise ValueError(
             f"reach = {reach}: must be at most layer = {layer}, or sigma overshoots; lower reach"
         )
-    clocked = positive("ahead", ahead) if solution.hold is not None else math.inf
+    clock = Clock.of(solution, ahead)
     transverse = transverse_dynamics(grid)
-    now, later = surface(transverse, positive("effort", effort), clocked)
+    optimal = riccati(transverse, positive("effort", effort), clock.ahead)
+    now, later = optimal.surface, optimal.gains
     data = Surface(
         orbit=grid.orbit(),
         now=grid.at_nodes(transverse.per_deviation(now)),
@@ -112,39 +112,22 @@ def design(
         timing_later=grid.at_nodes(later[:, 3]),
         reach=reach * limit,
         layer=layer * limit,
-        clock=Clock.of(solution),
+        clock=clock,
     )
     return Law(solution.params, volts, data)
-
-
-def surface(transverse: Transverse, effort: float, ahead: float) -> tuple[Floats, Floats]:
-    """Sigma now and a period later under V*, per deviation in the coordinates of `Transverse`.
-
-    Args:
-        transverse: the dynamics across the orbit.
-        effort: cost of a squared volt.
-        ahead: time (s) that counts like one standard deviation; infinite: time does not count.
-
-    Returns:
-        c(s) and c(s + T) A(s) at the times of the gait's grid, shape (m, 4) both.
-    """
-    gains = riccati(transverse, effort, ahead).gains  # (effort + B' P B)^-1 B' P A
-    ends = np.linalg.solve(transverse.A.swapaxes(1, 2), gains[..., None])[..., 0]  # c(s + T)
-    return np.roll(ends, FINENESS, axis=0), gains
 
 
 @inner
 def sigma_now_and_later(x, data):  # type: ignore[no-untyped-def]
     """The gait's voltage at the nearest point, sigma, and sigma a period later under it."""
-    spot = located(x, data.orbit)
-    d = deviation(x, between(data.orbit.states, spot))
+    off = offset(x, data.orbit, data.clock)
+    spot = off.spot
     now, later = between(data.now, spot), between(data.later, spot)
-    early = ahead_of_clock(spot, data.orbit.times, data.clock)
-    sigma = between(data.timing_now, spot) * early
-    free = between(data.timing_later, spot) * early
+    sigma = between(data.timing_now, spot) * off.early
+    free = between(data.timing_later, spot) * off.early
     for c in range(4):
-        sigma += now[c] * d[c]
-        free += later[c] * d[c]
+        sigma += now[c] * off.across[c]
+        free += later[c] * off.across[c]
     return between(data.orbit.voltages, spot), sigma, free
 
 

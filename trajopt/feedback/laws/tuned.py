@@ -13,12 +13,15 @@ simulator know both (Hansen, Niederberger, Guzzella and Koumoutsakos, IEEE Trans
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rimless_gym.checks import flag, integer, positive
+from trajopt.feedback.evolution import evolved
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.tuning import Trial, evolved, score
+from trajopt.feedback.tuning import Trial, score
 from trajopt.gaits.solution import Solution
 
 #: Harmonics of the Fourier series.
@@ -37,6 +40,36 @@ GENTLE_UNIT, VOLTAGE_UNIT = 0.3, 0.002
 
 #: Series that are tuned: two gains for each of four coordinates, and the voltage.
 _SERIES = 9
+
+
+class Numbers(NamedTuple):
+    """What is tuned; zeros leave the LQR as it is.
+
+    Attributes:
+        gentle: coefficients (4, 2 harmonics + 1) of the series added to each gain on the gait: the
+            constant, then a cosine and a sine of each harmonic.
+        firm: the same of the gains away from it.
+        voltage: those of the added voltage, shape (2 harmonics + 1,).
+        timing: logarithm of the factor of the clock's gain.
+        blend: logarithm of the factor of the distance at which both gains count alike.
+    """
+
+    gentle: Floats
+    firm: Floats
+    voltage: Floats
+    timing: float
+    blend: float
+
+    @classmethod
+    def of(cls, q: Floats) -> Numbers:
+        """Out of one row of numbers, as many as `count` says."""
+        gentle, firm, voltage = np.split(q[:-2].reshape(_SERIES, -1), [4, 8])
+        return cls(gentle, firm, voltage[0], q[-2], q[-1])
+
+    @staticmethod
+    def count(harmonics: int) -> int:
+        """How many there are."""
+        return _SERIES * (2 * harmonics + 1) + 2
 
 
 def design(
@@ -65,16 +98,17 @@ def design(
     """
     harmonics = integer("harmonics", harmonics, 0)
     generations = integer("generations", generations, 0)
-    seed, count = integer("seed", seed, 0), numbers(harmonics)
+    seed = integer("seed", seed, 0)
     start = lqr.design(solution)
     trial = Trial.about(solution, start.data.orbit, integer("wheels", wheels, 1), seed)
 
     def law(q: Floats) -> Law:
-        return Law(solution.params, lqr.volts, with_numbers(start.data, solution.duration, q))
+        gains = with_numbers(start.data, solution.duration, Numbers.of(q))
+        return Law(solution.params, lqr.volts, gains)
 
     best = evolved(
         lambda q: score(law(q), solution, trial),
-        count,
+        Numbers.count(harmonics),
         positive("spread", spread),
         generations,
         seed,
@@ -83,31 +117,25 @@ def design(
     return law(best)
 
 
-def numbers(harmonics: int) -> int:
-    """How many numbers are tuned: the series' coefficients, the clock and the distance."""
-    return _SERIES * (2 * harmonics + 1) + 2
-
-
-def with_numbers(gains: lqr.Gains, duration: float, q: Floats) -> lqr.Gains:
-    """The LQR's gains changed by tuned numbers; zeros leave them as they are.
+def with_numbers(gains: lqr.Gains, duration: float, numbers: Numbers) -> lqr.Gains:
+    """The LQR's gains changed by tuned numbers.
 
     Args:
         gains: the LQR's.
         duration: of the gait's stride (s).
-        q: shape (numbers(harmonics),).
+        numbers: the tuned ones.
     """
-    coefficients = q[:-2].reshape(_SERIES, -1)
     angle = 2 * np.pi * gains.orbit.times / duration
     waves = [np.ones_like(angle)]
-    for k in range(1, coefficients.shape[1] // 2 + 1):
+    for k in range(1, len(numbers.voltage) // 2 + 1):
         waves += [np.cos(k * angle), np.sin(k * angle)]
-    series = np.array(waves).T @ coefficients.T
+    series = np.array(waves).T
     gentle, firm = (np.sqrt(np.mean(each**2, axis=0)) for each in (gains.gentle, gains.firm))
-    more = VOLTAGE_UNIT * gains.orbit.limit * series[:, 8]
+    volts = VOLTAGE_UNIT * gains.orbit.limit
     return gains._replace(
-        orbit=gains.orbit._replace(voltages=gains.orbit.voltages + more),
-        gentle=gains.gentle + GENTLE_UNIT * gentle * series[:, :4],
-        firm=gains.firm + firm * series[:, 4:8],
-        timing=gains.timing * np.exp(q[-2]),
-        between=gains.between * np.exp(q[-1]),
+        voltages=gains.voltages + volts * (series @ numbers.voltage),
+        gentle=gains.gentle + GENTLE_UNIT * gentle * (series @ numbers.gentle.T),
+        firm=gains.firm + firm * (series @ numbers.firm.T),
+        timing=gains.timing * np.exp(numbers.timing),
+        blend=gains.blend * np.exp(numbers.blend),
     )
