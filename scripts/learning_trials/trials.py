@@ -1,0 +1,110 @@
+"""What the simplest policies do: steady voltages, and random smooth policies."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.evolution.campaign import random_policies
+from agents.evolution.policy import SIZE
+from agents.evolution.walks import Duration, Walks, World
+from agents.evolution.worth import families, members, stepping
+from agents.rollout import draw_starts
+from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+
+#: Voltages that are held for ever, in shares of the limit, and the starts of each.
+STEADY, STEADY_STARTS = np.round(np.linspace(-0.8, 0.8, 17), 2), 64
+
+#: Random policies, and the starts of each.
+RANDOM, RANDOM_STARTS = 10_000, 4
+
+#: Walks of steady voltages and of random policies.
+LONG, SHORT = Duration(2000, 1000), Duration(600, 300)
+
+
+class Steady(NamedTuple):
+    """Walks under a steady voltage.
+
+    Attributes:
+        share: of the voltage limit.
+        falls: share of the starts that fall.
+        steps: share that takes steps forward at the end.
+        cot: cost of transport of these; NaN without any.
+        speed: of these (m/s).
+        reward: what all earn per second at the task's own price (m/s).
+    """
+
+    share: float
+    falls: float
+    steps: float
+    cot: float
+    speed: float
+    reward: float
+
+
+class Family(NamedTuple):
+    """Random policies that walk in a family's gait.
+
+    Attributes:
+        turns: of the pendulum per step, forward turns negative.
+        policies: that walk so from some start.
+        everywhere: that walk so from all.
+        cot: least cost of transport of a walk.
+    """
+
+    turns: int
+    policies: int
+    everywhere: int
+    cot: float
+
+
+def steady(params: WheelParams, seed: int = 0) -> list[Steady]:
+    """What steady voltages do."""
+    weights = np.zeros((len(STEADY), SIZE))
+    weights[:, 0] = STEADY
+    walks = World(params).walk(weights, draw_starts(params, STEADY_STARTS, seed), LONG)
+    goes, fallen, cots = stepping(walks), walks.lasted < 1.0 - 1e-9, costs(params, walks, LONG)
+    speeds = walks.window_distance / (LONG.window * CONTROL_PERIOD)
+    earned = rewards(params, walks, LONG, Task()).mean(axis=1)
+    found = []
+    for k, share in enumerate(STEADY):
+        some = goes[k]
+        cot = float(np.median(cots[k][some])) if some.any() else np.nan
+        speed = float(np.median(speeds[k][some])) if some.any() else np.nan
+        falls = float(fallen[k].mean())
+        found.append(Steady(float(share), falls, float(some.mean()), cot, speed, float(earned[k])))
+    return found
+
+
+def random(params: WheelParams, seed: int = 0) -> list[Family]:
+    """Which families of gaits random smooth policies find, fewest turns first."""
+    weights = random_policies(RANDOM, np.random.default_rng((seed, 1)))
+    walks = World(params).walk(weights, draw_starts(params, RANDOM_STARTS, (seed, 2)), SHORT)
+    cots, found = costs(params, walks, SHORT), []
+    for turns in families(walks).tolist():
+        own = members(walks, turns)
+        some, everywhere = int(own.any(axis=1).sum()), int(own.all(axis=1).sum())
+        found.append(Family(turns, some, everywhere, float(cots[own].min())))
+    return found
+
+
+def costs(params: WheelParams, walks: Walks, duration: Duration) -> Floats:
+    """Costs of transport (P, S) in the window; infinite where there is no way forward."""
+    energy = walks.window_energy + params.idle_power * duration.window * CONTROL_PERIOD
+    forward = np.maximum(walks.window_distance, 1e-12)
+    costs = energy / (params.weight * forward)
+    return np.asarray(np.where(walks.window_distance > 0.0, costs, np.inf))
+
+
+def rewards(params: WheelParams, walks: Walks, duration: Duration, task: Task) -> Floats:
+    """Rewards (P, S) of a task per second (m/s), a fall charged as the task says."""
+    time = duration.intervals * CONTROL_PERIOD
+    energy = walks.energy + params.idle_power * time * walks.lasted
+    fallen = task.fall_distance * (walks.lasted < 1.0 - 1e-9)
+    slipped = task.slip_speed * CONTROL_PERIOD * walks.slipping
+    earned = task.value_of_distance * (walks.distance - slipped - fallen)
+    return np.asarray((earned - energy / params.weight) / time)
