@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from scripts.feedback_laws.cells import Cell, measured
 from scripts.feedback_laws.columns import COLUMNS, TIMING
 from scripts.feedback_laws.columns.attraction import random_states
 from scripts.feedback_laws.columns.changes import changed_machines
+from scripts.feedback_laws.columns.multipliers import Stride
 from scripts.feedback_laws.columns.pushes import pushed_states
 from scripts.feedback_laws.gaits import GAITS, Held
 from scripts.feedback_laws.sizes import sizes_for
@@ -26,6 +28,7 @@ from scripts.feedback_laws.study import study
 from scripts.feedback_laws.subject import subject_of
 from scripts.imports import PACKAGES, ROOT, needed
 from trajopt.feedback.catch import catch as catching
+from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -86,6 +89,20 @@ def test_small_deviations_decay_by_the_largest_multiplier(trial: dict[str, Any])
     found = trial["results"][HELD.key]["lqr"]["multipliers"]
     assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
     assert found["decay"] == pytest.approx(found["closed_loop"][0], rel=0.2)
+
+
+class Jumping(Stride):
+    """Halves every deviation, but jumps for those of about one of the central differences."""
+
+    def __call__(self, states: Floats) -> Floats:
+        jumps = (states > 3e-6) & (states < 3e-5)
+        return np.asarray(0.5 * states + 1e-5 * jumps)
+
+
+def test_a_jump_within_one_of_the_central_differences_is_no_multiplier(kept: Path) -> None:
+    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+    stride = Jumping(gait, lambda x, tick: np.zeros(len(x)), np.ones(4))
+    assert stride.jacobian(np.zeros(4)) == pytest.approx(0.5 * np.eye(4), abs=1e-9)
 
 
 def test_a_push_is_that_of_the_environment() -> None:
@@ -150,15 +167,34 @@ def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
     assert page.sections(found)["gaits"] == page.sections(trial)["gaits"]
 
 
-def test_a_damaged_cell_is_measured_again(
-    kept: Path, trial: dict[str, Any], tmp_path: Path
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[:20],
+        lambda text: "[]",
+        lambda text: "[" * 100_000,
+        lambda text: json.dumps(json.loads(text) | {"found": {}}),
+        lambda text: json.dumps(json.loads(text) | {"found": {"gap": 0.001}}),
+        lambda text: json.dumps(json.loads(text) | {"seconds": "2"}),
+    ],
+    ids=["cut", "list", "deep", "empty", "edited", "of another type"],
+)
+def test_a_damaged_or_edited_cell_is_named_and_measured_again(
+    damage: Callable[[str], str],
+    kept: Path,
+    trial: dict[str, Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = with_gait(kept, tmp_path)
     study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
-    (folder / "cells" / f"{HELD.key}_lqr_cost.json").write_text('{"made_of": "')
+    path = folder / "cells" / f"{HELD.key}_lqr_cost.json"
+    path.write_text(damage(path.read_text()))
     again = Repeating(trial)
     study(folder, [HELD], ["lqr"], 1, True, again)
     assert again.done == ["cost"]
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "measured again" in each]
+    assert f"{path}: damaged" in line
 
 
 @pytest.fixture
@@ -215,7 +251,7 @@ def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_fo
 ) -> None:
     path = kept / "gaits" / f"{HELD.key}.npz"
     monkeypatch.setattr(gaits, "preset", lambda name: params)
-    assert Held("BUILDABLE", speed).is_that_of(path) is not again
+    assert (Held("BUILDABLE", speed).fault_of(path) is not None) is again
 
 
 def test_a_gait_is_solved_only_if_none_is_kept(
@@ -226,6 +262,37 @@ def test_a_gait_is_solved_only_if_none_is_kept(
     assert gaits.kept(tmp_path, [HELD])[HELD.key].exists()
     monkeypatch.delattr(Held, "solved")
     gaits.kept(tmp_path, [HELD])
+
+
+@pytest.mark.parametrize("fault", ["damaged", "failed its verification"])
+def test_a_kept_gait_that_is_of_no_use_is_named_and_solved_again(
+    fault: str,
+    kept: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    gait, path = Solution.load(kept / "gaits" / f"{HELD.key}.npz"), tmp_path / f"{HELD.key}.npz"
+    path.touch()
+    if fault != "damaged":
+        failures = dataclasses.replace(gait.verification, failures=("slips",))
+        dataclasses.replace(gait, verification=failures).save(path)
+    monkeypatch.setattr(Held, "solved", lambda held: gait)
+    gaits.kept(tmp_path, [HELD])
+    assert HELD.fault_of(path) is None
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "solved again" in each]
+    assert str(path) in line
+    assert fault in line
+
+
+def test_a_folder_in_the_place_of_a_gait_is_one_line_with_a_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "quick" / "gaits" / f"{HELD.key}.npz"
+    path.mkdir(parents=True)
+    with pytest.raises(SystemExit):
+        command.main(["--quick", "--gaits", HELD.key, "--out", str(tmp_path)])
+    assert f"error: {path}: a folder in the place of a gait's file" in capsys.readouterr().err
 
 
 def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
@@ -275,6 +342,9 @@ def test_there_are_two_pictures_of_every_gait(trial: dict[str, Any]) -> None:
         (["--gaits", "buildable_0.7"], "'buildable_0.7': choose from buildable_0.5"),
         (["--workers", "0"], "must be an integer of at least 1"),
         (["--docs", "nowhere.md"], "nowhere.md: no such file"),
+        (["--docs", "feedback.md", "--quick"], "leave out --docs, or --quick"),
+        (["--docs", "feedback.md", "--laws", "lqr"], "leave out --docs, or --quick"),
+        (["--docs", "feedback.md", "--gaits", "buildable_0.5"], "leave out --docs, or --quick"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(
