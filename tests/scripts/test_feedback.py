@@ -28,7 +28,7 @@ from scripts.feedback_laws.study import study
 from scripts.feedback_laws.subject import subject_of
 from scripts.imports import PACKAGES, ROOT, needed
 from trajopt.feedback.catch import catch as catching
-from trajopt.feedback.law import Floats
+from trajopt.feedback.law import Floats, Law
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -40,8 +40,8 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of a finished trial of one law about one gait, with a coarse catch."""
     folder = tmp_path_factory.mktemp("feedback")
 
-    def coarse(params: Any, orbit: Any, near: float) -> catching.Catch:
-        return catching.Catch.to(params, orbit, near, counts=(5, 16, 11, 13))
+    def coarse(law: Law, near: float) -> catching.Catch:
+        return catching.Catch.to(law, near, counts=(5, 16, 11, 13))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catching, "catch_for", coarse)
