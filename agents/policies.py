@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.kernel.stepping import MODE
-from rimless_gym.params import WheelParams
+from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats
+from trajopt.feedback.requirements import require_machine
 
 #: (states (N, 6), observations (N, 6)) -> actions (N,): voltages in units of the limit, in [-1, 1].
 #: Observations are what a learner may use. States are for feedback laws.
@@ -29,11 +30,21 @@ def learned_policy(act: Act) -> Policy:
     return policy
 
 
-def controller_policy(params: WheelParams, controller: Controller) -> Policy:
-    """A feedback law in volts as a policy, clipped to the limit of `params`."""
+def controller_policy(params: Machine, controller: Controller) -> Policy:
+    """A feedback law in volts as a policy, clipped to the limit of a machine.
+
+    Args:
+        params: the machine, as the environment takes it.
+        controller: the law.
+
+    Raises:
+        TypeError, ValueError: there is no such machine, or the law was made for another one.
+    """
+    machine = as_params(params)
+    require_machine("controller", controller, machine)
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
         volts = controller(states[:, :4], states[:, MODE].astype(np.int64))
-        return np.clip(np.asarray(volts, dtype=np.float64) / params.voltage_limit, -1.0, 1.0)
+        return np.clip(np.asarray(volts, dtype=np.float64) / machine.voltage_limit, -1.0, 1.0)
 
     return policy

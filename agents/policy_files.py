@@ -197,11 +197,9 @@ def load_policy(
             f"{path}: its record is incomplete or invalid: {error!r}; {_REMEDY}"
         ) from error
     if params is not None and params != trained_on:
-        wanted, has = params.to_dict(), trained_on.to_dict()
-        differing = {k: f"{has[k]} (not {wanted[k]})" for k in has if has[k] != wanted[k]}
         raise CheckpointError(
-            f"{path}: trained on another machine: {differing}; to try it on this one all the "
-            "same, leave out params (--preset and --params)"
+            f"{path}: trained on another machine: {trained_on.differences(params)}; to try it on "
+            "this one all the same, leave out params (--preset and --params)"
         )
     parts = PolicyParts(record, weights)
     try:

@@ -229,6 +229,11 @@ class WheelParams:
                 raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
         return dataclasses.replace(self, **changes)
 
+    def differences(self, wanted: WheelParams) -> dict[str, str]:
+        """What differs from another machine, by field: "value (not the other's)"."""
+        has, other = self.to_dict(), wanted.to_dict()
+        return {k: f"{has[k]} (not {other[k]})" for k in has if has[k] != other[k]}
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
         return dataclasses.asdict(self)

@@ -66,6 +66,13 @@ def preset(name: str) -> WheelParams:
     return PRESETS[name]
 
 
+def machine_name(params: WheelParams) -> str:
+    """The preset that a machine is, or the preset that it differs least from, and how."""
+    name, nearest = min(PRESETS.items(), key=lambda item: len(params.differences(item[1])))
+    different = ", ".join(params.differences(nearest))
+    return f"{name} but for {different}" if different else name
+
+
 #: A machine: a WheelParams, a preset's name, or a mapping of fields that differ from the default's.
 Machine: TypeAlias = WheelParams | str | Mapping[str, Any]
 

@@ -111,6 +111,36 @@ def read_arrays(
     return header, arrays
 
 
+def write_signed(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON values with a digest of them; an existing file is replaced as a whole.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written; an existing file is kept.
+    """
+    plain = jsonable(content)
+    write_text(path, json.dumps(plain | {DIGEST: _signature(plain)}, indent=1) + "\n")
+
+
+def read_signed(path: Path) -> dict[str, Any]:
+    """The values that `write_signed` wrote, if they have not changed since.
+
+    Raises:
+        ValueError: the file was edited or damaged.
+        OSError: it cannot be read.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if content.pop(DIGEST) != _signature(content):
+            raise ValueError("edited since it was written")
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{path}: damaged ({error!r})") from error
+    return dict(content)
+
+
+def _signature(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def digest(arrays: Mapping[str, NDArray[Any]]) -> str:
     """SHA-256 over names, types, shapes and contents of arrays, the header's text included."""
     total = hashlib.sha256()

@@ -6,11 +6,10 @@ A result counts only for the study it was made for, and only while it and its fi
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
-from trajopt.files import jsonable, write_text
+from trajopt.files import read_signed, write_signed
 
 
 def write_stage(folder: Path, name: str, study: dict[str, Any], result: dict[str, Any]) -> None:
@@ -26,10 +25,7 @@ def write_stage(folder: Path, name: str, study: dict[str, Any], result: dict[str
         OSError: the folder cannot be written; a result that was there is kept.
     """
     files = {each: digest(folder / each) for each in result.get("files", ())}
-    content = {"study": study, "result": jsonable(result), "files": files}
-    write_text(
-        _file(folder, name), json.dumps(content | {"digest": _sum(content)}, indent=1) + "\n"
-    )
+    write_signed(_file(folder, name), {"study": study, "result": result, "files": files})
 
 
 def read_stage(
@@ -45,17 +41,14 @@ def read_stage(
         return None, []
     remedy = "remove it to run its stage again, or choose another --out"
     try:
-        content = json.loads(path.read_text())
-        signed = content.pop("digest")
-        if signed != _sum(content):
-            raise ValueError("edited since it was written")
-        same, result, files = content["study"] == study, content["result"], content["files"]
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ValueError(f"{path}: damaged ({error!r}); {remedy}") from error
-    if not same:
+        content = read_signed(path)
+    except ValueError as error:
+        raise ValueError(f"{error}; {remedy}") from error
+    if content["study"] != study:
         raise ValueError(f"{path}: of another study, {content['study']}; {remedy}")
-    changed = [each for each, then in files.items() if digest(folder / each) != then]
-    return dict(result), changed
+    files = content["files"].items()
+    changed = [each for each, then in files if digest(folder / each) != then]
+    return dict(content["result"]), changed
 
 
 def digest(path: Path) -> str | None:
@@ -68,7 +61,3 @@ def digest(path: Path) -> str | None:
 
 def _file(folder: Path, name: str) -> Path:
     return folder / f"{name}.json"
-
-
-def _sum(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

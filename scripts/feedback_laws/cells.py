@@ -78,6 +78,11 @@ def measured(cell: Cell, gait: Path) -> dict[str, Any]:
     try:
         subject: Subject = subject_of(gait, cell.law)
         found = COLUMNS[cell.column].measure(subject, cell.sizes)
-    except (ValueError, RuntimeError, ArithmeticError) as error:  # of one law: others go on
+    except (
+        TypeError,
+        ValueError,
+        RuntimeError,
+        ArithmeticError,
+    ) as error:  # of one law: others go on
         return {"error": f"{type(error).__name__}: {error}"}
     return {"found": found, "seconds": time.process_time() - begin}

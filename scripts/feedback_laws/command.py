@@ -44,6 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.out / "quick" if options.quick else options.out
     parser.require_folder(folder, "results.json")
     if options.docs:
+        if options.quick or options.laws not in (None, laws.names()) or options.gaits != keys:
+            parser.error(
+                f"--docs {options.docs}: the page is replaced as a whole, and this is a part of "
+                "the study; leave out --docs, or --quick, --laws and --gaits"
+            )
         for marks in page.MARKS.values():
             parser.require_page(options.docs, marks, page.WANTED)
     names = options.laws or laws.names()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -43,16 +44,24 @@ class Held(NamedTuple):
         """The gait."""
         return periodic_gait(self.params, self.speed, hold=CONTROL_PERIOD)
 
-    def is_that_of(self, path: Path) -> bool:
-        """Whether a file can be read, and has a gait of this machine, speed and hold."""
+    def fault_of(self, path: Path) -> str | None:
+        """Why a file does not have this gait, in words that name the file; None if it has it.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+        """
         try:
             gait = Solution.load(path)
-        except (FileNotFoundError, GaitFileError):
-            return False
+        except GaitFileError as error:
+            return str(error)
         if gait.params != self.params or gait.hold != CONTROL_PERIOD:
-            return False
+            return f"{path}: a gait of another machine or hold"
         nearest = held_speed(self.params, self.speed, gait.steps, CONTROL_PERIOD)
-        return math.isclose(gait.speed, nearest, rel_tol=1e-6)
+        if not math.isclose(gait.speed, nearest, rel_tol=1e-6):
+            return f"{path}: a gait at {gait.speed:g} m/s, not {nearest:g} m/s"
+        if not gait.verification.passed:
+            return f"{path}: a gait that failed its verification"
+        return None
 
 
 #: The gaits of the study.
@@ -66,11 +75,20 @@ GAITS = (
 
 
 def kept(folder: Path, gaits: Sequence[Held]) -> dict[str, Path]:
-    """Files of gaits by key; those that the folder does not have are solved."""
+    """Files of gaits by key; those that the folder does not have are solved.
+
+    Raises:
+        ValueError: a folder is in the place of a gait's file.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = {}
     for held in tqdm(gaits, desc="gaits"):
         path = paths[held.key] = folder / f"{held.key}.npz"
-        if not held.is_that_of(path):
-            held.solved().save(path)
+        if path.is_dir():
+            raise ValueError(f"{path}: a folder in the place of a gait's file; move it away")
+        if path.exists():
+            if (fault := held.fault_of(path)) is None:
+                continue
+            tqdm.write(f"{fault}; it is solved again", file=sys.stderr)
+        held.solved().save(path)
     return paths

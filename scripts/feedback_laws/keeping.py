@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from tqdm import tqdm
 
 from scripts.feedback_laws.cells import Cell
-from trajopt.files import jsonable, write_text
+from trajopt.files import jsonable, read_signed, write_signed
 from trajopt.processes import pool
 
 #: (cell, file of its gait) -> {"found": figures, "seconds": of measuring}, or {"error": words}
@@ -50,8 +50,7 @@ def completed(
         for cell, each in _measured(todo, gaits, measure, workers):
             found[cell] = each
             if "error" not in each:
-                kept = jsonable({"made_of": made_of[cell], **each})
-                write_text(folder / f"{cell.key}.json", json.dumps(kept) + "\n")
+                write_signed(_file(folder, cell), {"made_of": made_of[cell], **each})
             bar.set_postfix_str(f"{len(found)}/{len(cells)} cells", refresh=False)
             bar.update(cell.seconds)
     return {cell: dict(jsonable(found[cell])) for cell in cells}
@@ -71,10 +70,17 @@ def _measured(
 
 
 def _kept(folder: Path, cell: Cell, made_of: str) -> dict[str, Any] | None:
-    """A cell's result, unless it is missing, damaged or out of date."""
-    try:
-        values = json.loads((folder / f"{cell.key}.json").read_text())
-        up_to_date = values.pop("made_of") == made_of and isinstance(values["found"], dict)
-    except (OSError, ValueError, KeyError, AttributeError):
+    """A cell's result, unless it is missing, damaged, edited or out of date."""
+    path = _file(folder, cell)
+    if not path.exists():
         return None
-    return dict(values) if up_to_date else None
+    try:
+        values = read_signed(path)
+    except ValueError as error:
+        tqdm.write(f"{error}; it is measured again", file=sys.stderr)
+        return None
+    return values if values.pop("made_of") == made_of else None
+
+
+def _file(folder: Path, cell: Cell) -> Path:
+    return folder / f"{cell.key}.json"

@@ -1,73 +1,30 @@
-"""The study of feedback laws: what it measures, what it keeps, what it writes."""
+"""The study of feedback laws: what it measures and what it writes."""
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from rimless_gym.params import WheelParams
-from scripts.feedback_laws import cells, command, drawing, gaits, page
-from scripts.feedback_laws.cells import Cell, measured
+from scripts.feedback_laws import command, drawing, page
 from scripts.feedback_laws.columns import COLUMNS, TIMING
 from scripts.feedback_laws.columns.attraction import random_states
 from scripts.feedback_laws.columns.changes import changed_machines
+from scripts.feedback_laws.columns.multipliers import Stride
 from scripts.feedback_laws.columns.pushes import pushed_states
-from scripts.feedback_laws.gaits import GAITS, Held
+from scripts.feedback_laws.gaits import GAITS
 from scripts.feedback_laws.sizes import sizes_for
-from scripts.feedback_laws.study import study
 from scripts.feedback_laws.subject import subject_of
-from scripts.imports import PACKAGES, ROOT, needed
-from trajopt.feedback.catch import catch as catching
+from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[2] / "docs"
 HELD = GAITS[2]
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The folder of a finished trial of one law about one gait, with a coarse catch."""
-    folder = tmp_path_factory.mktemp("feedback")
-
-    def coarse(params: Any, orbit: Any, near: float) -> catching.Catch:
-        return catching.Catch.to(params, orbit, near, counts=(5, 16, 11, 13))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catching, "catch_for", coarse)
-        study(folder, [HELD], ["lqr"], 1, True)
-    yield folder
-    subject_of.cache_clear()
-
-
-@pytest.fixture
-def trial(kept: Path) -> dict[str, Any]:
-    return dict(json.loads((kept / "results.json").read_text()))
-
-
-class Repeating:
-    """Measures by reading a finished trial; it counts the cells, and may be interrupted."""
-
-    def __init__(self, trial: dict[str, Any], interrupted_at: int | None = None) -> None:
-        self.trial, self.interrupted_at, self.done = trial, interrupted_at, list[str]()
-
-    def __call__(self, cell: Cell, gait: Path) -> dict[str, Any]:
-        if len(self.done) == self.interrupted_at:
-            raise KeyboardInterrupt
-        self.done.append(cell.column)
-        return {"found": self.trial["results"][cell.gait]["lqr"][cell.column], "seconds": 1.0}
-
-
-def with_gait(kept: Path, folder: Path) -> Path:
-    shutil.copytree(kept / "gaits", folder / "gaits")
-    return folder
 
 
 # -- what is measured -----------------------------------------------------------------------------
@@ -86,6 +43,20 @@ def test_small_deviations_decay_by_the_largest_multiplier(trial: dict[str, Any])
     found = trial["results"][HELD.key]["lqr"]["multipliers"]
     assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
     assert found["decay"] == pytest.approx(found["closed_loop"][0], rel=0.2)
+
+
+class Jumping(Stride):
+    """Halves every deviation, but jumps for those of about one of the central differences."""
+
+    def __call__(self, states: Floats) -> Floats:
+        jumps = (states > 3e-6) & (states < 3e-5)
+        return np.asarray(0.5 * states + 1e-5 * jumps)
+
+
+def test_a_jump_within_one_of_the_central_differences_is_no_multiplier(kept: Path) -> None:
+    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+    stride = Jumping(gait, lambda x, tick: np.zeros(len(x)), np.ones(4))
+    assert stride.jacobian(np.zeros(4)) == pytest.approx(0.5 * np.eye(4), abs=1e-9)
 
 
 def test_a_push_is_that_of_the_environment() -> None:
@@ -133,119 +104,6 @@ def test_a_slow_law_is_measured_from_fewer_starts() -> None:
     assert sizes_for(slow=True, quick=False).starts < sizes_for(slow=False, quick=False).starts
 
 
-# -- what is kept ---------------------------------------------------------------------------------
-
-
-def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
-    kept: Path, trial: dict[str, Any], tmp_path: Path
-) -> None:
-    folder, first = with_gait(kept, tmp_path), Repeating(trial, interrupted_at=3)
-    with pytest.raises(KeyboardInterrupt):
-        study(folder, [HELD], ["lqr"], 1, True, first)
-    second, third = Repeating(trial), Repeating(trial)
-    found = study(folder, [HELD], ["lqr"], 1, True, second)
-    assert first.done + second.done == list(COLUMNS)
-    assert study(folder, [HELD], ["lqr"], 1, True, third)["results"] == found["results"]
-    assert third.done == []
-    assert page.sections(found)["gaits"] == page.sections(trial)["gaits"]
-
-
-def test_a_damaged_cell_is_measured_again(
-    kept: Path, trial: dict[str, Any], tmp_path: Path
-) -> None:
-    folder = with_gait(kept, tmp_path)
-    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
-    (folder / "cells" / f"{HELD.key}_lqr_cost.json").write_text('{"made_of": "')
-    again = Repeating(trial)
-    study(folder, [HELD], ["lqr"], 1, True, again)
-    assert again.done == ["cost"]
-
-
-@pytest.fixture
-def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the repository's code, of which digests are made."""
-    root, data = tmp_path / "repository", shutil.ignore_patterns("__pycache__", "*.npz", "*.zip")
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, root / package, ignore=data)
-    monkeypatch.setattr(cells, "needed", lambda modules: needed(modules, root))
-    return root
-
-
-def test_what_a_changed_law_has_measured_is_measured_again(
-    kept: Path, trial: dict[str, Any], tmp_path: Path, repository: Path
-) -> None:
-    folder, again = with_gait(kept, tmp_path), Repeating(trial)
-    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
-    with (repository / "trajopt/feedback/laws/lqr.py").open("a") as file:
-        file.write("# changed\n")
-    study(folder, [HELD], ["lqr"], 1, True, again)
-    assert again.done == list(COLUMNS)
-
-
-@pytest.mark.parametrize(
-    ("changed", "columns"),
-    [
-        ("trajopt/feedback/laws/__init__.py", set(COLUMNS)),
-        ("trajopt/feedback/laws/lqr.py", set(COLUMNS)),
-        ("trajopt/feedback/laws/pid.py", set()),
-        ("rimless_gym/kernel/attempt.py", set(COLUMNS)),
-        ("scripts/feedback_laws/columns/pushes.py", {"pushes"}),
-        ("scripts/feedback_laws/columns/changes.py", {"machines", "nuisances", "slopes", "pushes"}),
-        ("agents/verdicts.py", set(COLUMNS) - {TIMING, "multipliers"}),
-        ("agents/train.py", set()),
-    ],
-)
-def test_what_depends_on_a_changed_file_is_out_of_date(
-    kept: Path, repository: Path, changed: str, columns: set[str]
-) -> None:
-    gait = kept / "gaits" / f"{HELD.key}.npz"
-    study_cells = [Cell(HELD.key, "lqr", column, False, True) for column in COLUMNS]
-    before = {cell.column: cell.made_of(gait) for cell in study_cells}
-    with (repository / changed).open("a") as file:
-        file.write("# changed\n")
-    assert {c.column for c in study_cells if c.made_of(gait) != before[c.column]} == columns
-
-
-@pytest.mark.parametrize(
-    ("params", "speed", "again"),
-    [(BUILDABLE, 0.605, False), (BUILDABLE, 0.59, True), (THESIS_PHYSICAL, 0.605, True)],
-)
-def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_for(
-    kept: Path, monkeypatch: pytest.MonkeyPatch, params: WheelParams, speed: float, again: bool
-) -> None:
-    path = kept / "gaits" / f"{HELD.key}.npz"
-    monkeypatch.setattr(gaits, "preset", lambda name: params)
-    assert Held("BUILDABLE", speed).is_that_of(path) is not again
-
-
-def test_a_gait_is_solved_only_if_none_is_kept(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
-    monkeypatch.setattr(Held, "solved", lambda held: gait)
-    assert gaits.kept(tmp_path, [HELD])[HELD.key].exists()
-    monkeypatch.delattr(Held, "solved")
-    gaits.kept(tmp_path, [HELD])
-
-
-def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
-    kept: Path, trial: dict[str, Any], tmp_path: Path
-) -> None:
-    folder = with_gait(kept, tmp_path)
-    gait = folder / "gaits" / f"{HELD.key}.npz"
-    failure = measured(Cell(HELD.key, "no_such_law", "cost", False, True), gait)
-    assert "no_such_law" in failure["error"]
-
-    def failing(cell: Cell, gait: Path) -> dict[str, Any]:
-        return failure if cell.column == "cost" else Repeating(trial)(cell, gait)
-
-    found = study(folder, [HELD], ["lqr"], 1, True, failing)
-    assert list(found["errors"]) == [f"{HELD.key}_lqr_cost"]
-    assert not (folder / "cells" / f"{HELD.key}_lqr_cost.json").exists()
-    assert page.sections(found)
-    assert drawing.figures(found)
-
-
 # -- what is written ------------------------------------------------------------------------------
 
 
@@ -275,6 +133,9 @@ def test_there_are_two_pictures_of_every_gait(trial: dict[str, Any]) -> None:
         (["--gaits", "buildable_0.7"], "'buildable_0.7': choose from buildable_0.5"),
         (["--workers", "0"], "must be an integer of at least 1"),
         (["--docs", "nowhere.md"], "nowhere.md: no such file"),
+        (["--docs", "feedback.md", "--quick"], "leave out --docs, or --quick"),
+        (["--docs", "feedback.md", "--laws", "lqr"], "leave out --docs, or --quick"),
+        (["--docs", "feedback.md", "--gaits", "buildable_0.5"], "leave out --docs, or --quick"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(

@@ -6,6 +6,7 @@ import numpy as np
 
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.orbit import FINENESS, Grid
+from trajopt.feedback.requirements import require_machine
 from trajopt.feedback.transverse import DIFFERENCE, transverse_dynamics
 from trajopt.gaits.solution import Solution
 
@@ -18,8 +19,13 @@ def multipliers(law: Law, solution: Solution) -> Floats:
     the gait at every decision: a deviation makes it early or late, which under a hold comes back as
     a small deviation, and that is left out. Which sign it has depends on where the touchdown falls
     between two decisions.
+
+    Raises:
+        TypeError: `solution` is not a `trajopt.Solution`.
+        ValueError: it failed its verification, or the law is for another machine.
     """
     grid = Grid.of(solution)
+    require_machine("law", law, solution.params)
     A, B, into = transverse_dynamics(grid)
     out = np.linalg.inv(into)
     product = np.eye(3)

@@ -81,8 +81,8 @@ def constraint_of(solution: Solution) -> Constraint:
 
     Raises:
         TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: both angles stand still somewhere on the gait, or there is a place where no
-            voltage moves the wheel off its path.
+        ValueError: the gait failed its verification, both angles stand still somewhere on it, or
+            there is a place where no voltage moves the wheel off its path.
     """
     orbit = Grid.of(solution).orbit()
     rates = orbit.states[:, 2:].T

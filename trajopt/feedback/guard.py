@@ -8,10 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from rimless_gym.checks import real, real_array, require_callable, require_kind
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations, ground_reaction
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats, states_and_modes
+from trajopt.feedback.requirements import require_machine
 from trajopt.gaits.solution import Solution
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
@@ -33,20 +35,52 @@ class Guarded:
         params: the machine.
         controller: the law to guard.
         margin: least normal force in units of the weight, where a voltage within the limit can
-            provide it.
+            provide it; at least 0, and less than 1.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: the margin is out of range, or the law is for another machine.
     """
 
     params: WheelParams
     controller: Controller
     margin: float = CONTACT_MARGIN
 
+    def __post_init__(self) -> None:
+        require_kind("params", self.params, WheelParams)
+        require_callable("controller", self.controller)
+        require_machine("controller", self.controller, self.params)
+        if not 0.0 <= real("margin", self.margin) < 1.0:
+            raise ValueError(
+                f"margin = {self.margin}: must be at least 0 and less than 1, the wheel's weight"
+            )
+
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
-        """Voltages for states; arguments, result and errors are those of a `Law`."""
+        """Voltages for states; arguments, result and errors are those of a `Law`.
+
+        Raises:
+            TypeError, ValueError: see `Law`; or the controller gives NaN or another shape.
+        """
         states, modes = states_and_modes(x, mode)
-        volts = np.asarray(self.controller(states, modes), dtype=np.float64)
+        volts = _volts(self.controller(states, modes), states)
         p, floor = self.params, self.margin * self.params.weight
         guarded: Floats = _guard(states, modes, volts, floor, p.voltage_limit, p.constants)
         return guarded if np.ndim(x) == 2 else guarded[0]
+
+
+def _volts(given: ArrayLike, states: Floats) -> Floats:
+    """What a controller gave for states, if it is one voltage for each."""
+    volts = real_array("the controller's voltages", given)
+    if volts.shape != (len(states),):
+        raise ValueError(
+            f"controller: gave voltages of shape {volts.shape} for states of shape "
+            f"{states.shape}; must have shape ({len(states)},)"
+        )
+    if np.isnan(volts).any():
+        raise ValueError(
+            f"controller: gave NaN for the state {states[np.isnan(volts)][0]}; must give volts"
+        )
+    return np.asarray(volts, dtype=np.float64)
 
 
 def margin_for(solution: Solution) -> float:

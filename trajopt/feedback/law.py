@@ -8,6 +8,7 @@ around it.
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -15,9 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import real_array
+from rimless_gym.checks import real_array, require_kind
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.params import WheelParams
+from rimless_gym.presets import machine_name
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -29,7 +31,7 @@ LARGEST = 1e6
 Controller: TypeAlias = Callable[[Floats, NDArray[np.int64]], Floats]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Law:
     """A law that holds a gait: a compiled function of the state, without memory.
 
@@ -38,11 +40,35 @@ class Law:
         volts: (x (4,), mode, data) -> V; a `rimless_gym.jit.inner` function.
         data: what it needs besides the state, a NamedTuple of arrays and numbers; `data.orbit` is
             the gait's `trajopt.feedback.orbit.Orbit`.
+        smooth: whether the voltage has a derivative by the state on the gait; one that is chosen
+            among several plans has none.
+
+    Raises:
+        TypeError: `volts` is not compiled, or `data` has no orbit.
     """
 
     params: WheelParams
     volts: Callable[[Any, Any, Any], Any]
     data: Any
+    smooth: bool = True
+
+    def __post_init__(self) -> None:
+        require_kind("params", self.params, WheelParams)
+        if not hasattr(self.volts, "dispatcher"):
+            raise TypeError(
+                f"volts = {reprlib.repr(self.volts)}: must be compiled; put @inner of "
+                "rimless_gym.jit above its def"
+            )
+        if not hasattr(self.data, "orbit"):
+            raise TypeError(
+                f"data = {reprlib.repr(self.data)}: has no field orbit; add one, with "
+                "trajopt.feedback.orbit.Grid.of(solution).orbit()"
+            )
+
+    def __repr__(self) -> str:
+        name = f"{self.volts.__module__}.{self.volts.__name__}"
+        nodes = len(self.data.orbit.states)
+        return f"Law({machine_name(self.params)}, {name}, orbit of {nodes} nodes)"
 
     @property
     def compiled(self) -> Any:

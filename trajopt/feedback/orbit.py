@@ -19,11 +19,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rimless_gym.checks import require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
+from trajopt.feedback.requirements import require_verified
 from trajopt.gaits.solution import Solution
 
 #: Nodes per control period: the polyline is then within 1e-4 standard deviations of the orbit.
@@ -94,8 +94,9 @@ class Grid:
 
         Raises:
             TypeError: `solution` is not a `trajopt.Solution`.
+            ValueError: it failed its verification.
         """
-        require_kind("solution", solution, Solution)
+        require_verified(solution)
         periods = max(FEWEST_PERIODS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         m = FINENESS * periods
         spacing = solution.duration / m

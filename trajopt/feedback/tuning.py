@@ -24,6 +24,7 @@ from rimless_gym.kernel.stepping import (
 from trajopt.feedback.clock import has_clock
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.orbit import Orbit, located
+from trajopt.feedback.requirements import require_machine
 from trajopt.gaits.solution import Solution
 
 #: Sizes of the disturbances, from the least to the most, in standard deviations of the gait's own
@@ -140,7 +141,11 @@ def score(law: Law, solution: Solution, trial: Trial) -> float:
     A wheel that falls counts less the later it falls, and one that walks on counts by its distance
     from the gait; one that ends in double stance counts as lost. From the gait itself, none may
     fall or stand, and they must get ahead.
+
+    Raises:
+        ValueError: the law is for another machine than the gait.
     """
+    require_machine("law", law, solution.params)
     disturbed = walked(law, trial.disturbed, LASTING)
     gone = np.isinf(disturbed.off)
     away = np.minimum(np.where(gone, 0.0, disturbed.off) / LOST, 1.0)

@@ -21,9 +21,12 @@ from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Grid
 from trajopt.gaits.solution import Solution
 
-#: Half the distance of the central differences, and the size of the deviations whose decay is
-#: measured, in standard deviations of the gait's own motion.
-DIFFERENCE, DEVIATION = 1e-5, 1e-3
+#: Half the distances of the central differences, in standard deviations of the gait's own motion.
+#: The median of three is right even if a touchdown falls between the two sides of one of them.
+DIFFERENCES = np.array([1e-4, 1e-5, 1e-6])
+
+#: Size of the deviations whose decay is measured, in the same unit.
+DEVIATION = 1e-3
 
 #: Below this size, rounding and the fixed point's own error may count.
 FLOOR = 1e-8
@@ -70,9 +73,12 @@ class Stride(NamedTuple):
         return x[:, :4]
 
     def jacobian(self, at: Floats) -> Floats:
-        """Of deviations in units of `scale`, (4, 4), by central differences."""
-        ends = self(at + DIFFERENCE * np.vstack([np.eye(4), -np.eye(4)]) * self.scale)
-        return np.asarray((ends[:4] - ends[4:]).T / self.scale[:, None] / (2 * DIFFERENCE))
+        """Of deviations in units of `scale`, (4, 4): the median of several central differences."""
+        sizes, sides = DIFFERENCES[:, None, None, None], np.array([1.0, -1.0])[:, None, None]
+        nudges = (sizes * sides * np.eye(4) * self.scale).reshape(-1, 4)
+        ends = self(at + nudges).reshape(len(DIFFERENCES), 2, 4, 4)
+        slopes = (ends[:, 0] - ends[:, 1]) / self.scale / (2 * sizes[:, 0])
+        return np.asarray(np.median(slopes, axis=0).T)
 
     def residual(self, at: Floats) -> Floats:
         """How far a state is moved, in units of `scale`."""

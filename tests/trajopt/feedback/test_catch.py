@@ -32,7 +32,7 @@ def law(held):
 
 @pytest.fixture(scope="module")
 def catch(law):
-    return Catch.to(P, law.data.orbit, NEAR, COUNTS)
+    return Catch.to(law, NEAR, COUNTS)
 
 
 def test_a_value_between_nodes_is_linear_in_every_coordinate_and_goes_round():
@@ -93,8 +93,9 @@ def test_it_is_a_function_of_the_state(catch):
     x = rng.uniform([c.a, -3, -2, -5], [c.b, 3, 2, 5], (20, 4))
     modes = np.arange(20) % 2
     together = catch(x, modes)
-    alone = [catch(x[i : i + 1], modes[i : i + 1])[0] for i in range(20)]
+    alone = [catch(x[i], modes[i]) for i in range(20)]
     assert np.array_equal(together, alone)
+    assert np.array_equal(catch(x), catch(x, np.full(20, SINGLE)))
     assert np.abs(together).max() <= P.voltage_limit
 
 
@@ -110,32 +111,64 @@ def test_its_voltage_does_not_jump_from_state_to_state(catch):
 def test_the_same_gait_is_planned_only_once(law, monkeypatch):
     plans = []
     monkeypatch.setattr(Catch, "to", lambda *args: plans.append(args) or object())
-    first = catch_for(P, law.data.orbit, 0.321)
-    assert catch_for(P, law.data.orbit, 0.321) is first
-    assert catch_for(P, law.data.orbit, 0.322) is not first
+    first = catch_for(law, 0.321)
+    assert catch_for(law, 0.321) is first
+    assert catch_for(law, 0.322) is not first
     assert len(plans) == 2
 
 
 def test_only_the_last_few_plans_are_kept(law, monkeypatch):
     plans = []
-    monkeypatch.setattr(Catch, "to", lambda *args: plans.append(args[2]) or object())
+    monkeypatch.setattr(Catch, "to", lambda *args: plans.append(args[1]) or object())
     monkeypatch.setattr(catching, "_KEPT", OrderedDict())
     distances = [0.2 + 0.01 * k for k in range(MOST_KEPT)]
     for near in (*distances, distances[0], 0.5):  # the first one is used again, so that it stays
-        catch_for(P, law.data.orbit, near)
+        catch_for(law, near)
     assert plans == [*distances, 0.5]
-    catch_for(P, law.data.orbit, distances[0])
+    catch_for(law, distances[0])
     assert len(plans) == MOST_KEPT + 1
-    catch_for(P, law.data.orbit, distances[1])
+    catch_for(law, distances[1])
     assert plans[-1] == distances[1]
 
 
 def test_a_grid_without_a_node_near_the_gait_is_refused(law):
     with pytest.raises(ValueError, match=r"near = 0.13, counts = \(3, 4, 3, 3\): .* raise"):
-        Catch.to(P, law.data.orbit, NEAR, (3, 4, 3, 3))
+        Catch.to(law, NEAR, (3, 4, 3, 3))
 
 
 def test_times_that_have_not_converged_are_refused(law, monkeypatch):
     monkeypatch.setattr(value_module, "SWEEPS", 1)
     with pytest.raises(RuntimeError, match=r"still change by .* s after 1 sweeps"):
-        Catch.to(P, law.data.orbit, 1.0, (3, 8, 5, 7))
+        Catch.to(law, 1.0, (3, 8, 5, 7))
+
+
+@pytest.mark.parametrize(
+    ("near", "counts", "message"),
+    [
+        (np.nan, COUNTS, "near = nan: must be finite"),
+        (-1.0, COUNTS, "near = -1.0: must be greater than 0"),
+        (NEAR, (9, 24, 17), r"counts = \(9, 24, 17\): must be four"),
+        (NEAR, (9, 24, 17, 1), "counts = 1: must be an integer of at least 2"),
+    ],
+)
+def test_a_plan_that_makes_no_sense_is_refused_at_once(near, counts, message, law):
+    with pytest.raises(ValueError, match=message):
+        Catch.to(law, near, counts)
+
+
+@pytest.mark.parametrize(
+    ("x", "mode", "message"),
+    [
+        (np.full((1, 4), np.nan), SINGLE, "x: has"),
+        (np.zeros((1, 3)), SINGLE, r"x: has shape \(1, 3\)"),
+        (np.zeros((1, 4)), 7, "mode = 7: must be"),
+    ],
+)
+def test_what_is_no_state_or_mode_is_refused_as_by_a_law(x, mode, message, catch, law):
+    for controller in (catch, law):
+        with pytest.raises(ValueError, match=message):
+            controller(x, mode)
+
+
+def test_its_repr_is_one_short_line(catch):
+    assert repr(catch) == "Catch(THESIS_PHYSICAL, 9 x 24 x 17 x 41 nodes)"

@@ -12,8 +12,11 @@ from rimless_gym.presets import preset
 from scripts.feedback_laws.columns.changes import on_the_gait
 from trajopt import Solution, periodic_gait
 from trajopt.feedback.closed_loop import multipliers
-from trajopt.feedback.laws import input_output, lqr, pid
+from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
 from trajopt.feedback.linearisation import linearisation_conditions
+from trajopt.feedback.orbit import FINENESS, Grid
+from trajopt.feedback.riccati import riccati
+from trajopt.feedback.transverse import transverse_dynamics
 from trajopt.feedback.zero_dynamics import zero_dynamics_multiplier
 
 pytestmark = pytest.mark.slow
@@ -44,6 +47,22 @@ def test_the_zero_dynamics_are_those_of_the_page(machine, speed, predicted, meas
 def test_the_servo_holds_every_gait_in_theory(machine, speed):
     solution = gait(machine, speed)
     assert multipliers(pid.design(solution), solution)[0] <= 0.815
+
+
+def test_the_scale_of_the_sliding_mode_asks_for_what_the_page_says():
+    solution = gait("THESIS_PHYSICAL", 0.57)
+    transverse = transverse_dynamics(Grid.of(solution))
+    later, now, _ = riccati(transverse, sliding_mode.EFFORT, sliding_mode.AHEAD)
+    per_volt = np.einsum("ji,ji->j", np.roll(now, -FINENESS, axis=0), transverse.B[:, :, 0])
+    share = 1.0 - sliding_mode.REACH / sliding_mode.LAYER
+    most = [
+        np.abs(transverse.per_deviation(share * each_now - each_later)[:, 0]).max()
+        for each_now, each_later in (
+            (now, later),
+            (now / np.roll(per_volt, FINENESS)[:, None], later / per_volt[:, None]),
+        )
+    ]
+    assert most == pytest.approx([900.0, 2700.0], rel=0.03)
 
 
 def walk_of_the_lqr(solution, ahead):

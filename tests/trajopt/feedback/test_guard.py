@@ -42,3 +42,30 @@ def test_the_guard_of_a_gait_that_hardly_presses_does_not_act_on_the_gait_itself
     assert margin_for(light_gait) == pytest.approx(0.03)
     monkeypatch.setattr(catch, "catch_for", lambda *args: lambda x, mode: 0 * x[:, 0])
     assert laws.design("lqr", light_gait).margin == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ("margin", "error", "message"),
+    [
+        (np.nan, ValueError, "margin = nan: must be finite"),
+        (1e9, ValueError, "margin = 1000000000.0: must be at least 0 and less than 1"),
+        ("a", TypeError, "margin = 'a': must be a real number"),
+    ],
+)
+def test_a_margin_that_makes_no_sense_is_refused(margin, error, message):
+    with pytest.raises(error, match=message):
+        Guarded(P, lambda x, mode: 0 * x[:, 0], margin)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (lambda x: np.where(x[:, 1] > 0.4, np.nan, 0.0), r"gave NaN for the state \[1.5 0.5"),
+        (lambda x: 0.0, r"voltages of shape \(\) .* must have shape \(2,\)"),
+        (lambda x: np.zeros(3), r"voltages of shape \(3,\) .* must have shape \(2,\)"),
+    ],
+)
+def test_a_controller_that_gives_no_voltages_is_named(given, message):
+    x = np.array([[1.5, 0.0, 0.0, 0.0], [1.5, 0.5, 0.0, 0.0]])
+    with pytest.raises(ValueError, match=message):
+        Guarded(P, lambda x, mode: given(x))(x)

@@ -25,7 +25,7 @@ def joined(held):
     asked = lqr.design(held)
 
     class Asked(Recording):
-        data = asked.data
+        params, data = asked.params, asked.data
 
     return Joined(Asked(1.0), Recording(2.0))
 
@@ -43,3 +43,16 @@ def test_the_law_is_asked_near_its_gait_and_the_catch_far_away_and_in_double_sta
 def test_one_state_gives_one_voltage_and_who_has_nothing_to_say_is_not_asked(joined, held):
     assert joined(held.state(0.3)) == 1.0
     assert joined.catch.states == []
+
+
+@pytest.mark.parametrize(
+    ("near", "error", "message"),
+    [
+        (np.nan, ValueError, "near = nan: must be finite"),
+        (-1.0, ValueError, "near = -1.0: must be greater than 0"),
+        ("a", TypeError, "near = 'a': must be a real number"),
+    ],
+)
+def test_a_distance_that_is_none_is_refused(near, error, message, joined):
+    with pytest.raises(error, match=message):
+        Joined(joined.law, joined.catch, near)

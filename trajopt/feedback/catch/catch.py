@@ -13,19 +13,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from rimless_gym.checks import integer, positive, require_kind
+from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE, hybrid_states
 from rimless_gym.params import WheelParams
+from rimless_gym.presets import machine_name
 from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.catch.value import NEVER, time_to_gait
-from trajopt.feedback.law import Floats
-from trajopt.feedback.orbit import Orbit, squared_distances
+from trajopt.feedback.law import Floats, Law, states_and_modes
+from trajopt.feedback.orbit import squared_distances
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
 COUNTS = (13, 36, 25, 61)
@@ -44,7 +47,7 @@ FALL = 2 * NEVER
 REACH = 1.3
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Catch:
     """The voltage after which about the least time to a gait remains.
 
@@ -61,22 +64,23 @@ class Catch:
     times: Values
 
     @classmethod
-    def to(
-        cls, params: WheelParams, orbit: Orbit, near: float, counts: tuple[int, ...] | None = None
-    ) -> Catch:
-        """The catch that leads to a gait; it takes some seconds to a minute of computing.
+    def to(cls, law: Law, near: float, counts: Sequence[int] | None = None) -> Catch:
+        """The catch that leads to a law's gait; it takes some seconds to a minute of computing.
 
         Args:
-            params: the machine.
-            orbit: the gait's.
-            near: distance from the orbit at which a law takes over.
-            counts: of the grid's nodes, default `COUNTS`.
+            law: that takes over near its gait.
+            near: distance from the gait at which it does; > 0.
+            counts: of the grid's nodes, four of at least 2, default `COUNTS`.
 
         Raises:
-            ValueError: none of the grid's nodes is near the gait.
+            TypeError: an argument is of the wrong type.
+            ValueError: a number is out of range, or none of the grid's nodes is near the gait.
             RuntimeError: the times do not converge.
         """
-        rates, counts = REACH * np.abs(orbit.states[:, 2:]).max(axis=0), counts or COUNTS
+        require_kind("law", law, Law)
+        near, counts = positive("near", near), _four(COUNTS if counts is None else counts)
+        params, orbit = law.params, law.data.orbit
+        rates = REACH * np.abs(orbit.states[:, 2:]).max(axis=0)
         grid, options = StateGrid.over(params, rates, counts), Options.of(params)
         there = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), orbit) < near**2
         if not there.any():
@@ -86,31 +90,44 @@ class Catch:
             )
         return cls(params, options, grid, time_to_gait(params, grid, options, there))
 
-    def __call__(self, x: Floats, mode: NDArray[np.int64]) -> Floats:
-        """Voltages (N,) for states (N, 4) and stance modes (N,)."""
-        states, m = hybrid_states(x, mode), len(self.options.voltages)
-        volts = np.tile(self.options.voltages, len(x))
+    def __repr__(self) -> str:
+        nodes = " x ".join(map(str, self.grid.counts))
+        return f"Catch({machine_name(self.params)}, {nodes} nodes)"
+
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states; arguments, result and errors are those of a `Law`."""
+        smooth, modes = states_and_modes(x, mode)
+        states, m = hybrid_states(smooth, modes), len(self.options.voltages)
+        volts = np.tile(self.options.voltages, len(states))
         after = played(self.params, self.options, np.repeat(states, m, axis=0), volts)
         remaining = _remaining(after.states, after.cost, self.times, self.grid)
-        longer = remaining.reshape(len(x), m)
+        longer = remaining.reshape(len(states), m)
         longer -= longer.min(axis=1, keepdims=True)
         weights = np.exp(-longer / SOFTNESS)
         mean = (weights * self.options.voltages).sum(axis=1) / weights.sum(axis=1)
-        return np.asarray(mean)
+        return np.asarray(mean if np.ndim(x) == 2 else mean[0])
+
+
+def _four(counts: Sequence[int]) -> tuple[int, ...]:
+    """Four numbers of nodes."""
+    if len(counts) != len(COUNTS):
+        raise ValueError(f"counts = {counts}: must be four, one for each coordinate")
+    return tuple(integer("counts", count, least=2) for count in counts)
 
 
 _KEPT: OrderedDict[Hashable, Catch] = OrderedDict()
 
 
-def catch_for(params: WheelParams, orbit: Orbit, near: float) -> Catch:
-    """The catch that leads to a gait; of the last `MOST_KEPT` gaits it is planned only once.
+def catch_for(law: Law, near: float) -> Catch:
+    """The catch that leads to a law's gait; of the last `MOST_KEPT` gaits it is planned only once.
 
     Raises:
-        ValueError, RuntimeError: see `Catch.to`.
+        TypeError, ValueError, RuntimeError: see `Catch.to`.
     """
-    key = params, near, COUNTS, orbit.states.tobytes()
+    require_kind("law", law, Law)
+    key = law.params, near, COUNTS, law.data.orbit.states.tobytes()
     if key not in _KEPT:
-        _KEPT[key] = Catch.to(params, orbit, near)
+        _KEPT[key] = Catch.to(law, near)
     _KEPT.move_to_end(key)
     while len(_KEPT) > MOST_KEPT:
         _KEPT.popitem(last=False)

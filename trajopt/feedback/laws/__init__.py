@@ -1,13 +1,16 @@
 """The feedback laws that hold a gait, one per file, named after it: each has `design(solution)`.
 
 A new law is one new file in this folder. `design(name, solution)` here puts the catch and the guard
-around it, so that it starts from anywhere; the comparison of laws and policies takes it up.
+around it, so that it starts from rest and finds its gait after a push; the comparison of laws and
+policies takes it up. A law that is not in the folder may be given in place of a name.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
+import reprlib
+import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -20,36 +23,83 @@ def names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def holding(name: str, solution: Solution) -> Law:
+def holding(law: str | Law, solution: Solution) -> Law:
     """The law of this name about a gait, by itself: it holds the gait and does not look for it.
 
+    A law that does not hold it is warned of, where its multipliers say so
+    (`trajopt.feedback.closed_loop`).
+
+    Args:
+        law: its name, or a law that was designed for this gait, which is returned.
+        solution: the gait.
+
     Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: there is no such law, or the gait failed its verification.
+        TypeError: an argument is of the wrong type.
+        ValueError: there is no such law, its file is not that of a law, it is for another machine,
+            or the gait failed its verification.
     """
-    from trajopt.feedback.requirements import require_verified
+    from trajopt.feedback.law import Law
+    from trajopt.feedback.requirements import require_machine, require_verified
 
-    if name not in names():
-        raise ValueError(f"law = {name!r}: choose from {names()}")
+    if not isinstance(law, str | Law):
+        raise TypeError(
+            f"law = {reprlib.repr(law)}: must be one of {names()}, or a trajopt.feedback.law.Law"
+        )
     require_verified(solution)
-    law: Law = importlib.import_module(f"{__name__}.{name}").design(solution)
-    return law
+    found = _designed(law, solution) if isinstance(law, str) else law
+    require_machine("law", found, solution.params)
+    _warn_of_growth(found, solution)
+    return found
 
 
-def design(name: str, solution: Solution) -> Controller:
+def design(law: str | Law, solution: Solution) -> Controller:
     """The law of this name for a gait, with the catch that leads to it and a guard for the foot.
 
     The catch is planned once for a gait, which takes up to half a minute, and kept in memory: other
     laws for the same gait share it.
 
+    Args:
+        law: see `holding`.
+        solution: the gait.
+
     Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: there is no such law, or the gait failed its verification.
+        TypeError, ValueError: see `holding`.
     """
     from trajopt.feedback.catch.catch import catch_for
     from trajopt.feedback.guard import Guarded, margin_for
     from trajopt.feedback.joined import NEAR, Joined
 
-    law = holding(name, solution)
-    catch = catch_for(law.params, law.data.orbit, NEAR)
-    return Guarded(law.params, Joined(law, catch), margin_for(solution))
+    found = holding(law, solution)
+    return Guarded(found.params, Joined(found, catch_for(found, NEAR)), margin_for(solution))
+
+
+def _designed(name: str, solution: Solution) -> Law:
+    """What the file of this name designs."""
+    from trajopt.feedback.law import Law
+
+    if name not in names():
+        raise ValueError(f"law = {name!r}: choose from {names()}")
+    module = importlib.import_module(f"{__name__}.{name}")
+    if not callable(getattr(module, "design", None)):
+        raise ValueError(
+            f"{module.__file__}: has no function design(solution), so that it is no law; write "
+            "one, or move the file out of this folder"
+        )
+    law = module.design(solution)
+    if not isinstance(law, Law):
+        raise ValueError(
+            f"{module.__file__}: design returned {reprlib.repr(law)}; must return a "
+            "trajopt.feedback.law.Law"
+        )
+    return law
+
+
+def _warn_of_growth(law: Law, solution: Solution) -> None:
+    from trajopt.feedback.closed_loop import multipliers
+
+    if law.smooth and (largest := multipliers(law, solution)[0]) > 1.0:
+        warnings.warn(
+            f"{law}: does not hold its gait by itself: a small deviation grows {largest:.3g}-fold "
+            "in a stride; take another law or other gains",
+            stacklevel=3,
+        )

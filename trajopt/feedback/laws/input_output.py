@@ -57,7 +57,8 @@ def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a gain is out of range, or the gait has no virtual constraint.
+        ValueError: a gain is out of range, or the gait failed its verification or has no virtual
+            constraint.
     """
     kp, kd = positive("kp", kp), positive("kd", kd)
     for name, value, limit in (("kd", kd, 2 / CONTROL_PERIOD), ("kp", kp, 2 * kd / CONTROL_PERIOD)):

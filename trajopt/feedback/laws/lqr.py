@@ -76,7 +76,7 @@ def design(
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a number is not finite and positive.
+        ValueError: a number is not finite and positive, or the gait failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
     grid = Grid.of(solution)

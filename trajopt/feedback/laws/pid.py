@@ -57,8 +57,8 @@ def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a gain is out of range, or the gait has no virtual constraint, or none that a
-            servo of the motor's angle holds.
+        ValueError: a gain is out of range, or the gait failed its verification, or has no virtual
+            constraint that a servo of the motor's angle holds.
     """
     constraint, constants = constraint_of(solution), solution.params.constants
     _require_servo(constraint, solution.params.motor_mount)

@@ -98,7 +98,7 @@ def design(
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a number is out of its range.
+        ValueError: a number is out of its range, or the gait failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
     start = lqr.design(solution, ahead=ahead)
@@ -118,7 +118,7 @@ def design(
         horizon=integer("horizon", horizon, least=1),
         iterations=integer("iterations", iterations, least=0),
     )
-    return Law(solution.params, volts, data)
+    return Law(solution.params, volts, data, smooth=False)
 
 
 def price_about(

@@ -91,7 +91,7 @@ def design(
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a number is out of range.
+        ValueError: a number is out of range, or the gait failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
     grid, limit = Grid.of(solution), solution.params.voltage_limit

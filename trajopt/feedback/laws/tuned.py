@@ -94,7 +94,7 @@ def design(
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: a number is out of its range.
+        ValueError: a number is out of its range, or the gait failed its verification.
     """
     harmonics = integer("harmonics", harmonics, 0)
     generations = integer("generations", generations, 0)
