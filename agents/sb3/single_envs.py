@@ -75,6 +75,8 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
             )
         if isinstance(wrapper, TimeLimit):
             limits.append(wrapper._max_episode_steps)
+    if single.max_episode_steps is not None:
+        limits.append(single.max_episode_steps)
     if single.render_mode not in (None, "rgb_array"):
         raise ValueError(
             f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
@@ -86,6 +88,8 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "task": single.task,
         "ranges": fleet["ranges"],
         "disturbances": fleet["disturbances"],
+        "control_period": single.control.period,
+        "actions": single.control.actions,
         "max_episode_steps": min(limits, default=None),
         "render_mode": single.render_mode,
     }

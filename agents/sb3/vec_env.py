@@ -121,7 +121,7 @@ class Sb3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Hold the voltages for 10 ms; rows that ended have begun their next episode.
+        """Hold the actions for a control period; rows that ended have begun their next episode.
 
         Raises:
             ValueError: an action is NaN, or their shape is not (N, 1).

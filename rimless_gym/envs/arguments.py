@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
 from rimless_gym.envs.orders import NO_LIMIT
@@ -72,6 +73,7 @@ def fleet_of(
     task: Task,
     ranges: Ranges | Mapping[str, Any] | None,
     disturbances: Disturbances | Mapping[str, Any] | None,
+    control: Control,
     num_threads: int = 1,
     limit: int = NO_LIMIT,
 ) -> Fleet:
@@ -83,4 +85,5 @@ def fleet_of(
     """
     drawn = as_ranges(ranges)
     require_valid(drawn, params)
-    return Fleet(params, task, drawn, as_disturbances(disturbances), num_threads, limit)
+    disturbed = as_disturbances(disturbances)
+    return Fleet(params, task, drawn, disturbed, control, num_threads, limit)

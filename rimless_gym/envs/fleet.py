@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, Prices, columns
 from rimless_gym.envs.machines import NUMBERS, draw_machines, numbers_of, set_terms
@@ -24,7 +25,7 @@ from rimless_gym.envs.perturbation import disturb_rows, observe_noisily
 from rimless_gym.envs.snapshots import ARRAYS
 from rimless_gym.envs.starts import NO_START, start_rows
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD, Failure
+from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
@@ -40,6 +41,7 @@ class Fleet:
         task: what is paid for.
         ranges: the parameters of each machine that are drawn when an episode begins.
         disturbances: what disturbs every episode.
+        control: how long an action is held, and what it commands.
         num_threads: threads that share a step.
         limit: greatest number of intervals in an episode.
 
@@ -56,11 +58,12 @@ class Fleet:
         task: Task,
         ranges: Ranges,
         disturbances: Disturbances,
+        control: Control = USUAL,
         num_threads: int = 1,
         limit: int = NO_LIMIT,
     ) -> None:
         n = len(params)
-        self.num_threads, self.limit = num_threads, limit
+        self.control, self.num_threads, self.limit = control, num_threads, limit
         self.task = task
         self.memory = np.zeros((len(MEMORY), columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
@@ -115,7 +118,7 @@ class Fleet:
     def set_disturbances(self, disturbances: Disturbances) -> None:
         """Set the disturbances of all rows; every row must then begin a new episode."""
         self.disturbances = disturbances
-        self._settings = disturbances.settings(CONTROL_PERIOD)
+        self._settings = disturbances.settings(self.control.period)
         self._rough = disturbances != Disturbances()
         self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
 
@@ -184,7 +187,7 @@ class Fleet:
         cuts = [n * k // parts for k in range(parts + 1)]
         arrays = self.memory, self.constants, self.poles
         return [
-            orders_for(*arrays, self._works[k], self.limit, (cuts[k], cuts[k + 1]))
+            orders_for(*(*arrays, self._works[k], self.limit, self.control, (cuts[k], cuts[k + 1])))
             for k in range(parts)
         ]
 
@@ -233,6 +236,7 @@ class Fleet:
             "ranges": self.ranges,
             "disturbances": self.disturbances,
             "task": self.task,
+            "control": self.control,
         }
 
     def set_state(self, state: dict[str, Any]) -> None:

@@ -51,7 +51,7 @@ def errors(noise, streams, i):
 @inner
 def machine_at(constants, i):
     """The constants of row i, whether it has its own machine or all rows share one."""
-    return constants_of(constants, i if constants.shape[1] > 1 else 0)
+    return constants_of(constants, i if constants.shape[1] > 1 else i - i)  # 0 of i's own type
 
 
 @inner

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.constants import N_CONSTANTS
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, columns
 from rimless_gym.envs.machines import NUMBERS
@@ -18,17 +19,26 @@ from rimless_gym.params import WheelParams
 #: The arrays that a fleet's snapshot copies; its other parts are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")
 
-_SETTINGS = {"params": list, "ranges": Ranges, "disturbances": Disturbances, "task": Task}
+_SETTINGS = {
+    "params": list,
+    "ranges": Ranges,
+    "disturbances": Disturbances,
+    "task": Task,
+    "control": Control,
+}
 _FLOAT, _BITS, _BOOL = np.dtype(np.float64), np.dtype(np.uint64), np.dtype(np.bool_)
 _SEEN = np.dtype(np.float32)
 
 
-def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, owner: str) -> None:
-    """Refuse a state that `get_state` of an `owner` with n rows and this task cannot have returned.
+def require_snapshot(
+    state: Any, parts: Collection[str], n: int, task: Task, control: Control, owner: str
+) -> None:
+    """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
 
     Raises:
         TypeError: it, or a part of it, has the wrong type.
-        ValueError: its parts, number of rows or task differ, or a number in it is not finite.
+        ValueError: its parts, number of rows n, task or control differ, or a number in it is not
+            finite.
     """
     remedy = f"give what get_state() of a {owner} returned"
     _require_parts("state", state, parts, remedy)
@@ -42,6 +52,8 @@ def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, own
     rows = len(fleet["params"])
     if rows != n or fleet["task"] != task:
         raise ValueError(f"the state is of {rows} rows and {fleet['task']}, not of {n} and {task}")
+    if fleet["control"] != control:
+        raise ValueError(f"the state is of {fleet['control']}, not of {control}")
     if not isinstance(generators, list) or len(generators) != n:
         raise ValueError(f"state: generators = {generators!r}: must be a list of {n}; {remedy}")
     _require_arrays(fleet | state, n, remedy)

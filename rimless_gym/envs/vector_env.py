@@ -20,6 +20,7 @@ from rimless_gym.envs.arguments import (
     machines_of,
     require_render_mode,
 )
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.generators import Generators, Seeds
@@ -29,10 +30,12 @@ from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, columns
 from rimless_gym.envs.layout import marks as marks_of
 from rimless_gym.envs.observation import OBSERVATION_SIZE
 from rimless_gym.envs.orders import NO_LIMIT
+from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
@@ -45,6 +48,7 @@ _PARTS = ("fleet", "generators", "seen")  # of a snapshot
 _NO_STATES = np.empty((0, MODE + 1))
 
 
+@completed
 class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """Many actuated rimless wheels, stepped together by one compiled call.
 
@@ -90,12 +94,14 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `params`: the machine of all rows, or a list of one per row; each as in the single
       environment.
     - `task`: as in the single environment.
-    - `max_episode_steps`: default 2000 (20 s); None for no limit.
+    - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives {steps}
+      if you give nothing, which with a `control_period` longer than {period} s stands for 20 s.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
     - `num_threads`: threads that share a step; more than one pays from a few thousand rows on.
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
       `RecordVideo` and `HumanRendering` take them.
     - `ranges`, `disturbances`: as in the single environment; each row draws its own.
+    - `control_period`, `actions`: as in the single environment.
 
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
@@ -113,6 +119,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    default_period = RimlessWheelEnv.default_period
     closed = True  # until it is made: Gymnasium 1.2 closes an environment when it is deleted
 
     def __init__(
@@ -127,16 +134,23 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
         render_mode: str | None = None,
+        control_period: float = CONTROL_PERIOD,
+        actions: str = "voltage",
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
         num_threads = integer("num_threads", num_threads, 1)
+        control = self.control = Control(control_period, actions)
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
+        usual = Control(self.default_period)
+        if max_episode_steps == usual.episode_steps and control.period > usual.period:
+            max_episode_steps = control.episode_steps
         self.task = as_task(task)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.metadata["render_fps"] = round(1 / control.period)
         self.max_episode_steps = max_episode_steps
         single = RimlessWheelEnv(task=self.task)
         self.single_action_space = single.action_space
@@ -145,7 +159,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = machines_of(params, num_envs)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
-        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
+        self._fleet = fleet_of(
+            machines, self.task, ranges, disturbances, control, num_threads, limit
+        )
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)
         self.closed = False
@@ -208,7 +224,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
-        """Hold a voltage in every row for 10 ms; the class docstring describes what is returned.
+        """Hold the actions for a control period; the class docstring describes what is returned.
 
         Raises:
             TypeError: the actions are not real numbers.
@@ -262,7 +278,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment with as many rows and the same task.
+        It can be pickled, and restored in another environment with as many rows, and the same
+        task, control period and kind of action.
         """
         return {
             "fleet": self._fleet.get_state(),
@@ -277,9 +294,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         Raises:
             TypeError: it is not a snapshot.
-            ValueError: it is from a single environment, or its number of rows or task differs.
+            ValueError: it is from a single environment, or its number of rows, task, control
+                period or kind of action differs.
         """
-        require_snapshot(state, _PARTS, self.num_envs, self.task, "RimlessWheelVectorEnv")
+        mine = self.num_envs, self.task, self.control
+        require_snapshot(state, _PARTS, *mine, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])
         self._fleet.set_state(state["fleet"])
         self._seen[:] = state["seen"]
