@@ -14,6 +14,7 @@ from rimless_gym.presets import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, THESIS_PHY
 if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
     from rimless_gym.envs.env import RimlessWheelEnv
+    from rimless_gym.envs.start_shares import Starts
     from rimless_gym.envs.task import Task
     from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
     from rimless_gym.hybrid import Failure
@@ -34,6 +35,7 @@ __all__ = [
     "RimlessWheelEnv",
     "RimlessWheelVectorEnv",
     "SensorNoise",
+    "Starts",
     "Task",
     "Trajectory",
     "WheelParams",
@@ -52,6 +54,7 @@ _MODULES = {
     "RimlessWheelEnv": "envs.env",
     "RimlessWheelVectorEnv": "envs.vector_env",
     "SensorNoise": "envs.disturbances",
+    "Starts": "envs.start_shares",
     "Task": "envs.task",
     "Trajectory": "trajectory",
     "simulate": "reference",

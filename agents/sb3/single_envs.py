@@ -88,6 +88,7 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "task": single.task,
         "ranges": fleet["ranges"],
         "disturbances": fleet["disturbances"],
+        "starts": fleet["starts"],
         "control_period": single.control.period,
         "actions": single.control.actions,
         "max_episode_steps": min(limits, default=None),

@@ -26,6 +26,7 @@ _NATIVE_NAMES = {
     "action_space": "single_action_space",
     "observation_space": "single_observation_space",
     "state": "states",
+    "task": "tasks",
 }
 
 #: Methods of Monitor that report finished episodes.

@@ -32,6 +32,7 @@ from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
+from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -90,16 +91,25 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     in its measured window does not count (`rimless_gym.rules`).
 
     ## Starting State
-    One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
-    1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
-    and theta' in [-3, 3] rad/s, drawn uniformly and kept if the foot presses on the ground.
+    There are three kinds of start, each drawn uniformly from its ranges, and kept if the feet press
+    on the ground:
+
+    - `rest`: on two feet, theta within 0.5 rad of hanging and theta' within 1 rad/s;
+    - `moving`: in single stance, phi in [a, b], theta in [-pi, pi], phi' in [0, 2] and theta' in
+      [-3, 3] rad/s;
+    - `whirling`: the same with 6 to 16 rad/s of theta', in either sense. Here it is enough that
+      some voltage within the limit presses the foot on the ground.
+
+    The shares of the three are the argument `starts`, by default 1/4, 3/4 and 0.
     `reset(options=...)` takes
 
     - `state`: phi, theta (within 1e5 rad), phi', theta'; and with it `mode`: "single_stance" (the
       default) or "double_stance", in which phi = a. `mode` "double_stance" without a `state` is a
       wheel at rest with the pendulum hanging.
-    - `params`, `ranges` and `disturbances`, as below. They hold until new ones are given; `{}` or
-      None switches ranges or disturbances off.
+    - `params`, `starts`, `ranges` and `disturbances`, as below. They hold until new ones are given;
+      `{}` or None switches ranges or disturbances off.
+    - `task`: a `rimless_gym.Task`, or a dictionary of the fields to change; it holds until another
+      one is given.
 
     A state is accepted if some voltage within the limit presses the feet on the ground. In any
     other state, contact would be lost at once.
@@ -130,6 +140,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
       `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
+    - `starts`: a `rimless_gym.Starts(rest, moving, whirling)`, shares that count by their size to
+      each other, or a dictionary of its fields.
     - `control_period`: the length of a step (s), a whole multiple of 10 ms up to 100 ms. The
       voltage is held for all of it, so that two steps of 10 ms at one voltage are one of 20 ms.
       Rewards and `info` are of a step, whatever its length.
@@ -192,11 +204,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         disturbances: Disturbances | Mapping[str, Any] | None = None,
         control_period: float = CONTROL_PERIOD,
         actions: str = "voltage",
+        starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
         self.control = Control(control_period, actions)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.control.period)}
-        self.task = as_task(task)
         self.render_mode = render_mode
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
@@ -204,7 +216,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         longer = self.control.period > Control(self.default_period).period
         self.max_episode_steps = self.control.episode_steps if longer else None
         limit = self.max_episode_steps or NO_LIMIT
-        self._fleet = fleet_of(machines, self.task, ranges, disturbances, self.control, limit=limit)
+        self._fleet = fleet_of(
+            machines, as_task(task), ranges, disturbances, self.control, starts, limit=limit
+        )
         self._block = np.zeros((len(BLOCK), 1))
         self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
         self._ended = True
@@ -218,6 +232,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def params(self) -> WheelParams:
         """The machine, as drawn if there are ranges."""
         return self._fleet.machine(0)
+
+    @property
+    def task(self) -> Task:
+        """What is paid for."""
+        return self._fleet.tasks[0]
 
     @cached_property
     def model(self) -> HybridModel:
@@ -344,8 +363,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment with the same task, control period
-        and kind of action. A `TimeLimit` wrapper keeps its own count of steps.
+        It can be pickled, and restored in another environment with the same control period and
+        kind of action. A `TimeLimit` wrapper keeps its own count of steps.
         """
         self._fleet.ended[0] = self._ended
         generator = self.np_random.bit_generator.state
@@ -358,10 +377,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Raises:
             TypeError: it is not a snapshot.
-            ValueError: it is from a vector environment, or has another task, control period or
-                kind of action.
+            ValueError: it is from a vector environment, or has another control period or kind of
+                action.
         """
-        require_snapshot(state, _PARTS, 1, self.task, self.control, "RimlessWheelEnv")
+        require_snapshot(state, _PARTS, 1, self.control, "RimlessWheelEnv")
         restore([self.np_random], state["generators"])
         self._fleet.set_state(state["fleet"])
         self._ended = bool(self._fleet.ended[0])

@@ -65,6 +65,9 @@ Memory = record(
 )
 MEMORY = places(Memory)
 
+#: The rows of the prices in a memory.
+PRICES = slice(MEMORY.value_of_distance, MEMORY.value_of_distance + len(Prices._fields))
+
 #: The results of an interval: the kernel's rows, the energies that the environment adds, the
 #: rewards, and a last row whose bytes are laid out by `MARK`.
 Block = record("Block", [*Row._fields, "idle", "push", *TERM_NAMES, "reward", "marks"], __name__)
@@ -121,9 +124,8 @@ def writer(kind: type[Any], first: int) -> Any:
 
 constants_of = reader(Constants, 0)  # of (N_CONSTANTS, N)
 machine_of = reader(Machine, getattr(MEMORY, Machine._fields[0]))
-prices_of = reader(Prices, getattr(MEMORY, Prices._fields[0]))
+prices_of = reader(Prices, PRICES.start)
 set_machine = writer(Machine, getattr(MEMORY, Machine._fields[0]))
-set_prices = writer(Prices, getattr(MEMORY, Prices._fields[0]))
 
 
 @inner

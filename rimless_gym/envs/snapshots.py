@@ -13,6 +13,7 @@ from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, columns
 from rimless_gym.envs.machines import NUMBERS
 from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 
@@ -23,7 +24,8 @@ _SETTINGS = {
     "params": list,
     "ranges": Ranges,
     "disturbances": Disturbances,
-    "task": Task,
+    "tasks": list,
+    "starts": Starts,
     "control": Control,
 }
 _FLOAT, _BITS, _BOOL = np.dtype(np.float64), np.dtype(np.uint64), np.dtype(np.bool_)
@@ -31,14 +33,13 @@ _SEEN = np.dtype(np.float32)
 
 
 def require_snapshot(
-    state: Any, parts: Collection[str], n: int, task: Task, control: Control, owner: str
+    state: Any, parts: Collection[str], n: int, control: Control, owner: str
 ) -> None:
     """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
 
     Raises:
         TypeError: it, or a part of it, has the wrong type.
-        ValueError: its parts, number of rows n, task or control differ, or a number in it is not
-            finite.
+        ValueError: its parts, number of rows n or control differ, or a number in it is not finite.
     """
     remedy = f"give what get_state() of a {owner} returned"
     _require_parts("state", state, parts, remedy)
@@ -47,11 +48,12 @@ def require_snapshot(
     for name, kind in _SETTINGS.items():
         if not isinstance(fleet[name], kind):
             raise TypeError(f"state: {name} = {fleet[name]!r}: must be a {kind.__name__}; {remedy}")
-    if not all(isinstance(machine, WheelParams) for machine in fleet["params"]):
-        raise TypeError(f"state: params = {fleet['params']}: must be WheelParams; {remedy}")
-    rows = len(fleet["params"])
-    if rows != n or fleet["task"] != task:
-        raise ValueError(f"the state is of {rows} rows and {fleet['task']}, not of {n} and {task}")
+    for name, kind in (("params", WheelParams), ("tasks", Task)):
+        each = fleet[name]
+        if not all(isinstance(one, kind) for one in each):
+            raise TypeError(f"state: {name} = {each}: must be {kind.__name__}s; {remedy}")
+        if len(each) != n:
+            raise ValueError(f"the state is of {len(each)} rows ({name}), not of {n}; {remedy}")
     if fleet["control"] != control:
         raise ValueError(f"the state is of {fleet['control']}, not of {control}")
     if not isinstance(generators, list) or len(generators) != n:

@@ -45,6 +45,9 @@ class Task:
             object.__setattr__(self, name, not_negative(name, value))
 
 
+#: The default prices.
+USUAL_TASK = Task()
+
 # The terms. Each takes an interval (`layout.Interval`), what the task knows about the machine
 # (`layout.Machine`) and the `Task`, of numbers or arrays. numba compiles these same lines.
 

@@ -33,6 +33,7 @@ from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
+from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -71,8 +72,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     `reset(seed=...)` takes a number (row i gets seed + i), a list or array with a number or None
     per row, or None.
     `reset(options=...)` takes the single environment's options, each for all rows or as a list
-    with one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and
-    only their seeds and options count.
+    with one per row (`starts`, `ranges` and `disturbances` for all rows only), and `reset_mask`, a
+    bool array (num_envs,): only these rows are reset, and only their seeds and options count.
 
     ## Episode End
     Terminates like the single environment; truncates after `max_episode_steps`. What follows
@@ -101,7 +102,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
       `RecordVideo` and `HumanRendering` take them.
     - `ranges`, `disturbances`: as in the single environment; each row draws its own.
-    - `control_period`, `actions`: as in the single environment.
+    - `control_period`, `actions`, `starts`: as in the single environment.
 
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
@@ -136,6 +137,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         render_mode: str | None = None,
         control_period: float = CONTROL_PERIOD,
         actions: str = "voltage",
+        starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
@@ -146,13 +148,12 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         usual = Control(self.default_period)
         if max_episode_steps == usual.episode_steps and control.period > usual.period:
             max_episode_steps = control.episode_steps
-        self.task = as_task(task)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.metadata["render_fps"] = round(1 / control.period)
         self.max_episode_steps = max_episode_steps
-        single = RimlessWheelEnv(task=self.task)
+        single = RimlessWheelEnv()
         self.single_action_space = single.action_space
         self.single_observation_space = single.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -160,7 +161,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         machines = machines_of(params, num_envs)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
         self._fleet = fleet_of(
-            machines, self.task, ranges, disturbances, control, num_threads, limit
+            machines, as_task(task), ranges, disturbances, control, starts, num_threads, limit
         )
         self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
         self._generators = Generators(num_envs)
@@ -172,6 +173,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def params(self) -> tuple[WheelParams, ...]:
         """The machine of each row, as drawn if there are ranges."""
         return tuple(self._fleet.machine(i) for i in range(self.num_envs))
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """What is paid for in each row."""
+        return tuple(self._fleet.tasks)
 
     @property
     def states(self) -> Floats:
@@ -279,7 +285,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
         It can be pickled, and restored in another environment with as many rows, and the same
-        task, control period and kind of action.
+        control period and kind of action.
         """
         return {
             "fleet": self._fleet.get_state(),
@@ -294,11 +300,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         Raises:
             TypeError: it is not a snapshot.
-            ValueError: it is from a single environment, or its number of rows, task, control
+            ValueError: it is from a single environment, or its number of rows, control
                 period or kind of action differs.
         """
-        mine = self.num_envs, self.task, self.control
-        require_snapshot(state, _PARTS, *mine, "RimlessWheelVectorEnv")
+        require_snapshot(state, _PARTS, self.num_envs, self.control, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])
         self._fleet.set_state(state["fleet"])
         self._seen[:] = state["seen"]

@@ -65,6 +65,7 @@ def test_randomised_and_disturbed_rows_equal_single_environments():
         ),
         "control_period": 0.02,
         "actions": "current",
+        "starts": {"whirling": 1.0},
     }
     handed_on = {"params", "task", "render_mode", *settings}
     assert set(signature(RimlessWheelEnv).parameters) == handed_on
