@@ -77,8 +77,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
     In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
-    early end. The prices are fields of `task`. The terms are in `info`; summed in this order they
-    give the reward exactly.
+    early end. A `target_speed` limits the travel dx that is paid. The prices are fields of `task`.
+    The terms are in `info`; summed in this order they give the reward exactly.
 
     {terms}
 
@@ -159,7 +159,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `{balance}`;
       and outside the balance `electrical_positive`, `shaft` and `idle`.
       `rimless_gym.energy.CHANNELS` describes each;
-    - `elapsed`: the step's duration (s), and `distance`: the hub's travel (m);
+    - `elapsed`: the step's duration (s), `distance`: the hub's travel (m), and `paid`: the travel
+      that is paid (m), which differs only where the task has a `target_speed`;
     - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: the time of the
       last one since the step began (s), or -1;
     - `force_x` and `force_y`: the ground reaction at the step's end (N); `min_normal_force`,

@@ -24,13 +24,13 @@ from rimless_gym.envs.layout import (
 )
 from rimless_gym.envs.observation import NO_ERRORS, observe_row
 from rimless_gym.envs.perturbation import machine_at
-from rimless_gym.envs.task import TERM_NAMES, TERMS
+from rimless_gym.envs.task import TERM_NAMES, TERMS, settled
 from rimless_gym.hybrid import motor_current, motor_voltage, relative_rate
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import advance_batch
 from rimless_gym.rules import exceeds
 
-_marks = inner(marks)
+_marks, _settled = inner(marks), inner(settled)
 
 
 class Course(NamedTuple):
@@ -76,6 +76,16 @@ def _account(block, memory, first, last):
         block[BLOCK.mechanical_change, i] += memory[MEMORY.push_work, i]
         block[BLOCK.steps, i] += memory[MEMORY.push_shift, i]
         block[BLOCK.reward, i] = 0.0
+
+
+@inner
+def _settle(block, memory, first, last):
+    """Pay for travel as far as the credit goes, and let the credit grow."""
+    for i in range(first, last):
+        block[BLOCK.paid, i], memory[MEMORY.credit, i] = _settled(
+            *(block[BLOCK.distance, i], block[BLOCK.elapsed, i], memory[MEMORY.credit, i]),
+            *(memory[MEMORY.credit_limit, i], memory[MEMORY.target_speed, i]),
+        )
 
 
 def _paying(name: str, term: Callable[..., Any]) -> Callable[..., None]:
@@ -147,6 +157,7 @@ def step(memory, constants, poles, course, begin, end, block, observations, work
         *(course.period, 0.0, block, work),
     )
     _account(block, memory, first, last)
+    _settle(block, memory, first, last)
     _pay(block, memory, first, last)
     unusual = _mark(block, memory, course.limit, first, last)
     for i in range(first, last):

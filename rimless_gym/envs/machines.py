@@ -12,6 +12,7 @@ from rimless_gym.constants import (
     leg_angle_of,
     reach_of,
     rod_reach,
+    step_length_of,
     weight_of,
 )
 from rimless_gym.envs.layout import Machine, reader, set_machine
@@ -35,7 +36,7 @@ LEFT_OPEN = -1.0
 
 _D1, _LAW, _REACH = (Constants._fields.index(name) for name in ("d1", "law", "reach"))
 _numbers_of = reader(Numbers, 0)
-for _function in (weight_of, leg_angle_of, rod_reach, reach_of, constants_of):
+for _function in (weight_of, leg_angle_of, step_length_of, rod_reach, reach_of, constants_of):
     inner(_function)
 
 
@@ -56,6 +57,7 @@ def _set_terms(numbers, memory, i):
         weight=weight_of(f),
         slope=f.slope,
         leg_scale=2 / leg_angle_of(f),
+        credit_limit=step_length_of(f),
     )
     set_machine(memory, i, machine)
 

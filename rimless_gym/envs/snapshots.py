@@ -88,7 +88,10 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
             raise ValueError(
                 f"state: {name} = {array!r}: must be an array {shape} of {dtype}; {remedy}"
             )
-        wrong = np.argwhere(~np.isfinite(array))
+        finite = np.isfinite(array)
+        if name == "memory":  # where there is no target, it is infinite
+            finite[MEMORY.target_speed] |= array[MEMORY.target_speed] == np.inf
+        wrong = np.argwhere(~finite)
         if len(wrong):
             place = tuple(wrong[0].tolist())
             raise ValueError(

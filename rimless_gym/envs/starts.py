@@ -165,6 +165,7 @@ def start_rows(observations, rows, kind, given, bounds, memory, streams, held, c
             failed = i
             continue
         memory[MEMORY.action, i] = memory[MEMORY.voltage, i] = 0.0
+        memory[MEMORY.credit, i] = memory[MEMORY.credit_limit, i]
         memory[MEMORY.time, i] = memory[MEMORY.count, i] = 0.0
         memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
         memory[MEMORY.delay, i], held[:, i] = settings.least_delay, 0.0
