@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from numpy import ndarray
 from numpy.typing import NDArray
 
@@ -27,13 +26,12 @@ from rimless_gym.envs.generators import restore
 from rimless_gym.envs.info import begun, entries
 from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, Mark, marks
 from rimless_gym.envs.lazy_info import LazyInfo, serves_all
-from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
 from rimless_gym.envs.start_shares import Starts
-from rimless_gym.envs.task import Task
+from rimless_gym.envs.task import USUAL_TASK, Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
@@ -193,7 +191,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_modes": ["human", "rgb_array"],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
+    default_task: ClassVar[Task] = USUAL_TASK
     default_period: ClassVar[float] = CONTROL_PERIOD  # to which the registered time limit belongs
+    _speeds: tuple[float, float] | None = None  # between which one is commanded
 
     def __init__(
         self,
@@ -208,20 +208,26 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
-        self.control = Control(control_period, actions)
+        self.control = Control(control_period, actions, self._speeds)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.control.period)}
         self.render_mode = render_mode
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
+        self.action_space = self.control.action_space()
+        self.observation_space = self.control.observation_space()
         machines = machines_of(as_params(params), 1)
         longer = self.control.period > Control(self.default_period).period
         self.max_episode_steps = self.control.episode_steps if longer else None
         limit = self.max_episode_steps or NO_LIMIT
         self._fleet = fleet_of(
-            machines, as_task(task), ranges, disturbances, self.control, starts, limit=limit
+            machines,
+            as_task(task, self.default_task),
+            ranges,
+            disturbances,
+            self.control,
+            starts,
+            limit=limit,
         )
         self._block = np.zeros((len(BLOCK), 1))
-        self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
+        self._observation = np.zeros(self.control.width, dtype=np.float32)
         self._ended = True
         self._watched = render_mode == "human"
         self._window: Any = None
@@ -271,10 +277,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._bind()
         if chosen.params is not None or fleet.ranges.bounds:
             self.__dict__.pop("model", None)
-        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
+        observation = np.empty(self.control.width, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
-        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
+        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation, chosen.speeds)
         self._ended = False
         self._watched = self.render_mode == "human" or not serves_all()
         if self.render_mode == "human":

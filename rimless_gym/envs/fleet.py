@@ -146,8 +146,11 @@ class Fleet:
         kind: int,
         given: NDArray[np.float64],
         observations: NDArray[np.float32],
+        speeds: NDArray[np.float64] | None = None,
     ) -> None:
         """Begin the episodes of `rows`; their first observations go into `observations`, flat.
+
+        `speeds` (K,) are commanded (m/s), in place of drawn ones.
 
         Raises:
             RuntimeError: a row found no start.
@@ -156,8 +159,12 @@ class Fleet:
         self.streams[rows] = keys
         if self.ranges.bounds:
             self._draw_machines(rows)
+        commands = np.empty((0, 2))
+        if self.control.speeds is not None:
+            commands = np.empty((len(rows), 2))
+            commands[:] = self.control.speeds if speeds is None else speeds[:, None]
         failed = start_rows(
-            *(observations, rows, kind, given, self.starts.bounds),
+            *(observations, rows, kind, given, self.starts.bounds, commands),
             *(self.memory, self.streams, self.held, self.constants, self._settings),
         )
         if failed >= 0:
@@ -223,7 +230,8 @@ class Fleet:
         disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
         unusual = step()
         if settings.noisy:
-            observe_noisily(observations, memory, streams, settings.noise, first, last)
+            width = self.control.width
+            observe_noisily(observations, width, memory, streams, settings.noise, first, last)
         return unusual
 
     def _together(self, steps: Sequence[Callable[[], int]]) -> int:

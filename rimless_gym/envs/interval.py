@@ -40,11 +40,13 @@ class Course(NamedTuple):
         limit: greatest number of intervals in an episode.
         period: length of an interval (s).
         by_current: whether an action is the motor's current.
+        width: of an observation.
     """
 
     limit: Any
     period: Any
     by_current: Any
+    width: Any
 
 
 @inner
@@ -144,8 +146,8 @@ def step(memory, constants, poles, course, begin, end, block, observations, work
     """Hold the actions in `memory` for one interval, in rows `begin` to `end`.
 
     It advances `memory` (len(MEMORY), columns), and overwrites `block` (len(BLOCK), columns) and
-    the flat `observations` (float32, OBSERVATION_SIZE numbers per row). It returns how many rows
-    failed in any way or reached the limit of the `course`.
+    the flat `observations` (float32). It returns how many rows failed in any way or reached the
+    limit of the `course`.
     """
     first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
     if course.by_current:
@@ -160,8 +162,9 @@ def step(memory, constants, poles, course, begin, end, block, observations, work
     _settle(block, memory, first, last)
     _pay(block, memory, first, last)
     unusual = _mark(block, memory, course.limit, first, last)
+    width = np.uint64(course.width)
     for i in range(first, last):
-        observe_row(memory, NO_ERRORS, observations, i)
+        observe_row(memory, NO_ERRORS, observations, width, i)
     return unusual
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import real_array
 from rimless_gym.envs.arguments import machines_of, require_valid, tasks_of
+from rimless_gym.envs.control import as_speeds
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
 from rimless_gym.envs.start_shares import Starts, as_starts
@@ -36,6 +37,7 @@ class Options:
         starts: the shares of the kinds of start in all rows.
         disturbances: the disturbances of all rows, or None to keep them.
         kind: kind of start; see `rimless_gym.envs.starts`.
+        speeds: commanded speed of each of `rows` (m/s), (K,); None to draw them.
         given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
     """
 
@@ -46,6 +48,7 @@ class Options:
     starts: Starts
     disturbances: Disturbances | None
     kind: int
+    speeds: NDArray[np.float64] | None
     given: NDArray[np.float64]
 
     def apply(self, fleet: Fleet) -> None:
@@ -68,9 +71,10 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
             disturbances, which hold for all rows, are given for some.
     """
     options = options or {}
+    names = NAMES if fleet.control.speeds is None else (*NAMES, "speed")
     for name in options:
-        if name not in NAMES:
-            raise ValueError(f"unknown reset option {name!r}: choose from {NAMES}")
+        if name not in names:
+            raise ValueError(f"unknown reset option {name!r}: choose from {names}")
         if name in _FOR_ALL and len(rows) < len(fleet):
             raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
     params = list(fleet.params)
@@ -88,6 +92,7 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
     if not same:
         require_valid(ranges, params)
     disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
+    speeds = as_speeds("speed", options["speed"], len(rows)) if "speed" in options else None
     kind, given = DRAWN, np.empty((0, STATE_SIZE - 1))
     if "state" in options:
         modes = options.get("mode", "single_stance")
@@ -100,11 +105,11 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
             )
         kind = HANGING
     machines = None if same else params
-    return Options(rows, machines, ranges, tasks, starts, disturbances, kind, given)
+    return Options(rows, machines, ranges, tasks, starts, disturbances, kind, speeds, given)
 
 
-def masked(mask: Any, n: int) -> NDArray[np.int64]:
-    """Indices of the rows, out of N, that a `reset_mask` marks; of all rows without a mask.
+def masked(mask: Any, n: int, name: str = "reset_mask") -> NDArray[np.int64]:
+    """Indices of the rows, out of N, that the mask `name` marks; of all without a mask.
 
     Raises:
         TypeError: it is not an array of bool.
@@ -113,9 +118,9 @@ def masked(mask: Any, n: int) -> NDArray[np.int64]:
     if mask is None:
         return np.arange(n)
     if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
-        raise TypeError(f"reset_mask = {mask!r}: must be a NumPy array of bool")
+        raise TypeError(f"{name} = {mask!r}: must be a NumPy array of bool")
     if mask.shape != (n,) or not mask.any():
-        raise ValueError(f"reset_mask = {mask}: must have shape ({n},) and mark a row")
+        raise ValueError(f"{name} = {mask}: must have shape ({n},) and mark a row")
     return np.flatnonzero(mask)
 
 

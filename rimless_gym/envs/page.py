@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from rimless_gym.energy import CHANNELS
 from rimless_gym.envs.control import Control
-from rimless_gym.envs.task import TERM_NAMES, TERMS, Task
+from rimless_gym.envs.task import TERM_NAMES, TERMS
 
 T = TypeVar("T", bound=type[Any])
 
@@ -20,7 +20,7 @@ def completed(environment: T) -> T:
         for name, term in zip(TERM_NAMES, TERMS, strict=True)
     ]
     page = environment.__doc__ or ""
-    page = page.replace("{task}", repr(Task()))
+    page = page.replace("{task}", repr(environment.default_task))
     usual = Control(environment.default_period)
     page = page.replace("{steps}", str(usual.episode_steps))
     page = page.replace("{period}", f"{usual.period:g}")

@@ -12,7 +12,6 @@ from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, columns
 from rimless_gym.envs.machines import NUMBERS
-from rimless_gym.envs.observation import OBSERVATION_SIZE
 from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
@@ -80,7 +79,7 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
         "poles": ((machines,), _FLOAT),
         "numbers": ((len(NUMBERS), n), _FLOAT),
         "ended": ((n,), _BOOL),
-        "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment only
+        "seen": ((n, state["control"].width), _SEEN),  # of a vector environment only
     }
     for name in [name for name in expected if name in state]:
         array, (shape, dtype) = state[name], expected[name]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rimless_gym import hybrid
 from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.observation import NO_ERRORS, observe_row
+from rimless_gym.envs.observation import COMMANDED_SIZE, NO_ERRORS, OBSERVATION_SIZE, observe_row
 from rimless_gym.envs.perturbation import errors, machine_at
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.start_shares import USUAL_STARTS, Starts
@@ -152,13 +152,18 @@ def _set_state(kind, given, k, bounds, p, memory, streams, i):
 
 
 @kept()
-def start_rows(observations, rows, kind, given, bounds, memory, streams, held, constants, settings):
+def start_rows(
+    observations, rows, kind, given, bounds, commands, memory, streams, held, constants, settings
+):
     """Begin the episodes of `rows` at starts of `kind`; returns a row that found none, or -1.
 
     For GIVEN starts, `given` has one state per row: phi, theta, phi', theta', mode. `bounds` are
-    those of `Starts`, and `settings` are `rimless_gym.envs.perturbation.Settings`.
+    those of `Starts`, and `settings` are `rimless_gym.envs.perturbation.Settings`. `commands` has
+    the least and the greatest target speed (m/s) per row, between which one is drawn; it is empty
+    where none is commanded.
     """
-    failed, noisy = -1, settings.noise != NO_ERRORS
+    failed, noisy, commanded = -1, settings.noise != NO_ERRORS, len(commands) > 0
+    width = np.uint64(COMMANDED_SIZE if commanded else OBSERVATION_SIZE)
     for k in range(len(rows)):
         i = rows[k]
         if not _set_state(kind, given, k, bounds, machine_at(constants, i), memory, streams, i):
@@ -172,6 +177,9 @@ def start_rows(observations, rows, kind, given, bounds, memory, streams, held, c
         choices = settings.greatest_delay - settings.least_delay + 1.0
         if choices > 1.0:
             memory[MEMORY.delay, i] += math.floor(choices * next_uniform(streams, i))
+        if commanded:
+            speed = between(commands[k, 0], commands[k, 1], streams, i)
+            memory[MEMORY.target_speed, i] = speed
         wrong = errors(settings.noise, streams, i) if noisy else NO_ERRORS
-        observe_row(memory, wrong, observations, np.uint64(i))
+        observe_row(memory, wrong, observations, width, np.uint64(i))
     return failed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -28,7 +28,6 @@ from rimless_gym.envs.info import dense_info, final_info
 from rimless_gym.envs.interval import take_actions
 from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, columns
 from rimless_gym.envs.layout import marks as marks_of
-from rimless_gym.envs.observation import OBSERVATION_SIZE
 from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
@@ -120,7 +119,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    default_period = RimlessWheelEnv.default_period
+    default_task: ClassVar[Task] = RimlessWheelEnv.default_task
+    default_period: ClassVar[float] = RimlessWheelEnv.default_period
+    _speeds: tuple[float, float] | None = None
     closed = True  # until it is made: Gymnasium 1.2 closes an environment when it is deleted
 
     def __init__(
@@ -142,7 +143,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
         num_threads = integer("num_threads", num_threads, 1)
-        control = self.control = Control(control_period, actions)
+        control = self.control = Control(control_period, actions, self._speeds)
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
         usual = Control(self.default_period)
@@ -153,17 +154,23 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.metadata["render_fps"] = round(1 / control.period)
         self.max_episode_steps = max_episode_steps
-        single = RimlessWheelEnv()
-        self.single_action_space = single.action_space
-        self.single_observation_space = single.observation_space
+        self.single_action_space = control.action_space()
+        self.single_observation_space = control.observation_space()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = machines_of(params, num_envs)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
         self._fleet = fleet_of(
-            machines, as_task(task), ranges, disturbances, control, starts, num_threads, limit
+            machines,
+            as_task(task, self.default_task),
+            ranges,
+            disturbances,
+            control,
+            starts,
+            num_threads,
+            limit,
         )
-        self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        self._seen = np.zeros((num_envs, self.control.width), dtype=np.float32)
         self._generators = Generators(num_envs)
         self.closed = False
 
@@ -222,7 +229,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._generators.seed(seed, rows)
         chosen.apply(fleet)
         observations = self._seen.copy()
-        self._begin(rows, observations, chosen.kind, chosen.given)
+        self._begin(rows, observations, chosen.kind, chosen.given, chosen.speeds)
         self._seen[:] = observations
         block = np.zeros((len(BLOCK), self.num_envs))
         info = dense_info(block, marks_of(block))
@@ -244,7 +251,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._take(actions, fleet.ended)
         block = np.empty((len(BLOCK), columns(self.num_envs)))
-        observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        observations = np.empty((self.num_envs, self.control.width), dtype=np.float32)
         unusual = fleet.stepper(block, observations.reshape(-1))()
         block, marks = block[:, : self.num_envs], marks_of(block)[:, : self.num_envs]
         if len(again):
@@ -313,10 +320,15 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._fleet.close()
 
     def _begin(
-        self, rows: NDArray[np.int64], observations: Observations, kind: int, given: Floats
+        self,
+        rows: NDArray[np.int64],
+        observations: Observations,
+        kind: int,
+        given: Floats,
+        speeds: Floats | None = None,
     ) -> None:
         keys = self._generators.keys(rows)
-        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
+        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1), speeds)
 
     def _take(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)
