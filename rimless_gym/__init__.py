@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rimless_gym.envs import EPISODE_STEPS
+from rimless_gym.envs import EPISODE_STEPS, SPEED_EPISODE_STEPS
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, preset
 
 if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
     from rimless_gym.envs.env import RimlessWheelEnv
+    from rimless_gym.envs.speed import RimlessWheelSpeedEnv, RimlessWheelSpeedVectorEnv
+    from rimless_gym.envs.start_shares import Starts
     from rimless_gym.envs.task import Task
     from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
     from rimless_gym.hybrid import Failure
@@ -32,8 +34,11 @@ __all__ = [
     "Pushes",
     "Ranges",
     "RimlessWheelEnv",
+    "RimlessWheelSpeedEnv",
+    "RimlessWheelSpeedVectorEnv",
     "RimlessWheelVectorEnv",
     "SensorNoise",
+    "Starts",
     "Task",
     "Trajectory",
     "WheelParams",
@@ -50,8 +55,11 @@ _MODULES = {
     "Pushes": "envs.disturbances",
     "Ranges": "envs.disturbances",
     "RimlessWheelEnv": "envs.env",
+    "RimlessWheelSpeedEnv": "envs.speed",
+    "RimlessWheelSpeedVectorEnv": "envs.speed",
     "RimlessWheelVectorEnv": "envs.vector_env",
     "SensorNoise": "envs.disturbances",
+    "Starts": "envs.start_shares",
     "Task": "envs.task",
     "Trajectory": "trajectory",
     "simulate": "reference",
@@ -75,12 +83,20 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
+# The environments themselves raise the errors that Gymnasium's wrappers check for in every step.
 gymnasium.register(
     id="RimlessWheel-v0",
     entry_point="rimless_gym.envs.env:RimlessWheelEnv",
     vector_entry_point="rimless_gym.envs.vector_env:RimlessWheelVectorEnv",
     max_episode_steps=EPISODE_STEPS,
-    # The environment itself raises the errors that these wrappers check for in every step.
+    order_enforce=False,
+    disable_env_checker=True,
+)
+gymnasium.register(
+    id="RimlessWheelSpeed-v0",
+    entry_point="rimless_gym.envs.speed:RimlessWheelSpeedEnv",
+    vector_entry_point="rimless_gym.envs.speed:RimlessWheelSpeedVectorEnv",
+    max_episode_steps=SPEED_EPISODE_STEPS,
     order_enforce=False,
     disable_env_checker=True,
 )

@@ -65,6 +65,11 @@ def leg_angle_of(params: Any) -> Any:
     return 2 * math.pi / params.n_legs
 
 
+def step_length_of(params: Any) -> Any:
+    """``2 L1 sin(alpha / 2)`` (m) between neighbouring feet; numba compiles it too."""
+    return 2 * params.leg_length * math.sin(leg_angle_of(params) / 2)
+
+
 def reach_of(params: Any) -> Any:
     """How far the pendulum reaches from the hub (m); numba compiles it too."""
     given = params.pendulum_reach
@@ -129,6 +134,6 @@ def constants_of(
         alpha=alpha,
         a=(math.pi - alpha) / 2,
         b=(math.pi + alpha) / 2,
-        chord=2 * L1 * math.sin(alpha / 2),
+        chord=step_length_of(params),
         law=law,
     )

@@ -158,6 +158,11 @@ def equations(
         return motor_charge(dpsi, u, 1, p)
 
     @compiled
+    def motor_voltage(dpsi, current, p):
+        """Voltage (V) that drives an armature current (A): `motor_current` solved for u."""
+        return (current - motor_current(dpsi, 0, p)) / motor_current(0, 1, p)
+
+    @compiled
     def motor_torque(dpsi, u, p):
         """Torque at the hub, after the gear (N m)."""
         return p.K * motor_current(dpsi, u, p)

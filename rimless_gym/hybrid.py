@@ -33,7 +33,7 @@ class Failure(enum.IntEnum):
         NONE: it did not end early.
         CONTACT_LOST: the ground would have to pull the feet down.
         RATE_EXCEEDED: the leg or the pendulum turns faster than `MAX_RATE`.
-        TOO_MANY_EVENTS: more than `MAX_EVENTS` within a control interval.
+        TOO_MANY_EVENTS: more than `MAX_EVENTS` per control period.
         BACKWARD_TOUCHDOWN_UNDER_THE_THESIS_LAW: that impact law does not cover backward touchdowns.
         DIVERGED: the rates are so large, or NaN, that an integration step cannot be trusted.
     """
@@ -56,7 +56,7 @@ REST_ENERGY = 1e-8
 #: Zero-order hold of the environment and of sampled controls (s).
 CONTROL_PERIOD = 0.01
 
-#: Most touchdowns and lift-offs within one control interval; more are an error.
+#: Most touchdowns and lift-offs per control period; more are an error.
 MAX_EVENTS = 200
 
 #: Shortest mean time (s) between the touchdowns of a wheel rocking on two feet under the impact law
@@ -79,6 +79,7 @@ kinetic_energy = eq.kinetic_energy
 mechanical_energy = eq.mechanical_energy
 motor_charge = eq.motor_charge
 motor_current = eq.motor_current
+motor_voltage = eq.motor_voltage
 motor_torque = eq.motor_torque
 electrical_power = eq.electrical_power
 shaft_power = eq.shaft_power

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import SMALLEST, real
-from rimless_gym.constants import Constants, leg_angle_of, reach_of, shorthand, weight_of
+from rimless_gym.constants import (
+    Constants,
+    leg_angle_of,
+    reach_of,
+    shorthand,
+    step_length_of,
+    weight_of,
+)
 from rimless_gym.equations import IMPACT_LAWS, equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
@@ -198,7 +205,7 @@ class WheelParams:
     @property
     def step_length(self) -> float:
         """Distance between neighbouring feet (m)."""
-        return 2 * self.leg_length * math.sin(self.leg_angle / 2)
+        return float(step_length_of(self))
 
     @cached_property
     def constants(self) -> Constants:

@@ -10,8 +10,18 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from stable_baselines3.common.monitor import Monitor
 
-from rimless_gym import RimlessWheelVectorEnv
+from rimless_gym import (
+    RimlessWheelSpeedEnv,
+    RimlessWheelSpeedVectorEnv,
+    RimlessWheelVectorEnv,
+)
 from rimless_gym.envs.env import RimlessWheelEnv
+
+#: The native environment of each single one.
+NATIVE: dict[type, type[RimlessWheelVectorEnv]] = {
+    RimlessWheelEnv: RimlessWheelVectorEnv,
+    RimlessWheelSpeedEnv: RimlessWheelSpeedVectorEnv,
+}
 
 #: Wrappers whose effect `Sb3VecEnv` reproduces.
 HONOURED = (Monitor, TimeLimit, OrderEnforcing, PassiveEnvChecker)
@@ -28,7 +38,7 @@ def gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
     """Rows that behave like the single environments, with autoreset in the same step.
 
     Raises:
-        TypeError: an environment is not a `RimlessWheelEnv`.
+        TypeError: the class of an environment is not in `NATIVE`.
         ValueError: there are none, they differ in more than `params`, or one has a wrapper whose
             effect cannot be reproduced.
     """
@@ -43,7 +53,8 @@ def gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
                     f"environment {i} has {name} = {other[name]}, the first {value}: they may "
                     "differ in params only; use DummyVecEnv for others"
                 )
-    return RimlessWheelVectorEnv(
+    native = shared.pop("native")
+    return native(
         num_envs=len(envs),
         params=[each["params"] for each in settings],
         autoreset_mode=AutoresetMode.SAME_STEP,
@@ -53,11 +64,13 @@ def gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
 
 def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
     """The arguments with which the native environment behaves like this one."""
-    single, limits = env.unwrapped, []
-    if type(single) is not RimlessWheelEnv:
+    single: Any = env.unwrapped
+    limits = []
+    if type(single) not in NATIVE:
+        names = " or a ".join(kind.__name__ for kind in NATIVE)
         raise TypeError(
-            f"{single}: must be a RimlessWheelEnv, whose rows are stepped natively; "
-            "use DummyVecEnv for others"
+            f"{single}: must be a {names}, whose rows are stepped natively; use DummyVecEnv for "
+            "others"
         )
     for wrapper in wrappers(env):
         if type(wrapper) not in HONOURED:
@@ -75,17 +88,25 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
             )
         if isinstance(wrapper, TimeLimit):
             limits.append(wrapper._max_episode_steps)
+    if single.max_episode_steps is not None:
+        limits.append(single.max_episode_steps)
     if single.render_mode not in (None, "rgb_array"):
         raise ValueError(
             f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
             "use DummyVecEnv"
         )
     fleet = single.get_state()["fleet"]  # the machine before anything was drawn
+    commanded = {} if single.control.speeds is None else {"speeds": single.control.speeds}
     return {
+        "native": NATIVE[type(single)],
         "params": fleet["params"][0],
         "task": single.task,
         "ranges": fleet["ranges"],
         "disturbances": fleet["disturbances"],
+        "starts": fleet["starts"],
+        "control_period": single.control.period,
+        "actions": single.control.actions,
         "max_episode_steps": min(limits, default=None),
         "render_mode": single.render_mode,
+        **commanded,
     }

@@ -26,6 +26,8 @@ _NATIVE_NAMES = {
     "action_space": "single_action_space",
     "observation_space": "single_observation_space",
     "state": "states",
+    "task": "tasks",
+    "command": "commands",
 }
 
 #: Methods of Monitor that report finished episodes.
@@ -36,18 +38,20 @@ class Sb3VecEnv(VecEnv):
     """Many wheels for stable-baselines3, stepped together by one compiled call.
 
     Gives what `DummyVecEnv` gives with as many single environments, bit for bit: observations
-    (N, 6) float32, rewards (N,) float32, dones (N,), and a list of N dictionaries. These hold the
-    single environment's `info` and `TimeLimit.truncated`; at the end of an episode also
-    `terminal_observation`, a copy, and `episode` where the environments are monitored. Until a
-    dictionary is read, its entries are not made; see `rimless_gym.envs.lazy_info`.
+    (N, 6) float32 or with a commanded speed (N, 8), rewards (N,) float32, dones (N,), and a list of
+    N dictionaries. These hold the single environment's `info` and `TimeLimit.truncated`; at the end
+    of an episode also `terminal_observation`, a copy, and `episode` where the environments are
+    monitored. Until a dictionary is read, its entries are not made; see
+    `rimless_gym.envs.lazy_info`.
 
     Either of
 
         Sb3VecEnv(gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep"))
         make_vec_env("RimlessWheel-v0", n_envs=64, vec_env_cls=Sb3VecEnv)
 
-    The first counts no episodes: put a `VecMonitor` around it. `set_options` takes the options of
-    the environment's next reset, for all rows or one for each; `params` is one of them.
+    with `RimlessWheelSpeed-v0` too. The first counts no episodes: put a `VecMonitor` around it.
+    `set_options` takes the options of the environment's next reset, for all rows or one for each;
+    `params` is one of them.
 
     Args:
         envs: a native vector environment that resets in the same step; or functions that make
@@ -121,7 +125,7 @@ class Sb3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Hold the voltages for 10 ms; rows that ended have begun their next episode.
+        """Hold the actions for a control period; rows that ended have begun their next episode.
 
         Raises:
             ValueError: an action is NaN, or their shape is not (N, 1).

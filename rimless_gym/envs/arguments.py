@@ -2,31 +2,49 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.fleet import Fleet
 from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.plain import made_of
-from rimless_gym.envs.task import Task
+from rimless_gym.envs.start_shares import Starts, as_starts
+from rimless_gym.envs.task import USUAL_TASK, Task
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import as_params
 
 
-def as_task(task: Any) -> Task:
-    """The task, given as such or as a mapping of its fields; the default one for None.
+def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
+    """The task, given as such or as a mapping of the fields that differ from the present one's.
+
+    None stands for the present one.
 
     Raises:
         TypeError: it has the wrong type.
         ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
-        return made_of(Task, "task", task)
+        return made_of(Task, "task", dataclasses.asdict(present) | dict(task))
     if not isinstance(task, Task | None):
         raise TypeError(f"task = {task!r}: give a rimless_gym.Task or a dictionary of its fields")
-    return task or Task()
+    return task or present
+
+
+def tasks_of(task: Any, present: Sequence[Task]) -> list[Task]:
+    """`task`, one for all rows or one per row, as a list; mappings change the present tasks.
+
+    Raises:
+        TypeError: a task has the wrong type.
+        ValueError: there is not one task per row, or a field is unknown or out of its range.
+    """
+    each = list(task) if isinstance(task, (list, tuple)) else [task] * len(present)
+    if len(each) != len(present):
+        raise ValueError(f"task: {len(each)} tasks for {len(present)} rows, must be one per row")
+    return [as_task(*one) for one in zip(each, present, strict=True)]
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
@@ -72,6 +90,8 @@ def fleet_of(
     task: Task,
     ranges: Ranges | Mapping[str, Any] | None,
     disturbances: Disturbances | Mapping[str, Any] | None,
+    control: Control,
+    starts: Starts | Mapping[str, Any] | None,
     num_threads: int = 1,
     limit: int = NO_LIMIT,
 ) -> Fleet:
@@ -83,4 +103,5 @@ def fleet_of(
     """
     drawn = as_ranges(ranges)
     require_valid(drawn, params)
-    return Fleet(params, task, drawn, as_disturbances(disturbances), num_threads, limit)
+    disturbed = as_disturbances(disturbances)
+    return Fleet(params, task, drawn, disturbed, control, as_starts(starts), num_threads, limit)

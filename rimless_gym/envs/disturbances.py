@@ -87,7 +87,7 @@ class Disturbances:
     Args:
         pushes: a `Pushes` or a dictionary of its fields; None for none.
         sensor_noise: a `SensorNoise` or a dictionary of its fields; None for none.
-        actuator_delay: control intervals (10 ms) from an action to its voltage: a whole number, or
+        actuator_delay: control intervals from an action to its voltage: a whole number, or
             the least and greatest, between which each episode draws one. Until the first action
             takes effect, the voltage is 0.
 

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from numpy import ndarray
 from numpy.typing import NDArray
 
@@ -21,16 +20,18 @@ from rimless_gym.envs.arguments import (
     machines_of,
     require_render_mode,
 )
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.generators import restore
 from rimless_gym.envs.info import begun, entries
 from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, Mark, marks
 from rimless_gym.envs.lazy_info import LazyInfo, serves_all
-from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
+from rimless_gym.envs.orders import NO_LIMIT
 from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
-from rimless_gym.envs.task import Task
+from rimless_gym.envs.start_shares import Starts
+from rimless_gym.envs.task import USUAL_TASK, Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
@@ -55,9 +56,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     corrected and extended; `rimless_gym.equations` holds every equation.
 
     ## Action Space
-    `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 10 ms.
-    Actions outside this range are clipped, and a plain number is accepted too. NaN and other shapes
-    raise `ValueError`; anything but real numbers raises `TypeError`.
+    `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for
+    `control_period`; or motor current, see `actions`. Actions outside this range are clipped, and a
+    plain number is accepted too. NaN and other shapes raise `ValueError`; anything but real numbers
+    raises `TypeError`.
 
     ## Observation Space
     `Box` of 6 float32 numbers:
@@ -73,8 +75,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
     In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
-    early end. The prices are fields of `task`. The terms are in `info`; summed in this order they
-    give the reward exactly.
+    early end. A `target_speed` limits the travel dx that is paid. The prices are fields of `task`.
+    The terms are in `info`; summed in this order they give the reward exactly.
 
     {terms}
 
@@ -87,16 +89,25 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     in its measured window does not count (`rimless_gym.rules`).
 
     ## Starting State
-    One start in four is at rest on two feet, theta within 0.5 rad of hanging and theta' within
-    1 rad/s. The others are in single stance: phi in [a, b], theta in [-pi, pi], phi' in [0, 2]
-    and theta' in [-3, 3] rad/s, drawn uniformly and kept if the foot presses on the ground.
+    There are three kinds of start, each drawn uniformly from its ranges, and kept if the feet press
+    on the ground:
+
+    - `rest`: on two feet, theta within 0.5 rad of hanging and theta' within 1 rad/s;
+    - `moving`: in single stance, phi in [a, b], theta in [-pi, pi], phi' in [0, 2] and theta' in
+      [-3, 3] rad/s;
+    - `whirling`: the same with 6 to 16 rad/s of theta', in either sense. Here it is enough that
+      some voltage within the limit presses the foot on the ground.
+
+    The shares of the three are the argument `starts`, by default 1/4, 3/4 and 0.
     `reset(options=...)` takes
 
     - `state`: phi, theta (within 1e5 rad), phi', theta'; and with it `mode`: "single_stance" (the
       default) or "double_stance", in which phi = a. `mode` "double_stance" without a `state` is a
       wheel at rest with the pendulum hanging.
-    - `params`, `ranges` and `disturbances`, as below. They hold until new ones are given; `{}` or
-      None switches ranges or disturbances off.
+    - `params`, `starts`, `ranges` and `disturbances`, as below. They hold until new ones are given;
+      `{}` or None switches ranges or disturbances off.
+    - `task`: a `rimless_gym.Task`, or a dictionary of the fields to change; it holds until another
+      one is given.
 
     A state is accepted if some voltage within the limit presses the feet on the ground. In any
     other state, contact would be lost at once.
@@ -106,8 +117,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     (contact lost; the step ends at that moment), or when a rate exceeds 60 rad/s (checked a few
     times within a step and at its end). `info["failure"]` says which. If the new voltage or a push
     ends the episode at once, `info["elapsed"]` is 0. Resting and whole turns of the pendulum are
-    legal. Truncates after 2000 steps (20 s). Any other end of the motion, such as parameters that
-    make it diverge, raises a `RuntimeError`; call `reset` before going on.
+    legal. Any other end of the motion, such as parameters that make it diverge, raises a
+    `RuntimeError`; call `reset` before going on.
+
+    Truncates after 20 s. `gym.make` counts steps to do so, {steps} of them unless it is given
+    `max_episode_steps`. With a `control_period` longer than {period} s, fewer steps make 20 s:
+    `Control.episode_steps` of them, after which the environment itself truncates; there
+    `max_episode_steps` can only shorten episodes.
 
     ## Arguments
     - `params`: the machine, default `BUILDABLE`: a `rimless_gym.WheelParams`, a preset's
@@ -122,6 +138,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
       `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
+    - `starts`: a `rimless_gym.Starts(rest, moving, whirling)`, shares that count by their size to
+      each other, or a dictionary of its fields.
+    - `control_period`: the length of a step (s), a whole multiple of 10 ms up to 100 ms. The
+      voltage is held for all of it, so that two steps of 10 ms at one voltage are one of 20 ms.
+      Rewards and `info` are of a step, whatever its length.
+    - `actions`: `"voltage"` (default), or `"current"`. Then the action is the motor's current at
+      the beginning of the step, in units of `voltage_limit / armature_resistance`: the voltage
+      held is this current's and the back-EMF's at that moment, as far as the limit allows.
 
     `env.spec` holds all of them as plain JSON values:
     `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the same environment again.
@@ -133,7 +157,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `{balance}`;
       and outside the balance `electrical_positive`, `shaft` and `idle`.
       `rimless_gym.energy.CHANNELS` describes each;
-    - `elapsed`: the step's duration (s), and `distance`: the hub's travel (m);
+    - `elapsed`: the step's duration (s), `distance`: the hub's travel (m), and `paid`: the travel
+      that is paid (m), which differs only where the task has a `target_speed`;
     - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: the time of the
       last one since the step began (s), or -1;
     - `force_x` and `force_y`: the ground reaction at the step's end (N); `min_normal_force`,
@@ -162,10 +187,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - v0: first version, unreleased.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+    metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
         "render_modes": ["human", "rgb_array"],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
+    default_task: ClassVar[Task] = USUAL_TASK
+    default_period: ClassVar[float] = CONTROL_PERIOD  # to which the registered time limit belongs
+    _speeds: tuple[float, float] | None = None  # between which one is commanded
 
     def __init__(
         self,
@@ -175,15 +203,31 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         *,
         ranges: Ranges | Mapping[str, tuple[float, float]] | None = None,
         disturbances: Disturbances | Mapping[str, Any] | None = None,
+        control_period: float = CONTROL_PERIOD,
+        actions: str = "voltage",
+        starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
-        self.task = as_task(task)
+        self.control = Control(control_period, actions, self._speeds)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.control.period)}
         self.render_mode = render_mode
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.observation_space = spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND)
-        self._fleet = fleet_of(machines_of(as_params(params), 1), self.task, ranges, disturbances)
+        self.action_space = self.control.action_space()
+        self.observation_space = self.control.observation_space()
+        machines = machines_of(as_params(params), 1)
+        longer = self.control.period > Control(self.default_period).period
+        self.max_episode_steps = self.control.episode_steps if longer else None
+        limit = self.max_episode_steps or NO_LIMIT
+        self._fleet = fleet_of(
+            machines,
+            as_task(task, self.default_task),
+            ranges,
+            disturbances,
+            self.control,
+            starts,
+            limit=limit,
+        )
         self._block = np.zeros((len(BLOCK), 1))
-        self._observation = np.zeros(OBSERVATION_SIZE, dtype=np.float32)
+        self._observation = np.zeros(self.control.width, dtype=np.float32)
         self._ended = True
         self._watched = render_mode == "human"
         self._window: Any = None
@@ -195,6 +239,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def params(self) -> WheelParams:
         """The machine, as drawn if there are ranges."""
         return self._fleet.machine(0)
+
+    @property
+    def task(self) -> Task:
+        """What is paid for."""
+        return self._fleet.tasks[0]
 
     @cached_property
     def model(self) -> HybridModel:
@@ -228,10 +277,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._bind()
         if chosen.params is not None or fleet.ranges.bounds:
             self.__dict__.pop("model", None)
-        observation = np.empty(OBSERVATION_SIZE, dtype=np.float32)
+        observation = np.empty(self.control.width, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
-        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation)
+        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation, chosen.speeds)
         self._ended = False
         self._watched = self.render_mode == "human" or not serves_all()
         if self.render_mode == "human":
@@ -241,7 +290,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold a voltage for 10 ms; the class docstring describes what is returned.
+        """Hold a voltage for a control period; the class docstring describes what is returned.
 
         Raises:
             TypeError: the action is not a real number.
@@ -256,12 +305,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             number = _as_number(action)
         info = LazyInfo(_NO_FAILURE)
         self._action[0] = number
-        if self._advance():
-            info["failure"] = self._end()
+        truncated = bool(self._advance()) and self._end(info)
         info.source = entries, self._values.tobytes()
         if self._watched:
             info = self._show(info)
-        return self._observation.copy(), self._values[_REWARD], self._ended, False, info
+        return self._observation.copy(), self._values[_REWARD], self._ended, truncated, info
 
     def _show(self, info: LazyInfo) -> Any:
         """Draw the step if there is a window; return info in a form that every reader accepts."""
@@ -269,13 +317,19 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return info if serves_all() else info.copy()
 
-    def _end(self) -> int:
-        """End the episode and return why, or raise if the motion left the model's range."""
-        self._ended = True
+    def _end(self, info: LazyInfo) -> bool:
+        """End the episode if the motion failed; returns whether the time is up.
+
+        Raises:
+            RuntimeError: the motion left the model's range.
+        """
         mark = Mark(*marks(self._block)[: len(MARK), 0].tolist())
-        if not mark.terminated:
-            raise self._fleet.range_left(0, mark.failure)
-        return mark.failure
+        if mark.failure:
+            self._ended = True
+            if not mark.terminated:
+                raise self._fleet.range_left(0, mark.failure)
+            info["failure"] = mark.failure
+        return bool(mark.truncated)
 
     def _bind(self) -> None:
         """Look up what `step` needs from the fleet; call this after every change of the fleet."""
@@ -316,8 +370,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment with the same task. A `TimeLimit`
-        wrapper keeps its own count of steps.
+        It can be pickled, and restored in another environment with the same control period and
+        kind of action. A `TimeLimit` wrapper keeps its own count of steps.
         """
         self._fleet.ended[0] = self._ended
         generator = self.np_random.bit_generator.state
@@ -330,9 +384,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Raises:
             TypeError: it is not a snapshot.
-            ValueError: it is from a vector environment or has another task.
+            ValueError: it is from a vector environment, or has another control period or kind of
+                action.
         """
-        require_snapshot(state, _PARTS, 1, self.task, "RimlessWheelEnv")
+        require_snapshot(state, _PARTS, 1, self.control, "RimlessWheelEnv")
         restore([self.np_random], state["generators"])
         self._fleet.set_state(state["fleet"])
         self._ended = bool(self._fleet.ended[0])

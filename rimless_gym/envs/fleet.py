@@ -16,15 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.layout import MEMORY, Prices, columns
+from rimless_gym.envs.layout import MEMORY, PRICES, columns
 from rimless_gym.envs.machines import NUMBERS, draw_machines, numbers_of, set_terms
 from rimless_gym.envs.orders import AT, NO_LIMIT, give_results, orders_for, step_rows
 from rimless_gym.envs.perturbation import disturb_rows, observe_noisily
 from rimless_gym.envs.snapshots import ARRAYS
+from rimless_gym.envs.start_shares import USUAL_STARTS, Starts
 from rimless_gym.envs.starts import NO_START, start_rows
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD, Failure
+from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
 from rimless_gym.params import WheelParams
 
@@ -37,14 +39,17 @@ class Fleet:
 
     Args:
         params: the machine of each row.
-        task: what is paid for.
+        task: what is paid for, in all rows at first.
         ranges: the parameters of each machine that are drawn when an episode begins.
         disturbances: what disturbs every episode.
+        control: how long an action is held, and what it commands.
+        starts: how often each kind of start is drawn.
         num_threads: threads that share a step.
         limit: greatest number of intervals in an episode.
 
     Attributes:
         params: the machine of each row before parameters are drawn, a list of N.
+        tasks: what is paid for in each row, a list of N.
         memory: what is remembered of each row; see `rimless_gym.envs.layout`.
         numbers: current values of the parameters that are numbers, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
@@ -56,23 +61,25 @@ class Fleet:
         task: Task,
         ranges: Ranges,
         disturbances: Disturbances,
+        control: Control = USUAL,
+        starts: Starts = USUAL_STARTS,
         num_threads: int = 1,
         limit: int = NO_LIMIT,
     ) -> None:
         n = len(params)
-        self.num_threads, self.limit = num_threads, limit
-        self.task = task
+        self.control, self.num_threads, self.limit = control, num_threads, limit
         self.memory = np.zeros((len(MEMORY), columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
-        self._prices = Prices(*dataclasses.astuple(task))
         self._works = [scratch() for _ in range(num_threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._pool_of = 0  # the process that made it
         self._orders: list[NDArray[np.int64]] | None = None
         self.numbers, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_machines(params, ranges, np.arange(n))
+        self.set_tasks([task] * n, np.arange(n))
         self.set_disturbances(disturbances)
+        self.starts = starts
 
     def __len__(self) -> int:
         return len(self.streams)
@@ -109,13 +116,19 @@ class Fleet:
         self.params, self.ranges = list(params), ranges
         self._ranged = np.array([NUMBERS.index(name) for name in ranges.bounds], dtype=np.int64)
         self._bounds = np.array(list(ranges.bounds.values()), dtype=np.float64).reshape(-1, 2)
-        set_terms(self.numbers, self._prices, self.memory)
+        set_terms(self.numbers, self.memory)
         self._orders = None
+
+    def set_tasks(self, tasks: Sequence[Task], rows: NDArray[np.int64]) -> None:
+        """Set what is paid for in each row; only that of `rows` changes."""
+        prices = {task: dataclasses.astuple(task) for task in dict.fromkeys(tasks)}
+        self.memory[PRICES, rows] = np.transpose([prices[tasks[i]] for i in rows])
+        self.tasks = list(tasks)
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
         """Set the disturbances of all rows; every row must then begin a new episode."""
         self.disturbances = disturbances
-        self._settings = disturbances.settings(CONTROL_PERIOD)
+        self._settings = disturbances.settings(self.control.period)
         self._rough = disturbances != Disturbances()
         self.held = np.zeros((disturbances.delays[1] + 1, len(self)))
 
@@ -133,8 +146,11 @@ class Fleet:
         kind: int,
         given: NDArray[np.float64],
         observations: NDArray[np.float32],
+        speeds: NDArray[np.float64] | None = None,
     ) -> None:
         """Begin the episodes of `rows`; their first observations go into `observations`, flat.
+
+        `speeds` (K,) are commanded (m/s), in place of drawn ones.
 
         Raises:
             RuntimeError: a row found no start.
@@ -143,9 +159,13 @@ class Fleet:
         self.streams[rows] = keys
         if self.ranges.bounds:
             self._draw_machines(rows)
+        commands = np.empty((0, 2))
+        if self.control.speeds is not None:
+            commands = np.empty((len(rows), 2))
+            commands[:] = self.control.speeds if speeds is None else speeds[:, None]
         failed = start_rows(
-            *(observations, rows, kind, given, self.memory, self.streams, self.held),
-            *(self.constants, self._settings),
+            *(observations, rows, kind, given, self.starts.bounds, commands),
+            *(self.memory, self.streams, self.held, self.constants, self._settings),
         )
         if failed >= 0:
             raise RuntimeError(f"row {failed}: {NO_START}")
@@ -153,7 +173,7 @@ class Fleet:
 
     def _draw_machines(self, rows: NDArray[np.int64]) -> None:
         failed = draw_machines(
-            *(rows, self._ranged, self._bounds, self.numbers, self._prices),
+            *(rows, self._ranged, self._bounds, self.numbers),
             *(self.constants, self.poles, self.memory, self.streams),
         )
         if failed >= 0:
@@ -184,7 +204,7 @@ class Fleet:
         cuts = [n * k // parts for k in range(parts + 1)]
         arrays = self.memory, self.constants, self.poles
         return [
-            orders_for(*arrays, self._works[k], self.limit, (cuts[k], cuts[k + 1]))
+            orders_for(*(*arrays, self._works[k], self.limit, self.control, (cuts[k], cuts[k + 1])))
             for k in range(parts)
         ]
 
@@ -210,7 +230,8 @@ class Fleet:
         disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
         unusual = step()
         if settings.noisy:
-            observe_noisily(observations, memory, streams, settings.noise, first, last)
+            width = self.control.width
+            observe_noisily(observations, width, memory, streams, settings.noise, first, last)
         return unusual
 
     def _together(self, steps: Sequence[Callable[[], int]]) -> int:
@@ -232,7 +253,9 @@ class Fleet:
             "params": self.params.copy(),
             "ranges": self.ranges,
             "disturbances": self.disturbances,
-            "task": self.task,
+            "tasks": self.tasks.copy(),
+            "starts": self.starts,
+            "control": self.control,
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -242,6 +265,7 @@ class Fleet:
         """
         if (state["params"], state["ranges"]) != (self.params, self.ranges):
             self.set_machines(state["params"], state["ranges"], np.arange(len(self)))
+        self.tasks, self.starts = state["tasks"].copy(), state["starts"]
         if state["disturbances"] != self.disturbances:
             self.set_disturbances(state["disturbances"])
         for name in ARRAYS:

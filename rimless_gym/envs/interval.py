@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,13 +23,30 @@ from rimless_gym.envs.layout import (
     prices_of,
 )
 from rimless_gym.envs.observation import NO_ERRORS, observe_row
-from rimless_gym.envs.task import TERM_NAMES, TERMS
-from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.envs.perturbation import machine_at
+from rimless_gym.envs.task import TERM_NAMES, TERMS, settled
+from rimless_gym.hybrid import motor_current, motor_voltage, relative_rate
 from rimless_gym.jit import inner, kept
 from rimless_gym.kernel.stepping import advance_batch
 from rimless_gym.rules import exceeds
 
-_marks = inner(marks)
+_marks, _settled = inner(marks), inner(settled)
+
+
+class Course(NamedTuple):
+    """What all intervals of a fleet have in common.
+
+    Attributes:
+        limit: greatest number of intervals in an episode.
+        period: length of an interval (s).
+        by_current: whether an action is the motor's current.
+        width: of an observation.
+    """
+
+    limit: Any
+    period: Any
+    by_current: Any
+    width: Any
 
 
 @inner
@@ -41,6 +58,18 @@ def _hold(memory, first, last):
 
 
 @inner
+def _drive(memory, constants, first, last):
+    """Set the voltages to what drives the actions' currents now, as far as the limit allows."""
+    for i in range(first, last):
+        p, limit = machine_at(constants, i), memory[MEMORY.voltage_limit, i]
+        share = min(max(memory[MEMORY.action, i], -1.0), 1.0)
+        current = share * motor_current(0.0, limit, p)
+        dpsi = relative_rate(memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i], p)
+        volts = motor_voltage(dpsi, current, p)
+        memory[MEMORY.voltage, i] = min(max(volts, -limit), limit)
+
+
+@inner
 def _account(block, memory, first, last):
     """Add what the environment books: idle energy, and the work and steps of pushes."""
     for i in range(first, last):
@@ -49,6 +78,16 @@ def _account(block, memory, first, last):
         block[BLOCK.mechanical_change, i] += memory[MEMORY.push_work, i]
         block[BLOCK.steps, i] += memory[MEMORY.push_shift, i]
         block[BLOCK.reward, i] = 0.0
+
+
+@inner
+def _settle(block, memory, first, last):
+    """Pay for travel as far as the credit goes, and let the credit grow."""
+    for i in range(first, last):
+        block[BLOCK.paid, i], memory[MEMORY.credit, i] = _settled(
+            *(block[BLOCK.distance, i], block[BLOCK.elapsed, i], memory[MEMORY.credit, i]),
+            *(memory[MEMORY.credit_limit, i], memory[MEMORY.target_speed, i]),
+        )
 
 
 def _paying(name: str, term: Callable[..., Any]) -> Callable[..., None]:
@@ -103,24 +142,29 @@ def _mark(block, memory, limit, first, last):
 
 
 @inner
-def step(memory, constants, poles, limit, begin, end, block, observations, work):
+def step(memory, constants, poles, course, begin, end, block, observations, work):
     """Hold the actions in `memory` for one interval, in rows `begin` to `end`.
 
     It advances `memory` (len(MEMORY), columns), and overwrites `block` (len(BLOCK), columns) and
-    the flat `observations` (float32, OBSERVATION_SIZE numbers per row). It returns how many rows
-    failed in any way or reached `limit`, the greatest number of intervals.
+    the flat `observations` (float32). It returns how many rows failed in any way or reached the
+    limit of the `course`.
     """
     first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-    _hold(memory, first, last)
+    if course.by_current:
+        _drive(memory, constants, first, last)
+    else:
+        _hold(memory, first, last)
     advance_batch(
         *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
-        *(CONTROL_PERIOD, 0.0, block, work),
+        *(course.period, 0.0, block, work),
     )
     _account(block, memory, first, last)
+    _settle(block, memory, first, last)
     _pay(block, memory, first, last)
-    unusual = _mark(block, memory, limit, first, last)
+    unusual = _mark(block, memory, course.limit, first, last)
+    width = np.uint64(course.width)
     for i in range(first, last):
-        observe_row(memory, NO_ERRORS, observations, i)
+        observe_row(memory, NO_ERRORS, observations, width, i)
     return unusual
 
 

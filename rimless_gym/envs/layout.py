@@ -32,6 +32,7 @@ class Machine(NamedTuple):
         weight: N.
         slope: rad.
         leg_scale: scale of the observed leg angle, 2 / alpha (1/rad).
+        credit_limit: most travel that may be paid at once, a step length (m); see `Task`.
     """
 
     voltage_limit: Any
@@ -40,6 +41,7 @@ class Machine(NamedTuple):
     weight: Any
     slope: Any
     leg_scale: Any
+    credit_limit: Any
 
 
 Prices = record(  # the fields of a Task
@@ -50,8 +52,9 @@ Prices = record(  # the fields of a Task
 
 #: What is remembered of each row from step to step: the hybrid state; the voltage held over the
 #: interval (V) and the last action; time (s) and intervals since the episode began; the delay from
-#: action to voltage (intervals); machine and prices; and, for a push before the interval, its work
-#: (J) and the number of legs by which it moved the stance foot.
+#: action to voltage (intervals); machine and prices; the travel that may still be paid (m); and,
+#: for a push before the interval, its work (J) and the number of legs by which it moved the stance
+#: foot.
 Memory = record(
     "Memory",
     [
@@ -59,15 +62,20 @@ Memory = record(
         *("voltage", "action", "time", "count", "delay"),
         *Machine._fields,
         *Prices._fields,
-        *("push_work", "push_shift"),
+        *("credit", "push_work", "push_shift"),
     ],
     __name__,
 )
 MEMORY = places(Memory)
 
-#: The results of an interval: the kernel's rows, the energies that the environment adds, the
-#: rewards, and a last row whose bytes are laid out by `MARK`.
-Block = record("Block", [*Row._fields, "idle", "push", *TERM_NAMES, "reward", "marks"], __name__)
+#: The rows of the prices in a memory.
+PRICES = slice(MEMORY.value_of_distance, MEMORY.value_of_distance + len(Prices._fields))
+
+#: The results of an interval: the kernel's rows, the energies that the environment adds, the travel
+#: that is paid, the rewards, and a last row whose bytes are laid out by `MARK`.
+Block = record(
+    "Block", [*Row._fields, "idle", "push", "paid", *TERM_NAMES, "reward", "marks"], __name__
+)
 BLOCK = places(Block)
 
 
@@ -88,7 +96,7 @@ INFO_NAMES = Block._fields[: BLOCK.reward]
 
 
 #: An interval as the terms of the reward see it: `failed` is 1 where the episode ended early.
-Interval = record("Interval", [*Row._fields, "idle", "push", "failed"], __name__)
+Interval = record("Interval", [*Row._fields, "idle", "push", "paid", "failed"], __name__)
 
 
 def columns(n: int) -> int:
@@ -121,9 +129,8 @@ def writer(kind: type[Any], first: int) -> Any:
 
 constants_of = reader(Constants, 0)  # of (N_CONSTANTS, N)
 machine_of = reader(Machine, getattr(MEMORY, Machine._fields[0]))
-prices_of = reader(Prices, getattr(MEMORY, Prices._fields[0]))
+prices_of = reader(Prices, PRICES.start)
 set_machine = writer(Machine, getattr(MEMORY, Machine._fields[0]))
-set_prices = writer(Prices, getattr(MEMORY, Prices._fields[0]))
 
 
 @inner

@@ -12,9 +12,10 @@ from rimless_gym.constants import (
     leg_angle_of,
     reach_of,
     rod_reach,
+    step_length_of,
     weight_of,
 )
-from rimless_gym.envs.layout import Machine, reader, set_machine, set_prices
+from rimless_gym.envs.layout import Machine, reader, set_machine
 from rimless_gym.envs.randomness import between
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.jit import inner, kept
@@ -35,7 +36,7 @@ LEFT_OPEN = -1.0
 
 _D1, _LAW, _REACH = (Constants._fields.index(name) for name in ("d1", "law", "reach"))
 _numbers_of = reader(Numbers, 0)
-for _function in (weight_of, leg_angle_of, rod_reach, reach_of, constants_of):
+for _function in (weight_of, leg_angle_of, step_length_of, rod_reach, reach_of, constants_of):
     inner(_function)
 
 
@@ -46,8 +47,8 @@ def numbers_of(params: WheelParams) -> list[float]:
 
 
 @inner
-def _set_terms(numbers, prices, memory, i):
-    """Write what the task needs for row i: numbers of its machine, and the prices of a `Task`."""
+def _set_terms(numbers, memory, i):
+    """Write what the task needs to know about row i's machine."""
     f = _numbers_of(numbers, i)
     machine = Machine(
         voltage_limit=f.voltage_limit,
@@ -56,9 +57,9 @@ def _set_terms(numbers, prices, memory, i):
         weight=weight_of(f),
         slope=f.slope,
         leg_scale=2 / leg_angle_of(f),
+        credit_limit=step_length_of(f),
     )
     set_machine(memory, i, machine)
-    set_prices(memory, i, prices)
 
 
 @inner
@@ -76,7 +77,7 @@ def _pole(limit, p):
 
 
 @kept()
-def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memory, streams):
+def draw_machines(rows, ranged, bounds, numbers, constants, poles, memory, streams):
     """Draw the parameters `ranged` of each machine of `rows` between `bounds`.
 
     It returns a row whose machine cannot be stepped, or -1.
@@ -92,14 +93,14 @@ def draw_machines(rows, ranged, bounds, numbers, prices, constants, poles, memor
         if f.pendulum_reach == LEFT_OPEN:
             constants[_REACH, i] = rod_reach(f)
         poles[i] = _pole(f.voltage_limit, p)
-        _set_terms(numbers, prices, memory, i)
+        _set_terms(numbers, memory, i)
         if not poles[i] <= MAX_POLE:
             failed = i
     return failed
 
 
 @kept()
-def set_terms(numbers, prices, memory):
-    """Write what the task needs for each row into `memory`."""
+def set_terms(numbers, memory):
+    """Write what the task needs to know about each row's machine into `memory`."""
     for i in range(numbers.shape[1]):
-        _set_terms(numbers, prices, memory, i)
+        _set_terms(numbers, memory, i)

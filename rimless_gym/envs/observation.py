@@ -22,10 +22,19 @@ OBSERVATION_BOUND = np.array(
     [1, 1, 1, MAX_RATE / LEG_RATE_SCALE, MAX_RATE / PENDULUM_RATE_SCALE, 1], dtype=np.float32
 )
 
+#: With a commanded speed, two numbers follow: (speed - MIDDLE_SPEED) / SPEED_SCALE (m/s), and the
+#: credit in units of its limit; see `rimless_gym.envs.task.Task`.
+MIDDLE_SPEED, SPEED_SCALE = 0.45, 0.2
+COMMANDED_SIZE = OBSERVATION_SIZE + 2
+MOST_SPEED = 2.0  # m/s, that may be commanded
+COMMANDED_BOUND = np.append(
+    OBSERVATION_BOUND, np.array([(MOST_SPEED - MIDDLE_SPEED) / SPEED_SCALE, 1], dtype=np.float32)
+)
+
 #: Sensor errors of phi, theta, phi', theta' without noise.
 NO_ERRORS = (0.0, 0.0, 0.0, 0.0)
 
-_WIDTH = np.uint64(OBSERVATION_SIZE)
+_PLAIN = np.uint64(OBSERVATION_SIZE)
 
 
 @inner
@@ -47,8 +56,11 @@ def _within(value, bound):
 
 
 @inner
-def observe_row(memory, errors, observations, i):
-    """Write the observation of row i; `observations` is flat, OBSERVATION_SIZE numbers per row."""
+def observe_row(memory, errors, observations, width, i):
+    """Write the observation of row i; `observations` is flat, `width` (uint64) numbers per row.
+
+    With a width of COMMANDED_SIZE, the command is observed too, and always exactly.
+    """
     values = observation(
         memory[MEMORY.phi, i] + errors[0],
         memory[MEMORY.theta, i] + errors[1],
@@ -58,7 +70,12 @@ def observe_row(memory, errors, observations, i):
         memory[MEMORY.leg_scale, i],
     )
     for k in range(OBSERVATION_SIZE):
-        observations[i * _WIDTH + np.uint64(k)] = values[k]
+        observations[i * width + np.uint64(k)] = values[k]
+    if width > _PLAIN:
+        speed = memory[MEMORY.target_speed, i]
+        credit = memory[MEMORY.credit, i] / memory[MEMORY.credit_limit, i]
+        observations[i * width + _PLAIN] = (speed - MIDDLE_SPEED) / SPEED_SCALE
+        observations[i * width + _PLAIN + np.uint64(1)] = credit
 
 
 def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -12,20 +12,23 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rimless_gym.constants import N_CONSTANTS
-from rimless_gym.envs.interval import step
+from rimless_gym.envs.control import Control
+from rimless_gym.envs.interval import Course, step
 from rimless_gym.envs.layout import BLOCK, MEMORY
-from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import ENVIRONMENT, kept
 from rimless_gym.kernel.stepping import SCRATCH_SIZE
 from rimless_gym.records import places, record
 
 #: Addresses of arrays; number of columns of memory and block; number of machines, 1 or one per
-#: row; greatest number of intervals; and the rows to step, the first and one after the last.
+#: row; greatest number of intervals; length of an interval in units of 10 ms, whether an action is
+#: a current, and the width of an observation; and the rows to step, the first and one after the
+#: last.
 Orders = record(
     "Orders",
     [
         *("block", "observations", "memory", "constants", "poles", "work"),
-        *("columns", "machines", "limit", "begin", "end"),
+        *("columns", "machines", "limit", "ticks", "by_current", "width", "begin", "end"),
     ],
     __name__,
 )
@@ -59,9 +62,11 @@ def step_rows(address):
     constants = carray(_pointer(orders[AT.constants]), (N_CONSTANTS, machines), np.float64)
     poles = carray(_pointer(orders[AT.poles]), machines, np.float64)
     work = carray(_pointer(orders[AT.work]), SCRATCH_SIZE, np.float64)
-    observations = carray(_pointer(orders[AT.observations]), OBSERVATION_SIZE * end, np.float32)
-    limit, begin = float(orders[AT.limit]), orders[AT.begin]
-    return step(memory, constants, poles, limit, begin, end, block, observations, work)
+    width, period = orders[AT.width], orders[AT.ticks] * CONTROL_PERIOD
+    course = Course(float(orders[AT.limit]), period, orders[AT.by_current] != 0, width)
+    observations = carray(_pointer(orders[AT.observations]), width * end, np.float32)
+    begin = orders[AT.begin]
+    return step(memory, constants, poles, course, begin, end, block, observations, work)
 
 
 def orders_for(
@@ -70,6 +75,7 @@ def orders_for(
     poles: NDArray[np.float64],
     work: NDArray[np.float64],
     limit: int,
+    control: Control,
     rows: tuple[int, int],
 ) -> NDArray[np.int64]:
     """Orders for `step_rows`, in which the addresses of block and observations are still 0.
@@ -82,10 +88,12 @@ def orders_for(
         poles: (1,) or (N,).
         work: `rimless_gym.kernel.stepping.scratch()`, one per thread.
         limit: greatest number of intervals in an episode, or `NO_LIMIT`.
+        control: how long an action is held, and what it commands.
         rows: the first, and one after the last.
     """
     addresses = [array.ctypes.data for array in (memory, constants, poles, work)]
-    sizes = memory.shape[1], constants.shape[1], limit, *rows
+    settings = limit, control.ticks, control.by_current, control.width
+    sizes = memory.shape[1], constants.shape[1], *settings, *rows
     return np.array(Orders(0, 0, *addresses, *sizes), dtype=np.int64)
 
 

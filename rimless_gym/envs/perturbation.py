@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from rimless_gym.envs.layout import MEMORY, constants_of
 from rimless_gym.envs.observation import observe_row
 from rimless_gym.envs.randomness import between, next_uniform, normal
@@ -51,7 +53,7 @@ def errors(noise, streams, i):
 @inner
 def machine_at(constants, i):
     """The constants of row i, whether it has its own machine or all rows share one."""
-    return constants_of(constants, i if constants.shape[1] > 1 else 0)
+    return constants_of(constants, i if constants.shape[1] > 1 else i - i)  # 0 of i's own type
 
 
 @inner
@@ -96,7 +98,7 @@ def disturb_rows(memory, constants, streams, held, settings, first, last):
 
 
 @kept(nogil=True)
-def observe_noisily(observations, memory, streams, noise, first, last):
+def observe_noisily(observations, width, memory, streams, noise, first, last):
     """After the interval: observe again with the sensors' errors, still within bounds."""
     for i in range(first, last):
-        observe_row(memory, errors(noise, streams, i), observations, i)
+        observe_row(memory, errors(noise, streams, i), observations, np.uint64(width), np.uint64(i))

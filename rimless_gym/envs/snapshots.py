@@ -8,27 +8,37 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.constants import N_CONSTANTS
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, columns
 from rimless_gym.envs.machines import NUMBERS
-from rimless_gym.envs.observation import OBSERVATION_SIZE
+from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 
 #: The arrays that a fleet's snapshot copies; its other parts are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")
 
-_SETTINGS = {"params": list, "ranges": Ranges, "disturbances": Disturbances, "task": Task}
+_SETTINGS = {
+    "params": list,
+    "ranges": Ranges,
+    "disturbances": Disturbances,
+    "tasks": list,
+    "starts": Starts,
+    "control": Control,
+}
 _FLOAT, _BITS, _BOOL = np.dtype(np.float64), np.dtype(np.uint64), np.dtype(np.bool_)
 _SEEN = np.dtype(np.float32)
 
 
-def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, owner: str) -> None:
-    """Refuse a state that `get_state` of an `owner` with n rows and this task cannot have returned.
+def require_snapshot(
+    state: Any, parts: Collection[str], n: int, control: Control, owner: str
+) -> None:
+    """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
 
     Raises:
         TypeError: it, or a part of it, has the wrong type.
-        ValueError: its parts, number of rows or task differ, or a number in it is not finite.
+        ValueError: its parts, number of rows n or control differ, or a number in it is not finite.
     """
     remedy = f"give what get_state() of a {owner} returned"
     _require_parts("state", state, parts, remedy)
@@ -37,11 +47,14 @@ def require_snapshot(state: Any, parts: Collection[str], n: int, task: Task, own
     for name, kind in _SETTINGS.items():
         if not isinstance(fleet[name], kind):
             raise TypeError(f"state: {name} = {fleet[name]!r}: must be a {kind.__name__}; {remedy}")
-    if not all(isinstance(machine, WheelParams) for machine in fleet["params"]):
-        raise TypeError(f"state: params = {fleet['params']}: must be WheelParams; {remedy}")
-    rows = len(fleet["params"])
-    if rows != n or fleet["task"] != task:
-        raise ValueError(f"the state is of {rows} rows and {fleet['task']}, not of {n} and {task}")
+    for name, kind in (("params", WheelParams), ("tasks", Task)):
+        each = fleet[name]
+        if not all(isinstance(one, kind) for one in each):
+            raise TypeError(f"state: {name} = {each}: must be {kind.__name__}s; {remedy}")
+        if len(each) != n:
+            raise ValueError(f"the state is of {len(each)} rows ({name}), not of {n}; {remedy}")
+    if fleet["control"] != control:
+        raise ValueError(f"the state is of {fleet['control']}, not of {control}")
     if not isinstance(generators, list) or len(generators) != n:
         raise ValueError(f"state: generators = {generators!r}: must be a list of {n}; {remedy}")
     _require_arrays(fleet | state, n, remedy)
@@ -66,7 +79,7 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
         "poles": ((machines,), _FLOAT),
         "numbers": ((len(NUMBERS), n), _FLOAT),
         "ended": ((n,), _BOOL),
-        "seen": ((n, OBSERVATION_SIZE), _SEEN),  # of a vector environment only
+        "seen": ((n, state["control"].width), _SEEN),  # of a vector environment only
     }
     for name in [name for name in expected if name in state]:
         array, (shape, dtype) = state[name], expected[name]
@@ -74,7 +87,10 @@ def _require_arrays(state: dict[str, Any], n: int, remedy: str) -> None:
             raise ValueError(
                 f"state: {name} = {array!r}: must be an array {shape} of {dtype}; {remedy}"
             )
-        wrong = np.argwhere(~np.isfinite(array))
+        finite = np.isfinite(array)
+        if name == "memory":  # where there is no target, it is infinite
+            finite[MEMORY.target_speed] |= array[MEMORY.target_speed] == np.inf
+        wrong = np.argwhere(~finite)
         if len(wrong):
             place = tuple(wrong[0].tolist())
             raise ValueError(

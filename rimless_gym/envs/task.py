@@ -7,11 +7,12 @@ environment pays it, `info` and the logs report it by its name, and the document
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 
-from rimless_gym.checks import not_negative
+from rimless_gym.checks import not_negative, positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.rules import exceeds
@@ -29,20 +30,48 @@ class Task:
             (m/s), as though it slid back at this speed. The travel of such an interval is not paid
             for either, so that a moment that slips is worth less than one at rest.
         horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
+        target_speed: the speed up to which travel is paid (m/s), greater than 0; by default there
+            is no limit. Going faster than the target earns nothing more, so that at a high price
+            the optimum is the cheapest walk at the target speed.
+
+    With a target speed, there is a credit: the travel that may still be paid. It is a step length
+    of the machine when an episode begins, and never more, so that the speed may vary within a step.
+    Travel uses it up, and the target speed makes it grow all the time. Backward travel is charged
+    in full, and gives back as much credit.
 
     Raises:
         TypeError: a value is not a number.
-        ValueError: a value is negative, not finite or larger than 1e30.
+        ValueError: a value is negative (the target speed: or 0), or larger than 1e30 (the target
+            speed: and finite).
     """
 
     value_of_distance: float = 0.5
     fall_distance: float = 2.0
     slip_speed: float = 2.0
     horizon: float = EPISODE_STEPS * CONTROL_PERIOD
+    target_speed: float = math.inf
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            object.__setattr__(self, name, not_negative(name, value))
+            checked = _target if name == "target_speed" else not_negative
+            object.__setattr__(self, name, checked(name, value))
+
+
+def _target(name: str, value: Any) -> float:
+    """A target speed: greater than 0, or infinite."""
+    return math.inf if value == math.inf else positive(name, value)
+
+
+#: The default prices.
+USUAL_TASK = Task()
+
+
+def settled(distance: Any, elapsed: Any, credit: Any, limit: Any, target_speed: Any) -> Any:
+    """The travel that is paid in an interval, and the credit afterwards (m); see `Task`."""
+    if target_speed == math.inf:
+        return distance, limit
+    paid = min(distance, credit)
+    return paid, min(credit - paid + target_speed * elapsed, limit)
 
 
 # The terms. Each takes an interval (`layout.Interval`), what the task knows about the machine
@@ -50,8 +79,11 @@ class Task:
 
 
 def distance(interval: Any, machine: Any, task: Any) -> Any:
-    """`value_of_distance * dx`, with dx the hub's travel along the ground, downhill positive."""
-    return task.value_of_distance * interval.distance
+    """`value_of_distance * paid`: the hub's travel dx along the ground, downhill positive.
+
+    With a `target_speed`, no more is paid than the credit that is left.
+    """
+    return task.value_of_distance * interval.paid
 
 
 def energy(interval: Any, machine: Any, task: Any) -> Any:
@@ -60,7 +92,7 @@ def energy(interval: Any, machine: Any, task: Any) -> Any:
 
 
 def slip(interval: Any, machine: Any, task: Any) -> Any:
-    """`-value_of_distance * (max(dx, 0) + slip_speed * elapsed)`, where the foot would slip.
+    """`-value_of_distance * (max(paid, 0) + slip_speed * elapsed)`, where the foot would slip.
 
     That is where a force in stance or a touchdown's impulse needs more friction than there is.
     The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
@@ -68,7 +100,7 @@ def slip(interval: Any, machine: Any, task: Any) -> Any:
     """
     slips = exceeds(interval.friction_demand, machine.friction)
     slips = slips | exceeds(interval.impulse_friction_demand, machine.friction)
-    back = np.maximum(interval.distance, 0.0) + task.slip_speed * interval.elapsed
+    back = np.maximum(interval.paid, 0.0) + task.slip_speed * interval.elapsed
     return 0.0 - slips * (task.value_of_distance * back)
 
 

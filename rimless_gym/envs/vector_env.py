@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -20,6 +20,7 @@ from rimless_gym.envs.arguments import (
     machines_of,
     require_render_mode,
 )
+from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.generators import Generators, Seeds
@@ -27,12 +28,14 @@ from rimless_gym.envs.info import dense_info, final_info
 from rimless_gym.envs.interval import take_actions
 from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, columns
 from rimless_gym.envs.layout import marks as marks_of
-from rimless_gym.envs.observation import OBSERVATION_SIZE
 from rimless_gym.envs.orders import NO_LIMIT
+from rimless_gym.envs.page import completed
 from rimless_gym.envs.plain import plain_spec
 from rimless_gym.envs.snapshots import require_snapshot
+from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.starts import DRAWN
 from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
@@ -45,6 +48,7 @@ _PARTS = ("fleet", "generators", "seen")  # of a snapshot
 _NO_STATES = np.empty((0, MODE + 1))
 
 
+@completed
 class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """Many actuated rimless wheels, stepped together by one compiled call.
 
@@ -67,8 +71,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     `reset(seed=...)` takes a number (row i gets seed + i), a list or array with a number or None
     per row, or None.
     `reset(options=...)` takes the single environment's options, each for all rows or as a list
-    with one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and
-    only their seeds and options count.
+    with one per row (`starts`, `ranges` and `disturbances` for all rows only), and `reset_mask`, a
+    bool array (num_envs,): only these rows are reset, and only their seeds and options count.
 
     ## Episode End
     Terminates like the single environment; truncates after `max_episode_steps`. What follows
@@ -90,12 +94,14 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     - `params`: the machine of all rows, or a list of one per row; each as in the single
       environment.
     - `task`: as in the single environment.
-    - `max_episode_steps`: default 2000 (20 s); None for no limit.
+    - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives {steps}
+      if you give nothing, which with a `control_period` longer than {period} s stands for 20 s.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
     - `num_threads`: threads that share a step; more than one pays from a few thousand rows on.
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
       `RecordVideo` and `HumanRendering` take them.
     - `ranges`, `disturbances`: as in the single environment; each row draws its own.
+    - `control_period`, `actions`, `starts`: as in the single environment.
 
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
@@ -113,6 +119,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         "render_fps": RimlessWheelEnv.metadata["render_fps"],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    default_task: ClassVar[Task] = RimlessWheelEnv.default_task
+    default_period: ClassVar[float] = RimlessWheelEnv.default_period
+    _speeds: tuple[float, float] | None = None
     closed = True  # until it is made: Gymnasium 1.2 closes an environment when it is deleted
 
     def __init__(
@@ -127,26 +136,41 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
         render_mode: str | None = None,
+        control_period: float = CONTROL_PERIOD,
+        actions: str = "voltage",
+        starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
         num_threads = integer("num_threads", num_threads, 1)
+        control = self.control = Control(control_period, actions, self._speeds)
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
-        self.task = as_task(task)
+        usual = Control(self.default_period)
+        if max_episode_steps == usual.episode_steps and control.period > usual.period:
+            max_episode_steps = control.episode_steps
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.metadata["render_fps"] = round(1 / control.period)
         self.max_episode_steps = max_episode_steps
-        single = RimlessWheelEnv(task=self.task)
-        self.single_action_space = single.action_space
-        self.single_observation_space = single.observation_space
+        self.single_action_space = control.action_space()
+        self.single_observation_space = control.observation_space()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines = machines_of(params, num_envs)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
-        self._fleet = fleet_of(machines, self.task, ranges, disturbances, num_threads, limit)
-        self._seen = np.zeros((num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        self._fleet = fleet_of(
+            machines,
+            as_task(task, self.default_task),
+            ranges,
+            disturbances,
+            control,
+            starts,
+            num_threads,
+            limit,
+        )
+        self._seen = np.zeros((num_envs, self.control.width), dtype=np.float32)
         self._generators = Generators(num_envs)
         self.closed = False
 
@@ -156,6 +180,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def params(self) -> tuple[WheelParams, ...]:
         """The machine of each row, as drawn if there are ranges."""
         return tuple(self._fleet.machine(i) for i in range(self.num_envs))
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """What is paid for in each row."""
+        return tuple(self._fleet.tasks)
 
     @property
     def states(self) -> Floats:
@@ -200,7 +229,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._generators.seed(seed, rows)
         chosen.apply(fleet)
         observations = self._seen.copy()
-        self._begin(rows, observations, chosen.kind, chosen.given)
+        self._begin(rows, observations, chosen.kind, chosen.given, chosen.speeds)
         self._seen[:] = observations
         block = np.zeros((len(BLOCK), self.num_envs))
         info = dense_info(block, marks_of(block))
@@ -208,7 +237,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
-        """Hold a voltage in every row for 10 ms; the class docstring describes what is returned.
+        """Hold the actions for a control period; the class docstring describes what is returned.
 
         Raises:
             TypeError: the actions are not real numbers.
@@ -222,7 +251,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
         self._take(actions, fleet.ended)
         block = np.empty((len(BLOCK), columns(self.num_envs)))
-        observations = np.empty((self.num_envs, OBSERVATION_SIZE), dtype=np.float32)
+        observations = np.empty((self.num_envs, self.control.width), dtype=np.float32)
         unusual = fleet.stepper(block, observations.reshape(-1))()
         block, marks = block[:, : self.num_envs], marks_of(block)[:, : self.num_envs]
         if len(again):
@@ -262,7 +291,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment with as many rows and the same task.
+        It can be pickled, and restored in another environment with as many rows, and the same
+        control period and kind of action.
         """
         return {
             "fleet": self._fleet.get_state(),
@@ -277,9 +307,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         Raises:
             TypeError: it is not a snapshot.
-            ValueError: it is from a single environment, or its number of rows or task differs.
+            ValueError: it is from a single environment, or its number of rows, control
+                period or kind of action differs.
         """
-        require_snapshot(state, _PARTS, self.num_envs, self.task, "RimlessWheelVectorEnv")
+        require_snapshot(state, _PARTS, self.num_envs, self.control, "RimlessWheelVectorEnv")
         self._generators.set_state(state["generators"])
         self._fleet.set_state(state["fleet"])
         self._seen[:] = state["seen"]
@@ -289,10 +320,15 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._fleet.close()
 
     def _begin(
-        self, rows: NDArray[np.int64], observations: Observations, kind: int, given: Floats
+        self,
+        rows: NDArray[np.int64],
+        observations: Observations,
+        kind: int,
+        given: Floats,
+        speeds: Floats | None = None,
     ) -> None:
         keys = self._generators.keys(rows)
-        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1))
+        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1), speeds)
 
     def _take(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)

@@ -7,6 +7,7 @@ import numpy as np
 from rimless_gym.equations import DOUBLE, SINGLE, State
 from rimless_gym.hybrid import (
     CONTACT_LOST,
+    CONTROL_PERIOD,
     DIVERGED,
     MAX_EVENTS,
     MAX_RATE,
@@ -174,7 +175,7 @@ def arrive(tile, lane, event, duration, pull):
         fy = restart(tile, lane, float(landing.mode), foot, after, pull)
         if contact_guard(fy, pull) > 0.0:
             tile[of.FAILURE + lane] = CONTACT_LOST
-    if tile[of.EVENTS + lane] > MAX_EVENTS:
+    if tile[of.EVENTS + lane] > MAX_EVENTS * max(1.0, duration / CONTROL_PERIOD):
         tile[of.FAILURE + lane] = TOO_MANY_EVENTS
 
 

@@ -63,10 +63,12 @@ def test_randomised_and_disturbed_rows_equal_single_environments():
         "disturbances": Disturbances(
             pushes=Pushes(rate=5.0, impulse=(0.0, 0.1)), sensor_noise=SensorNoise(leg_angle=0.01)
         ),
+        "control_period": 0.02,
+        "actions": "current",
+        "starts": {"whirling": 1.0},
     }
-    assert set(signature(RimlessWheelEnv).parameters) == {
-        *("params", "task", "render_mode", "ranges", "disturbances")  # all of them are handed on
-    }
+    handed_on = {"params", "task", "render_mode", *settings}
+    assert set(signature(RimlessWheelEnv).parameters) == handed_on
     ours, theirs = both(3, seed=4, env_kwargs=settings)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     for k in range(200):

@@ -69,7 +69,7 @@ def test_invalid_prices_are_refused(name: str, value: Any, error: type) -> None:
 def test_prices_can_be_numpy_numbers_and_become_floats() -> None:
     task = Task(value_of_distance=np.float64(0.8), horizon=np.int64(30))
     assert task == Task(value_of_distance=0.8, horizon=30.0)
-    assert [type(value) for value in dataclasses.astuple(task)] == [float] * 4
+    assert [type(value) for value in dataclasses.astuple(task)] == [float] * 5
 
 
 def test_an_observation_does_not_share_memory_with_the_state() -> None:
