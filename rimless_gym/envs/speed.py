@@ -135,7 +135,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
 class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
     """Many rimless wheels, each with its own commanded speed, stepped together.
 
-    Row i is `RimlessWheelSpeedEnv`, bit for bit, in every other respect this is
+    Row i is `RimlessWheelSpeedEnv`, bit for bit; in every other respect this is
     `RimlessWheelVectorEnv`: see their pages. Observations have shape (num_envs, 8).
     `reset(options={"speed": ...})` takes one speed for all rows or one for each, and
     `set_command(speed, mask)` changes the commands of some rows within their episodes. The command

@@ -41,8 +41,8 @@ class Task:
 
     Raises:
         TypeError: a value is not a number.
-        ValueError: a value is negative (the target speed: or 0), or larger than 1e30 (the target
-            speed: and finite).
+        ValueError: a value is negative, not finite or larger than 1e30. The target speed may be
+            infinite, but not 0.
     """
 
     value_of_distance: float = 0.5
