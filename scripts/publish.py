@@ -20,6 +20,7 @@ COPIES = {
     "limit_cycles.png": "docs/limit_cycles.png",
     "imitation/clone.zip": "agents/pretrained/imitation.zip",
     "fine_tuned/best.zip": "agents/pretrained/fine_tuned.zip",
+    "evolution/best.zip": "agents/pretrained/evolution.zip",
 }
 TABLE = re.compile(r"(<!-- table: .*? -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
