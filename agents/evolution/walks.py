@@ -68,6 +68,10 @@ class Walks(NamedTuple):
     window_slipping: Floats
 
 
+#: Where each field of `Walks` is in the compiled results.
+AT = Walks(*range(len(Walks._fields)))
+
+
 class Duration(NamedTuple):
     """How long walks last.
 
@@ -121,7 +125,7 @@ def _walk(  # type: ignore[no-untyped-def]
     states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work
 ):
     n = states.shape[1]
-    found = np.zeros((9, n))
+    found = np.zeros((len(AT), n))
     out, volts, begun = np.empty((len(ROW), n)), np.empty(n), np.zeros(n)
     wheel, count = np.arange(n), n
     for t in range(intervals):
@@ -139,20 +143,21 @@ def _walk(  # type: ignore[no-untyped-def]
         )
         for i in range(count - 1, -1, -1):
             w = wheel[i]
+            demand = max(out[ROW.friction_demand, i], out[ROW.impulse_friction_demand, i])
             if out[ROW.failure, i] != 0.0:  # the last wheel that still walks takes its place
                 count -= 1
                 wheel[i] = wheel[count]
                 states[:, i] = states[:, count]
                 continue
-            slips = max(out[ROW.friction_demand, i], out[ROW.impulse_friction_demand, i]) > slipping
-            found[0, w] += 1.0 / intervals
-            found[1, w] += out[ROW.distance, i]
-            found[2, w] += out[ROW.electrical_positive, i]
-            found[3, w] += 1.0 if slips else 0.0
+            slips = demand > slipping
+            found[AT.lasted, w] += 1.0 / intervals
+            found[AT.distance, w] += out[ROW.distance, i]
+            found[AT.energy, w] += out[ROW.electrical_positive, i]
+            found[AT.slipping, w] += 1.0 if slips else 0.0
             if t >= intervals - window:
-                found[4, w] += out[ROW.distance, i]
-                found[5, w] += out[ROW.electrical_positive, i]
-                found[6, w] += out[ROW.steps, i]
-                found[7, w] = states[THETA, i] - begun[w]
-                found[8, w] += 1.0 if slips else 0.0
+                found[AT.window_distance, w] += out[ROW.distance, i]
+                found[AT.window_energy, w] += out[ROW.electrical_positive, i]
+                found[AT.steps, w] += out[ROW.steps, i]
+                found[AT.turned, w] = states[THETA, i] - begun[w]
+                found[AT.window_slipping, w] += 1.0 if slips else 0.0
     return found

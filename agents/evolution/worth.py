@@ -25,8 +25,8 @@ FEWEST_STEPS = 3
 #: A walk belongs to a family if its turns per step differ by less than this.
 WITHIN = 0.25
 
-#: Lasted for the whole time.
-_WHOLE = 1.0 - 1e-9
+#: A wheel that lasted for at least this share of the time did not fall.
+WHOLE = 1.0 - 1e-9
 
 
 class Gait(NamedTuple):
@@ -70,9 +70,16 @@ class Worth:
         paid = np.minimum(walks.distance, self.speed * time)
         paid = np.where(paid > 0.0, own * paid, paid)
         slipped = self.task.slip_speed * CONTROL_PERIOD * walks.slipping
-        fallen = self.task.fall_distance * (walks.lasted < _WHOLE)
+        fallen = self.task.fall_distance * (walks.lasted < WHOLE)
         worth = price * (paid - slipped - fallen) - energy
         return np.asarray(worth.mean(axis=1) / time)
+
+    def costs(self, walks: Walks, duration: Duration) -> Floats:
+        """Costs of transport (P, S) in the window; infinite where there is no way forward."""
+        idle = self.params.idle_power * duration.window * CONTROL_PERIOD
+        distance = walks.window_distance
+        costs = (walks.window_energy + idle) / (self.params.weight * np.maximum(distance, 1e-12))
+        return np.asarray(np.where(distance > 0.0, costs, np.inf))
 
     def gait(self, walks: Walks, duration: Duration, family: float) -> Gait:
         """How the first policy of some walks walks."""
@@ -91,7 +98,7 @@ class Worth:
 
 def stepping(walks: Walks) -> NDArray[np.bool_]:
     """Whether the wheels still take steps forward at the end, (P, S)."""
-    return (walks.lasted > _WHOLE) & (walks.steps >= FEWEST_STEPS)
+    return (walks.lasted > WHOLE) & (walks.steps >= FEWEST_STEPS)
 
 
 def members(walks: Walks, family: float) -> NDArray[np.bool_]:

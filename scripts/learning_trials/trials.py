@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.evolution.campaign import random_policies
 from agents.evolution.policy import SIZE
-from agents.evolution.walks import Duration, Walks, World
-from agents.evolution.worth import families, members, stepping
+from agents.evolution.walks import Duration, World
+from agents.evolution.worth import WHOLE, Worth, families, members, stepping
 from agents.rollout import draw_starts
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
-from trajopt.feedback.law import Floats
 
 #: Voltages that are held for ever, in shares of the limit, and the starts of each.
 STEADY, STEADY_STARTS = np.round(np.linspace(-0.8, 0.8, 17), 2), 64
@@ -67,9 +67,11 @@ def steady(params: WheelParams, seed: int = 0) -> list[Steady]:
     weights = np.zeros((len(STEADY), SIZE))
     weights[:, 0] = STEADY
     walks = World(params).walk(weights, draw_starts(params, STEADY_STARTS, seed), LONG)
-    goes, fallen, cots = stepping(walks), walks.lasted < 1.0 - 1e-9, costs(params, walks, LONG)
+    task = Task()
+    worth = Worth(params, task, speed=math.inf)
+    goes, fallen, cots = stepping(walks), walks.lasted < WHOLE, worth.costs(walks, LONG)
     speeds = walks.window_distance / (LONG.window * CONTROL_PERIOD)
-    earned = rewards(params, walks, LONG, Task()).mean(axis=1)
+    earned = worth.of(walks, LONG, family=0, price=task.value_of_distance)  # none of them whirls
     found = []
     for k, share in enumerate(STEADY):
         some = goes[k]
@@ -84,27 +86,9 @@ def random(params: WheelParams, seed: int = 0) -> list[Family]:
     """Which families of gaits random smooth policies find, fewest turns first."""
     weights = random_policies(RANDOM, np.random.default_rng((seed, 1)))
     walks = World(params).walk(weights, draw_starts(params, RANDOM_STARTS, (seed, 2)), SHORT)
-    cots, found = costs(params, walks, SHORT), []
+    cots, found = Worth(params, Task(), speed=math.inf).costs(walks, SHORT), []
     for turns in families(walks).tolist():
         own = members(walks, turns)
         some, everywhere = int(own.any(axis=1).sum()), int(own.all(axis=1).sum())
         found.append(Family(turns, some, everywhere, float(cots[own].min())))
     return found
-
-
-def costs(params: WheelParams, walks: Walks, duration: Duration) -> Floats:
-    """Costs of transport (P, S) in the window; infinite where there is no way forward."""
-    energy = walks.window_energy + params.idle_power * duration.window * CONTROL_PERIOD
-    forward = np.maximum(walks.window_distance, 1e-12)
-    costs = energy / (params.weight * forward)
-    return np.asarray(np.where(walks.window_distance > 0.0, costs, np.inf))
-
-
-def rewards(params: WheelParams, walks: Walks, duration: Duration, task: Task) -> Floats:
-    """Rewards (P, S) of a task per second (m/s), a fall charged as the task says."""
-    time = duration.intervals * CONTROL_PERIOD
-    energy = walks.energy + params.idle_power * time * walks.lasted
-    fallen = task.fall_distance * (walks.lasted < 1.0 - 1e-9)
-    slipped = task.slip_speed * CONTROL_PERIOD * walks.slipping
-    earned = task.value_of_distance * (walks.distance - slipped - fallen)
-    return np.asarray((earned - energy / params.weight) / time)
