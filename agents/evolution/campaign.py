@@ -61,7 +61,7 @@ class EvolutionSettings(Settings):
             because it runs.
     """
 
-    n_timesteps: int = 600_000_000
+    n_timesteps: int = 1_500_000_000
     screened: int = 20_000
     screen_starts: int = 4
     screen_intervals: int = 600
