@@ -113,7 +113,6 @@ def turns(walks: Walks) -> Floats:
 
 def families(walks: Walks) -> NDArray[np.int64]:
     """The families in which some wheel walks, fewest turns first."""
-    nearest = np.round(turns(walks))
-    found = np.unique(nearest[members(walks, 0.0) | (stepping(walks) & (nearest != 0.0))])
+    found = np.unique(np.round(turns(walks))[stepping(walks)])
     kept = [family for family in found.tolist() if members(walks, family).any()]
     return np.asarray(sorted(kept, key=lambda family: (abs(family), family)), dtype=np.int64)

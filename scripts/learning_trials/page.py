@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 import math
-import re
-from functools import partial
 from pathlib import Path
 
+from scripts.documents import marked
 from scripts.documents.tables import table
 from scripts.learning_trials.trials import RANDOM, RANDOM_STARTS, Family, Steady
-from trajopt.files import write_text
 
 SECTIONS = ("steady", "random")
-MARKS = {
-    name: re.compile(rf"(<!-- learning: {name} -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
-    for name in SECTIONS
-}
-
-#: What a page must contain, in words.
-WANTED = ", ".join(f"<!-- learning: {n} --> and <!-- end of {n} -->" for n in SECTIONS)
+MARKS, WANTED = marked.marks("learning", SECTIONS), marked.wanted("learning", SECTIONS)
 
 
 def refresh(page: Path, sections: dict[str, str]) -> None:
     """Put every section between its marks."""
-    text = page.read_text()
-    for name, section in sections.items():
-        text = MARKS[name].sub(partial(_between, section), text)
-    write_text(page, text)
-
-
-def _between(section: str, marks: re.Match[str]) -> str:
-    return f"{marks[1]}{section}\n{marks[2]}"
+    marked.refresh(page, MARKS, {name: f"{text}\n" for name, text in sections.items()})
 
 
 def steady_table(found: list[Steady]) -> str:
