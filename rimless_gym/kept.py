@@ -25,7 +25,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
+from rimless_gym.fingerprint import SOURCE_FINGERPRINT, package_fingerprint
 from rimless_gym.turns import Turn
 
 _TURN = Turn()  # used by one thread at a time, under numba's compiler lock
@@ -98,7 +98,8 @@ class MachineCode(FunctionCache):
         name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace("<locals>.", "")
         made = signature, codegen.magic_tuple(), numba.__version__, sys.version
         digest = hashlib.sha256(repr(made).encode()).hexdigest()[:16]
-        return Path(self.cache_path) / f"{name}-{digest}-{SOURCE_FINGERPRINT:x}.nbc"
+        own = package_fingerprint(self._py_func.__module__.partition(".")[0])
+        return Path(self.cache_path) / f"{name}-{digest}-{SOURCE_FINGERPRINT:x}{own:x}.nbc"
 
 
 class Nowhere(NullCache):

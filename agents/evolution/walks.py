@@ -43,29 +43,23 @@ MOST = 512
 class Walks(NamedTuple):
     """Walks of P policies from S starts; every field has the shape (P, S).
 
-    The window is the end of the walk. All but `lasted` are 0 where it was not reached.
+    All but `lasted` are those of the window, the end of the walk; 0 where it was not reached.
 
     Attributes:
-        lasted: share of the time before a fall.
-        distance: in all (m).
+        lasted: share of the whole time before a fall.
+        distance: forward (m).
         energy: electrical, without regeneration and idle energy (J).
+        steps: forward, less those backward.
+        turned: by the pendulum (rad).
         slipping: control intervals in which the foot would slip.
-        window_distance: in the window (m).
-        window_energy: in the window (J).
-        steps: in the window.
-        turned: by the pendulum in the window (rad).
-        window_slipping: control intervals in the window in which the foot would slip.
     """
 
     lasted: Floats
     distance: Floats
     energy: Floats
-    slipping: Floats
-    window_distance: Floats
-    window_energy: Floats
     steps: Floats
     turned: Floats
-    window_slipping: Floats
+    slipping: Floats
 
 
 #: Where each field of `Walks` is in the compiled results.
@@ -149,15 +143,11 @@ def _walk(  # type: ignore[no-untyped-def]
                 wheel[i] = wheel[count]
                 states[:, i] = states[:, count]
                 continue
-            slips = demand > slipping
             found[AT.lasted, w] += 1.0 / intervals
-            found[AT.distance, w] += out[ROW.distance, i]
-            found[AT.energy, w] += out[ROW.electrical_positive, i]
-            found[AT.slipping, w] += 1.0 if slips else 0.0
             if t >= intervals - window:
-                found[AT.window_distance, w] += out[ROW.distance, i]
-                found[AT.window_energy, w] += out[ROW.electrical_positive, i]
+                found[AT.distance, w] += out[ROW.distance, i]
+                found[AT.energy, w] += out[ROW.electrical_positive, i]
                 found[AT.steps, w] += out[ROW.steps, i]
                 found[AT.turned, w] = states[THETA, i] - begun[w]
-                found[AT.window_slipping, w] += 1.0 if slips else 0.0
+                found[AT.slipping, w] += 1.0 if demand > slipping else 0.0
     return found

@@ -57,38 +57,48 @@ class Worth:
     task: Task
     speed: float
 
-    def of(self, walks: Walks, duration: Duration, family: float, price: float) -> Floats:
+    def of(
+        self, walks: Walks, duration: Duration, family: float, price: float, judged: float = 1.0
+    ) -> Floats:
         """The mean earnings (P,) of policies per second (m/s), at a price of distance.
 
-        Distance in another family's gait is not paid.
+        The earnings are those of the window, as a cost of transport is that of a steady walk: the
+        energy to get there is several times that of the gait, and would hide it. A fall costs up
+        to twice what the task says, the more the earlier it is. Distance in another family's gait
+        is not paid. Only each policy's best starts count, as many of them as `judged` says (a
+        share, at least one start).
         """
-        time = duration.intervals * CONTROL_PERIOD
-        idle = self.params.idle_power * time * walks.lasted
-        energy = (walks.energy + idle) / self.params.weight
+        time = duration.window * CONTROL_PERIOD
+        energy = walks.energy / self.params.weight + self._idle(duration)
         off = np.abs(turns(walks) - family)
         own = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
         paid = np.minimum(walks.distance, self.speed * time)
         paid = np.where(paid > 0.0, own * paid, paid)
         slipped = self.task.slip_speed * CONTROL_PERIOD * walks.slipping
-        fallen = self.task.fall_distance * (walks.lasted < WHOLE)
-        worth = price * (paid - slipped - fallen) - energy
-        return np.asarray(worth.mean(axis=1) / time)
+        fallen = self.task.fall_distance * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
+        earned = price * (paid - slipped - fallen) - energy
+        count = max(1, round(judged * earned.shape[1]))
+        return np.asarray(np.sort(earned, axis=1)[:, -count:].mean(axis=1) / time)
+
+    def _idle(self, duration: Duration) -> float:
+        """Idle energy in the window, over the weight (m)."""
+        return self.params.idle_power * duration.window * CONTROL_PERIOD / self.params.weight
 
     def costs(self, walks: Walks, duration: Duration) -> Floats:
         """Costs of transport (P, S) in the window; infinite where there is no way forward."""
-        idle = self.params.idle_power * duration.window * CONTROL_PERIOD
-        distance = walks.window_distance
-        costs = (walks.window_energy + idle) / (self.params.weight * np.maximum(distance, 1e-12))
+        distance = walks.distance
+        energy = walks.energy / self.params.weight + self._idle(duration)
+        costs = energy / np.maximum(distance, 1e-12)
         return np.asarray(np.where(distance > 0.0, costs, np.inf))
 
     def gait(self, walks: Walks, duration: Duration, family: float) -> Gait:
         """How the first policy of some walks walks."""
-        fits = members(walks, family)[0] & (walks.window_slipping[0] == 0.0)
+        fits = members(walks, family)[0] & (walks.slipping[0] == 0.0)
         if not fits.any():
             return Gait(0.0, np.inf, 0.0)
         time = duration.window * CONTROL_PERIOD * fits.sum()
-        distance = walks.window_distance[0][fits].sum()
-        energy = walks.window_energy[0][fits].sum() + self.params.idle_power * time
+        distance = walks.distance[0][fits].sum()
+        energy = walks.energy[0][fits].sum() + self.params.idle_power * time
         return Gait(
             float(fits.mean()),
             float(energy / (self.params.weight * distance)) if distance > 0.0 else np.inf,
@@ -109,6 +119,15 @@ def members(walks: Walks, family: float) -> NDArray[np.bool_]:
 def turns(walks: Walks) -> Floats:
     """Turns of the pendulum per step in the window, (P, S)."""
     return np.asarray(walks.turned / (2.0 * np.pi) / np.maximum(walks.steps, 1.0))
+
+
+def senses(walks: Walks) -> NDArray[np.int64]:
+    """In which sense pendulums go round in the window of wheels that do not fall, (P, S).
+
+    -1 forward, 1 backward, 0 for those that turn less than half a turn.
+    """
+    round_it_goes = (np.abs(walks.turned) > np.pi) & (walks.lasted > WHOLE)
+    return np.asarray(np.where(round_it_goes, np.sign(walks.turned), 0.0), dtype=np.int64)
 
 
 def families(walks: Walks) -> NDArray[np.int64]:

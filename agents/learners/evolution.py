@@ -10,12 +10,15 @@ import functools
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents import learner
 from agents.evolution import policy
-from agents.evolution.campaign import Answer, EvolutionSettings, Request, campaign
-from agents.evolution.walks import World
-from agents.evolution.worth import Gait, Worth, families, members
+from agents.evolution.asking import Among, Answer, Request
+from agents.evolution.campaign import campaign
+from agents.evolution.settings import EvolutionSettings
+from agents.evolution.walks import Walks, World
+from agents.evolution.worth import Gait, Worth, families, members, senses
 from agents.learner import PolicyParts, Watch
 from agents.policies import Act
 from agents.rollout import draw_starts
@@ -95,16 +98,15 @@ class Learner(learner.Learner):
     def _walked(self, request: Request) -> Answer:
         starts = draw_starts(self._world.params, request.starts, request.seed)
         walks = self._world.walk(request.weights, starts, request.duration)
-        duration, gait = request.duration, Gait(0.0, np.inf, 0.0)
-        found = families(walks) if request.family is None else np.array([request.family])
-        worth = np.empty((len(found), len(request.weights)))
-        for k, family in enumerate(found):
-            worth[k] = self._worth.of(walks, duration, family, request.price)
-            if request.family is None:
-                worth[k, ~members(walks, family).any(axis=1)] = -np.inf
-        if len(found):
-            gait = self._worth.gait(walks, duration, found[0])
-        return Answer(found.astype(np.float64), worth, gait)
+        groups, belongs = _groups(request.among, walks)
+        worth = np.empty((len(groups), len(request.weights)))
+        for k, group in enumerate(groups):
+            worth[k] = self._worth.of(walks, request.duration, group, request.price, request.judged)
+            worth[k, ~belongs[k]] = -np.inf
+        gait = Gait(0.0, np.inf, 0.0)
+        if len(groups):
+            gait = self._worth.gait(walks, request.duration, groups[0])
+        return Answer(groups.astype(np.float64), worth, gait)
 
     def _send(self, answer: Answer) -> None:
         self._answers.append(answer)
@@ -116,11 +118,11 @@ class Learner(learner.Learner):
 
     def state(self) -> dict[str, Any]:
         """The answers so far, from which the campaign comes to the same place again."""
-        families = [answer.families for answer in self._answers]
+        groups = [answer.groups for answer in self._answers]
         return {
             "steps": self._steps,
-            "families": np.concatenate([*families, np.empty(0)]),
-            "counts": np.array([len(each) for each in families], dtype=np.int64),
+            "groups": np.concatenate([*groups, np.empty(0)]),
+            "counts": np.array([len(each) for each in groups], dtype=np.int64),
             "sizes": np.array([answer.worth.shape[1] for answer in self._answers], dtype=np.int64),
             "worth": np.concatenate([*(a.worth.ravel() for a in self._answers), np.empty(0)]),
             "gaits": np.array([answer.gait for answer in self._answers]).reshape(-1, 3),
@@ -130,22 +132,34 @@ class Learner(learner.Learner):
         """Send the answers of a state to a new campaign."""
         self._campaign, self._answers = self._begin(), []
         self._request, self._steps = next(self._campaign), int(state["steps"])
-        families: Floats = state["families"]
+        groups: Floats = state["groups"]
         worth: Floats = state["worth"]
         for count, size, gait in zip(state["counts"], state["sizes"], state["gaits"], strict=True):
-            of, families = families[:count], families[count:]
+            of, groups = groups[:count], groups[count:]
             earned, worth = worth[: count * size], worth[count * size :]
             self._send(Answer(of, earned.reshape(count, size), Gait(*map(float, gait))))
+
+
+def _groups(among: int | Among, walks: Walks) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The groups (G,) into which policies are sorted, and which belong to each of them, (G, P)."""
+    if among is Among.SENSES:
+        groups = np.array([0, -1, 1])
+        return groups, np.array([(senses(walks) == sense).any(axis=1) for sense in groups])
+    if among is Among.FAMILIES:
+        groups = families(walks)
+        own = [members(walks, family).any(axis=1) for family in groups]
+        return groups, np.array(own, dtype=bool).reshape(len(groups), -1)
+    return np.array([among]), np.ones((1, len(walks.steps)), dtype=bool)
 
 
 def _log(watch: Watch, request: Request, answer: Answer) -> None:
     log = watch.log
     log.record("evolution/price", request.price)
-    if len(answer.families):
+    if len(answer.groups):
         log.record("evolution/worth", float(answer.worth[0].mean()))
         log.record("evolution/best_worth", float(answer.worth.max()))
-    if request.family is not None:
-        log.record("evolution/family", request.family)
+    if isinstance(request.among, int):
+        log.record("evolution/family", request.among)
     if len(request.weights) == 1 and answer.gait.share > 0.0:
         log.record("walk/share", answer.gait.share)
         log.record("walk/cot", answer.gait.cot)

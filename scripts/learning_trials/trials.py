@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.evolution.campaign import random_policies
 from agents.evolution.policy import SIZE
+from agents.evolution.screening import random_policies
 from agents.evolution.walks import Duration, World
 from agents.evolution.worth import WHOLE, Worth, families, members, stepping
 from agents.rollout import draw_starts
@@ -70,7 +70,7 @@ def steady(params: WheelParams, seed: int = 0) -> list[Steady]:
     task = Task()
     worth = Worth(params, task, speed=math.inf)
     goes, fallen, cots = stepping(walks), walks.lasted < WHOLE, worth.costs(walks, LONG)
-    speeds = walks.window_distance / (LONG.window * CONTROL_PERIOD)
+    speeds = walks.distance / (LONG.window * CONTROL_PERIOD)
     earned = worth.of(walks, LONG, family=0, price=task.value_of_distance)  # none of them whirls
     found = []
     for k, share in enumerate(STEADY):

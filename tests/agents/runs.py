@@ -19,12 +19,12 @@ QUICK = Cloning(
 STEPS = {"ppo": 512, "sac": 160, "evolution": 2_500_000}
 SHORT_SEARCH = {
     "screened": 400,
+    "kept": 20,
     "screen_intervals": 400,
-    "rescreened": 3,
-    "rescreen_starts": 4,
-    "contenders": 1,
+    "contenders": 2,
+    "trial": 10,
+    "finalists": 1,
     "race": 10,
-    "longer_race": 10,
     "population": 8,
     "intervals": 400,
     "starts": 4,

@@ -115,11 +115,14 @@ def test_a_damaged_file_is_compiled_again(folder: Path, size: int) -> None:
     assert compiled()[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("SOURCE_FINGERPRINT", 1), ("package_fingerprint", lambda package: 1)]
+)
 def test_code_compiled_from_other_sources_is_replaced(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: Any
 ) -> None:
     _, [before] = compiled()
-    monkeypatch.setattr(keeping, "SOURCE_FINGERPRINT", 1)
+    monkeypatch.setattr(keeping, name, value)
     times, after = compiled()
     assert times == 1
     assert len(after) == 1

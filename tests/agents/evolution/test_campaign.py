@@ -5,18 +5,22 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.evolution.campaign import LOOKED_AT, Answer, EvolutionSettings, campaign
+from agents.evolution.asking import Among, Answer
+from agents.evolution.campaign import campaign
+from agents.evolution.contender import LEAST_JUDGED, LOOKED_AT
 from agents.evolution.policy import SIZE
+from agents.evolution.settings import EvolutionSettings
 from agents.evolution.worth import Gait
 
-SETTINGS = EvolutionSettings(screened=40, contenders=2, rescreened=5, race=10, longer_race=10)
+SETTINGS = EvolutionSettings(screened=40, kept=5, contenders=2, trial=10, finalists=1, race=10)
 
 
 def judged(request, wanted):
     """Pretended walks: family -1 is cheap if the weights are near `wanted`, family 0 never is."""
     off = ((request.weights - wanted) ** 2).sum(axis=1)
-    known = [0, -1] if request.family is None else [request.family]
-    worth = np.array([-off if family else -5.0 - off for family in known])
+    apart = {Among.SENSES: [0, 1], Among.FAMILIES: [0, -1]}
+    known = apart.get(request.among, [request.among])
+    worth = np.array([-off if group else -5.0 - off for group in known])
     cot = float(0.05 + off[0]) if known[0] else 0.9
     return Answer(np.array(known, float), worth, Gait(1.0, cot, 0.5))
 
@@ -37,10 +41,29 @@ def run(search, wanted, count):
 def test_every_family_races_and_the_cheapest_is_refined(wanted):
     requests = run(campaign(SETTINGS, 0, 0.5, None), wanted, 150)
     stages = list(dict.fromkeys(request.stage for request in requests))
-    assert stages == ["screen", "race +0", "race -1", "refine"]
-    assert {r.family for r in requests if r.stage == "refine"} == {-1}
-    screens = [request for request in requests if request.stage == "screen"]
-    assert [len(request.weights) for request in screens] == [40, 5, 5]
+    assert stages[:3] == ["screen", "trial +0", "trial -1"]
+    assert set(stages[3:-1]) == {"race +0", "race -1"}
+    assert stages[-1] == "refine"
+    assert {r.among for r in requests if r.stage == "refine"} == {-1}
+
+
+def test_what_is_left_of_a_glance_at_many_walks_for_longer(wanted):
+    glance, walk = run(campaign(SETTINGS, 0, 0.5, None), wanted, 2)
+    assert len(glance.weights) == 40
+    assert SETTINGS.kept <= len(walk.weights) <= 2 * SETTINGS.kept
+    assert glance.duration.intervals < walk.duration.intervals
+
+
+def test_a_family_that_is_easy_to_find_has_no_more_trials_than_finalists(wanted):
+    requests = run(campaign(SETTINGS, 0, 0.5, None), wanted, 100)
+    assert sum(r.stage == "trial +0" and len(r.weights) == 1 for r in requests) == 1
+
+
+def test_policies_are_judged_by_more_starts_once_they_walk_from_more(wanted):
+    requests = run(campaign(SETTINGS, 0, 0.5, None), wanted, 200)
+    shares = [request.judged for request in requests if request.stage == "trial -1"]
+    assert shares[0] == LEAST_JUDGED
+    assert requests[-1].judged == 1.0
 
 
 def test_the_price_falls_to_the_true_one_with_the_cost_of_walking(wanted):
@@ -70,12 +93,23 @@ def test_a_policy_to_start_from_is_refined_in_its_own_family(wanted):
     requests = run(campaign(SETTINGS, 0, 0.5, wanted + 0.01), wanted, 30)
     assert [r.stage for r in requests[:2]] == ["look", "refine"]
     assert requests[0].starts == LOOKED_AT
-    assert requests[-1].family == -1
+    assert requests[-1].among == -1
 
 
-def test_a_machine_on_which_nothing_walks_ends_the_campaign_with_a_remedy():
+def test_a_machine_on_which_nothing_walks_ends_the_campaign_with_a_remedy(wanted):
     search = campaign(SETTINGS, 0, 0.5, None)
-    next(search)
+    search.send(judged(next(search), wanted))
     nothing = Answer(np.empty(0), np.empty((0, 40)), Gait(0.0, np.inf, 0.0))
     with pytest.raises(RuntimeError, match=r"none of 40 random policies walks .* screen more"):
         search.send(nothing)
+
+
+def test_a_trial_that_nobody_survives_ends_the_campaign_with_a_remedy(wanted):
+    search, lost = campaign(SETTINGS, 0, 0.5, None), Gait(0.0, np.inf, 0.0)
+
+    def go_on(request):
+        while True:
+            request = search.send(judged(request, wanted)._replace(gait=lost))
+
+    with pytest.raises(RuntimeError, match=r"still walks after 10 generations: screen more"):
+        go_on(next(search))

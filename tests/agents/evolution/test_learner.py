@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.evaluate import evaluate
-from agents.learners.evolution import EvolutionSettings
+from agents.evolution.settings import EvolutionSettings
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
@@ -35,7 +35,7 @@ def test_it_logs_price_family_and_gait(tmp_path):
 
 @pytest.mark.slow
 def test_from_nothing_it_walks_from_most_starts_without_slipping(tmp_path):
-    settings = EvolutionSettings(screened=4000, contenders=2, n_timesteps=150_000_000)
+    settings = EvolutionSettings(screened=4000, contenders=3, n_timesteps=150_000_000)
     result = run(tmp_path, settings=settings, protocol=SHORT_PROTOCOL)
     walk = evaluate(learned_policy(load_policy(result.best).act), protocol=SHORT_PROTOCOL)
     assert walk.walking_share > 0.6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.evolution.walks import Duration, Walks
-from agents.evolution.worth import Gait, Worth, families, members
+from agents.evolution.worth import Gait, Worth, families, members, senses
 from agents.pacing import LEAST_SHARE, MULTIPLE, paced_price
 from rimless_gym import BUILDABLE, Task
 
@@ -16,14 +16,11 @@ def walks(**changes):
     """One policy from two starts, whirling forward once a step at 0.52 m/s for 10 s."""
     values = {
         "lasted": 1.0,
-        "distance": 20 * STEP,
-        "energy": 5.0,
-        "slipping": 0.0,
-        "window_distance": 10 * STEP,
-        "window_energy": 2.5,
+        "distance": 10 * STEP,
+        "energy": 2.5,
         "steps": 10.0,
         "turned": -20 * np.pi,
-        "window_slipping": 0.0,
+        "slipping": 0.0,
     } | changes
     return Walks(**{name: np.full((1, 2), value) for name, value in values.items()})
 
@@ -38,27 +35,44 @@ def earned(worth, family=-1, price=1.0, **changes):
 
 
 def test_a_walk_earns_its_distance_less_its_energy(worth):
-    energy = (5.0 + 10.0 * BUILDABLE.idle_power) / BUILDABLE.weight
-    assert earned(worth) == pytest.approx((20 * STEP - energy) / 10.0)
+    energy = (2.5 + 5.0 * BUILDABLE.idle_power) / BUILDABLE.weight
+    assert earned(worth) == pytest.approx((10 * STEP - energy) / 5.0)
 
 
 def test_distance_above_the_paid_speed_earns_nothing(worth):
-    assert earned(worth, distance=6.2) == pytest.approx(earned(worth, distance=15.0))
+    assert earned(worth, distance=3.1) == pytest.approx(earned(worth, distance=7.0))
 
 
 def test_distance_in_another_familys_gait_earns_nothing(worth):
-    energy = (5.0 + 10.0 * BUILDABLE.idle_power) / BUILDABLE.weight
-    assert earned(worth, family=0) == pytest.approx(-energy / 10.0)
+    energy = (2.5 + 5.0 * BUILDABLE.idle_power) / BUILDABLE.weight
+    assert earned(worth, family=0) == pytest.approx(-energy / 5.0)
 
 
 def test_falling_and_slipping_cost_what_the_task_says(worth):
     task = Task()
     assert earned(worth) - earned(worth, slipping=5.0) == pytest.approx(
-        task.slip_speed * 0.05 / 10.0
+        task.slip_speed * 0.05 / 5.0
     )
-    assert earned(worth, lasted=0.999) == pytest.approx(
-        earned(worth) - task.fall_distance / 10.0, abs=1e-4
-    )
+    late, early = (earned(worth) - earned(worth, lasted=lasted) for lasted in (0.999, 0.5))
+    assert late == pytest.approx(1.001 * task.fall_distance / 5.0)
+    assert early == pytest.approx(1.5 * task.fall_distance / 5.0)
+
+
+def test_only_the_best_starts_are_judged(worth):
+    one_falls = walks()
+    one_falls.lasted[0, 1] = 0.2
+    earned_by = [worth.of(one_falls, DURATION, -1, 1.0, judged)[0] for judged in (0.1, 0.5, 1.0)]
+    assert earned_by[0] == earned_by[1] == pytest.approx(earned(worth))
+    assert earned_by[2] < 0.7 * earned_by[0]
+
+
+def test_a_pendulum_that_hardly_turns_has_no_sense():
+    several = walks()
+    assert senses(several).tolist() == [[-1, -1]]
+    several.turned[0] = 4.0, 3.0
+    assert senses(several).tolist() == [[1, 0]]
+    several.lasted[0, 0] = 0.9
+    assert senses(several).tolist() == [[0, 0]]
 
 
 def test_a_gait_is_that_of_the_walks_by_the_rules_in_its_family(worth):
@@ -69,7 +83,7 @@ def test_a_gait_is_that_of_the_walks_by_the_rules_in_its_family(worth):
     assert gait.cot == pytest.approx(energy / (BUILDABLE.weight * 10 * STEP))
     nothing = Gait(0.0, np.inf, 0.0)
     assert worth.gait(walks(), DURATION, 0) == nothing
-    assert worth.gait(walks(window_slipping=1.0), DURATION, -1) == nothing
+    assert worth.gait(walks(slipping=1.0), DURATION, -1) == nothing
     assert worth.gait(walks(lasted=0.9), DURATION, -1) == nothing
 
 

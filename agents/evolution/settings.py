@@ -1,0 +1,51 @@
+"""How evolution searches, in numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from agents.training import Settings
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvolutionSettings(Settings):
+    """How evolution searches.
+
+    Attributes:
+        n_timesteps: control intervals in all; refining lasts until then.
+        screened: random policies.
+        screen_starts: of each of them.
+        glance: intervals of their first, short walk.
+        kept: most policies of one sense of turning that walk for longer.
+        screen_intervals: of the longer walk.
+        contenders: most of each family in the race.
+        trial: generations of each contender; those that do not walk then are out.
+        finalists: of each family after the trial; and of all families after the first round.
+        race: generations of the first round; the second has twice as many.
+        population: policies of a generation.
+        intervals: of a walk; its second half is judged.
+        starts: of a policy in the race.
+        refining_starts: of a policy afterwards.
+        spread: standard deviation of the first generation, in root mean squares of the weights.
+        first_price: price of distance at the beginning; far above the cost of clumsy walking.
+        paid_speed: speed up to which distance is paid (m/s), so that no family is preferred
+            because it runs.
+    """
+
+    n_timesteps: int = 900_000_000
+    screened: int = 50_000
+    screen_starts: int = 4
+    glance: int = 200
+    kept: int = 1500
+    screen_intervals: int = 600
+    contenders: int = 16
+    trial: int = 10
+    finalists: int = 3
+    race: int = 30
+    population: int = 24
+    intervals: int = 800
+    starts: int = 24
+    refining_starts: int = 48
+    spread: float = 0.3
+    first_price: float = 5.0
+    paid_speed: float = 0.6
