@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.kernel.stepping import MODE
+from rimless_gym.envs.observation import observe
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.requirements import require_machine
@@ -48,3 +49,23 @@ def controller_policy(params: Machine, controller: Controller) -> Policy:
         return np.clip(np.asarray(volts, dtype=np.float64) / machine.voltage_limit, -1.0, 1.0)
 
     return policy
+
+
+def policy_controller(params: Machine, act: Act) -> Controller:
+    """A learner's policy as a feedback law in volts, for another learner to imitate.
+
+    Args:
+        params: the machine, as the environment takes it.
+        act: the policy.
+
+    Raises:
+        TypeError, ValueError: there is no such machine.
+    """
+    machine = as_params(params)
+
+    def controller(states: Floats, modes: NDArray[np.int64]) -> Floats:
+        hybrid = np.zeros((len(states), STATE_SIZE))
+        hybrid[:, :4], hybrid[:, MODE] = states, modes
+        return machine.voltage_limit * np.asarray(act(observe(machine, hybrid)), dtype=np.float64)
+
+    return controller

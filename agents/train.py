@@ -15,6 +15,7 @@ from agents.folder import BEST, CLONE, CLONING, LAST, STATE, claim, sole_user
 from agents.imitation import Cloning
 from agents.interrupts import requests
 from agents.learner import Learner
+from agents.policies import policy_controller
 from agents.policy_files import CheckpointError, load_policy, origin, save_policy
 from agents.protocol import SHORT_PROTOCOL, Protocol
 from agents.session import Plan, Session, Standing
@@ -100,8 +101,9 @@ def train(
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
         settings: hyperparameters; default: the learner's own.
-        expert: to imitate; or the name of a feedback law, about the optimal gait at
-            `EXPERT_SPEED` whose voltage is held as the environment holds it.
+        expert: to imitate. A name is that of a feedback law, about the optimal gait at
+            `EXPERT_SPEED` whose voltage is held as the environment holds it; or of a policy's
+            file: its policy is distilled into the learner's.
         cloning: how, default `Cloning()`.
         score: what "best" means, larger is better; default: reward per second.
         protocol: of the periodic evaluations.
@@ -118,7 +120,7 @@ def train(
     settings = settings or learners.learner(algo).settings(init)
     training = Training(
         algo,
-        init if init in INITS else origin(init),
+        _described(init, expert),
         integer("seed", seed, 0, MAX_SEED),
         Conditions.of(params, ranges, disturbances),
         as_task(task),
@@ -143,6 +145,28 @@ def train(
             learner.close()
 
 
+def _described(init: str, expert: Controller | str) -> str:
+    """What a training begins from, so that its folder is known by it."""
+    if init == IMITATION and isinstance(expert, str) and expert != EXPERT:
+        return f"{IMITATION} of {expert if expert in laws.names() else origin(expert)}"
+    return init if init in INITS else origin(init)
+
+
+def _named(expert: str, plan: Plan) -> Controller:
+    """The feedback law of this name, or the policy in this file.
+
+    Raises:
+        CheckpointError: it is neither, or the policy is for another machine.
+    """
+    params = plan.training.conditions.params
+    if expert not in laws.names():
+        return policy_controller(params, load_policy(expert, params).act)
+    gait = periodic_gait(
+        params, EXPERT_SPEED, EXPERT_STEPS, hold=CONTROL_PERIOD, progress=plan.progress
+    )
+    return laws.design(expert, gait)
+
+
 def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) -> Learner:
     """The learner with which a training begins."""
     training, out = plan.training, plan.out
@@ -151,12 +175,9 @@ def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) ->
         return kind(training)
     if init != IMITATION:
         return _started_from(init, training)
-    learner, params = kind(training), training.conditions.params
+    learner = kind(training)
     if isinstance(expert, str):
-        gait = periodic_gait(
-            params, EXPERT_SPEED, EXPERT_STEPS, hold=CONTROL_PERIOD, progress=plan.progress
-        )
-        expert = laws.design(expert, gait)
+        expert = _named(expert, plan)
     report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
     return learner
@@ -184,7 +205,7 @@ def _resumed(training: Training, out: Path) -> tuple[Learner, Standing]:
         StateError: its state is damaged, or of another training.
         ValueError: a policy that it had saved is missing.
     """
-    needed = [BEST, LAST] + [CLONE] * (training.init == IMITATION)
+    needed = [BEST, LAST] + [CLONE] * training.init.startswith(IMITATION)
     missing = [name for name in needed if not (out / name).exists()]
     if missing:
         raise ValueError(

@@ -41,7 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--init", default="scratch", help=f"{' or '.join(INITS)}, or a policy's file to start from"
     )
     parser.add_argument(
-        "--expert", choices=laws.names(), default=EXPERT, help="feedback law to imitate"
+        "--expert",
+        default=EXPERT,
+        help=f"what to imitate: {', '.join(laws.names())}, or a policy's file to distil",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of everything random")
     parser.add_argument("--out", type=Path, default=Path("runs/train"), help="results' folder")

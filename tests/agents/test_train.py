@@ -1,5 +1,6 @@
 """Training: the same seed gives the same policy; what it starts from; what it refuses."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,8 +9,11 @@ import torch
 
 from agents import learners
 from agents.policy_files import CheckpointError, load_policy, read_record
+from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
 from agents.train import train
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.envs.observation import observe
 from tests.agents.runs import QUICK, run, weights
 
 
@@ -56,6 +60,20 @@ def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
         run(tmp_path / "c", "sac", init=first.clone)
     with pytest.raises(CheckpointError, match=r"none\.zip.*check the path"):
         run(tmp_path / "d", init=tmp_path / "none.zip")
+
+
+def test_a_policy_of_one_learner_is_distilled_into_another(tmp_path, swing):
+    teacher = run(tmp_path / "a", init="imitation", expert=swing, cloning=QUICK, timesteps=0).best
+    longer = dataclasses.replace(QUICK, gradient_steps=800)
+    clone = {"init": "imitation", "expert": str(teacher), "timesteps": 0, "cloning": longer}
+    learned = run(tmp_path / "b", "sac", **clone).best
+    seen = observe(THESIS_PHYSICAL, draw_starts(THESIS_PHYSICAL, 200, 0))
+    taught, shown = (load_policy(path).act(seen) for path in (teacher, learned))
+    assert np.corrcoef(taught, shown)[0, 1] > 0.9
+    with pytest.raises(ValueError, match=r"init = imitation of ppo policy"):
+        run(tmp_path / "b", "sac", **clone | {"expert": swing})
+    with pytest.raises(CheckpointError, match="nobody: no such file"):
+        run(tmp_path / "c", init="imitation", expert="nobody")
 
 
 def test_numpy_integers_are_accepted_as_seed_and_number_of_steps(tmp_path, finished):
