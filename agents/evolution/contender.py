@@ -6,18 +6,18 @@ import cma
 import numpy as np
 
 from agents.evolution.asking import Request, Search
-from agents.evolution.settings import EvolutionSettings
+from agents.evolution.settings import LOOK_EVERY, EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.evolution.worth import Gait
 from agents.pacing import paced_price
 from trajopt.feedback.law import Floats
 
-#: Starts, and generations between two looks at how the mean policy walks.
-LOOKED_AT, LOOK_EVERY = 64, 10
+#: Starts from which the mean policy is looked at.
+LOOKED_AT = 64
 
-#: Least share of the starts by which policies are judged. Else it is this multiple of the share
-#: from which the mean policy walks.
-LEAST_JUDGED, JUDGED_MULTIPLE = 0.1, 2.0
+#: The share of the starts by which policies are judged is this multiple of the share from which the
+#: mean policy walks.
+JUDGED_MULTIPLE = 2.0
 
 
 class Contender:
@@ -78,7 +78,7 @@ class Contender:
         while generations is None or self._generation < begun + generations:
             drawn = np.array(self._strategy.ask())
             shown = self.best if self.gait.share > 0.0 else otherwise
-            judged = min(max(JUDGED_MULTIPLE * self._share, LEAST_JUDGED), 1.0)
+            judged = min(max(JUDGED_MULTIPLE * self._share, ask.least_judged), 1.0)
             asked = duration, self.family, judged, self._price, shown
             seed = (*self._seed, self._generation)
             answer = yield Request(stage, drawn, starts, seed, *asked)

@@ -5,6 +5,16 @@ from __future__ import annotations
 import dataclasses
 
 from agents.training import Settings
+from rimless_gym.checks import integer, positive
+
+#: Generations between two looks at how the mean policy walks.
+LOOK_EVERY = 10
+
+#: The least that numbers may be, where it is not 1. A trial ends with a look, CMA-ES needs a few
+#: policies, and a walk is judged by its second half.
+LEAST = {"silent": 0, "trial": LOOK_EVERY, "population": 4} | dict.fromkeys(
+    ("glance", "screen_intervals", "intervals"), 2
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,10 +36,16 @@ class EvolutionSettings(Settings):
         intervals: of a walk; its second half is judged.
         starts: of a policy in the race.
         refining_starts: of a policy afterwards.
+        least_judged: share of the starts by which a policy is judged while it walks from few; 1 for
+            always all of them.
         spread: standard deviation of the first generation, in root mean squares of the weights.
         first_price: price of distance at the beginning; far above the cost of clumsy walking.
         paid_speed: speed up to which distance is paid (m/s), so that no family is preferred
             because it runs.
+
+    Raises:
+        TypeError: a number is of the wrong kind.
+        ValueError: a number is out of its range.
     """
 
     n_timesteps: int = 900_000_000
@@ -46,6 +62,17 @@ class EvolutionSettings(Settings):
     intervals: int = 800
     starts: int = 24
     refining_starts: int = 48
+    least_judged: float = 0.1
     spread: float = 0.3
     first_price: float = 5.0
     paid_speed: float = 0.6
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            least = LEAST.get(field.name, 1)
+            if isinstance(field.default, int):
+                integer(field.name, getattr(self, field.name), least)
+            else:
+                positive(field.name, getattr(self, field.name))
+        if self.least_judged > 1.0:
+            raise ValueError(f"least_judged = {self.least_judged}: a share, must be at most 1")

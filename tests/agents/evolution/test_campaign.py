@@ -7,7 +7,7 @@ import pytest
 
 from agents.evolution.asking import Among, Answer
 from agents.evolution.campaign import campaign
-from agents.evolution.contender import LEAST_JUDGED, LOOKED_AT
+from agents.evolution.contender import LOOKED_AT
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.worth import Gait
@@ -62,7 +62,7 @@ def test_a_family_that_is_easy_to_find_has_no_more_trials_than_finalists(wanted)
 def test_policies_are_judged_by_more_starts_once_they_walk_from_more(wanted):
     requests = run(campaign(SETTINGS, 0, 0.5, None), wanted, 200)
     shares = [request.judged for request in requests if request.stage == "trial -1"]
-    assert shares[0] == LEAST_JUDGED
+    assert shares[0] == SETTINGS.least_judged
     assert requests[-1].judged == 1.0
 
 
@@ -113,3 +113,18 @@ def test_a_trial_that_nobody_survives_ends_the_campaign_with_a_remedy(wanted):
 
     with pytest.raises(RuntimeError, match=r"still walks after 10 generations: screen more"):
         go_on(next(search))
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"trial": 9}, ValueError, "trial = 9: must be an integer of at least 10"),
+        ({"screened": 0}, ValueError, "screened = 0: must be an integer of at least 1"),
+        ({"population": 2.5}, TypeError, r"population = 2\.5"),
+        ({"spread": 0.0}, ValueError, r"spread = 0\.0"),
+        ({"least_judged": 1.5}, ValueError, r"least_judged = 1\.5: .* at most 1"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(changes, error, message):
+    with pytest.raises(error, match=message):
+        dataclasses.replace(SETTINGS, **changes)
