@@ -47,7 +47,7 @@ class Commanded:
 
     @property
     def stepping_share(self) -> float:
-        """Of the starts: those that do not fall and still take steps at the end, slipping or not."""
+        """Of the starts: those that do not fall and still step at the end, slipping or not."""
         return 1.0 - self._share(FALLS) - self._share(STOPS)
 
     @property
@@ -114,4 +114,3 @@ def evaluate_commanded(
         )
         judged.append(Commanded(speed, walks))
     return tuple(judged)
-
