@@ -1,4 +1,4 @@
-# make install | compare | front | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | study | front | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -18,11 +18,12 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare front feedback test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare study front feedback test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
+	@echo "make study       every learner over ten seeds, into docs/learning.md (hours)"
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
 	@echo "make test        lint, types and the fast tests (some minutes)"
@@ -51,6 +52,9 @@ $(PEERS): $(INSTALLED)
 
 compare: $(INSTALLED)
 	$(BIN)/python scripts/compare.py --out runs/compare
+
+study: $(INSTALLED)
+	$(BIN)/python scripts/study.py --docs docs/learning.md
 
 front: $(INSTALLED)
 	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from rimless_gym import RimlessWheelVectorEnv
+from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.params import WheelParams
@@ -53,6 +53,16 @@ class Conditions:
     def envs(self, num_envs: int, **arguments: Any) -> RimlessWheelVectorEnv:
         """A vector environment of these conditions; `arguments` are any others that it takes."""
         return RimlessWheelVectorEnv(
+            num_envs,
+            self.params,
+            ranges=self.ranges,
+            disturbances=self.disturbances,
+            **arguments,
+        )
+
+    def speed_envs(self, num_envs: int, **arguments: Any) -> RimlessWheelSpeedVectorEnv:
+        """The same of `RimlessWheelSpeed-v0`, in which a speed is commanded."""
+        return RimlessWheelSpeedVectorEnv(
             num_envs,
             self.params,
             ranges=self.ranges,

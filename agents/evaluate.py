@@ -25,13 +25,14 @@ from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
 from agents.verdicts import FALLS, STOPS, WALKS, faults, verdicts
 from agents.window import Window
+from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
-from rimless_gym.hybrid import CONTROL_PERIOD, OK
+from rimless_gym.hybrid import OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
@@ -111,6 +112,7 @@ def evaluate(
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
+    command: float | None = None,
     progress: bool = False,
 ) -> Evaluation:
     """Let a policy walk in the vector environment, and measure it.
@@ -123,12 +125,15 @@ def evaluate(
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
+        command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`; None: the policy
+            walks in `RimlessWheel-v0`. See `agents.commanded` for several speeds.
         progress: whether to show a progress bar.
 
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
-            finite or not states to start from, or ranges or disturbances are not valid.
+            finite or not states to start from, ranges or disturbances are not valid, or the
+            command is out of its range.
         RuntimeError: a motion leaves the range of the model, or a machine that was drawn cannot
             stand at its start.
     """
@@ -140,10 +145,12 @@ def evaluate(
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
-    n_intervals = round(protocol.duration / CONTROL_PERIOD)
-    first = n_intervals - round(protocol.window / CONTROL_PERIOD)
-    first_alive = n_intervals - round(protocol.alive / CONTROL_PERIOD)
-    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, as_task(task))
+    envs = RimlessWheelVectorEnv if command is None else RimlessWheelSpeedVectorEnv
+    prices, period = as_task(task, envs.default_task), envs.default_period
+    n_intervals = round(protocol.duration / period)
+    first = n_intervals - round(protocol.window / period)
+    first_alive = n_intervals - round(protocol.alive / period)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, prices, command)
     window = Window(walks.machines)
     log = TouchdownLog(params, len(starts))
     late_steps = np.zeros(len(starts))

@@ -27,7 +27,7 @@ class Interval(NamedTuple):
     Attributes:
         running: which of the walks these are, (M,).
         states: before the interval, (M, STATE_SIZE).
-        observations: of these states, (M, 6).
+        observations: of these states, (M, 6); (M, 8) where a speed is commanded.
         actions: voltages commanded, in units of the limit, (M,).
         info: the environment's `info` of the interval, arrays (M,).
         after: states after the interval, (M, STATE_SIZE).
@@ -66,7 +66,9 @@ class Rollout:
         starts: (N, STATE_SIZE); every walk counts its legs from the foot it begins on.
         n_intervals: length of the walks in control intervals.
         seed: walk i draws its machine and its disturbances from `seed + i`.
-        task: whose rewards are in `info`, default `Task()`.
+        task: whose rewards are in `info`, default: that of the environment.
+        command: the speed that is commanded all the time (m/s), in `RimlessWheelSpeed-v0` with its
+            longer intervals; None: the walks are in `RimlessWheel-v0`.
 
     Attributes:
         machines: of each walk, as drawn, N of them.
@@ -86,13 +88,17 @@ class Rollout:
         n_intervals: int,
         seed: int = 0,
         task: Task | None = None,
+        command: float | None = None,
     ) -> None:
         starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
         modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]
-        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
-        self._seen, _ = self._envs.reset(
-            seed=seed, options={"state": starts[:, :4].copy(), "mode": modes}
-        )
+        begin: dict[str, Any] = {"state": starts[:, :4].copy(), "mode": modes}
+        if command is None:
+            self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
+        else:
+            self._envs = conditions.speed_envs(len(starts), task=task, max_episode_steps=None)
+            begin["speed"] = command
+        self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._policy, self._n_intervals = policy, n_intervals
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
@@ -130,10 +136,10 @@ class Rollout:
 
 
 def measured(observations: NDArray[np.float32], leg_angle: float) -> Floats:
-    """phi, theta, phi', theta' (N, 4) from observations (N, 6); theta lies within a turn of 0.
+    """phi, theta, phi', theta' (N, 4) from observations; theta lies within a turn of 0.
 
     Args:
-        observations: of the environment.
+        observations: of the environment, (N, 6) or (N, 8).
         leg_angle: between neighbouring legs (rad).
     """
     seen = observations.astype(np.float64)

@@ -1,0 +1,48 @@
+"""What is told of a policy that was judged: a few figures of an evaluation."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from agents.commanded import SLIPS
+from agents.evaluate import Evaluation
+from agents.verdicts import FALLS
+
+
+@dataclasses.dataclass(frozen=True)
+class Figures:
+    """How a policy walks.
+
+    Attributes:
+        share: of the starts that walk, in [0, 1].
+        falls: of the starts that fall.
+        slips: of the starts that still take steps at the end, but whose foot slips.
+        cot: cost of transport of those that walk, from E+; None if none does.
+        speed: of those that walk (m/s); None if none does.
+    """
+
+    share: float
+    falls: float
+    slips: float
+    cot: float | None
+    speed: float | None
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Figures:
+        """Those of an evaluation."""
+        faults, starts = evaluation.faults, len(evaluation.verdicts)
+        walks = evaluation.walking_share > 0.0
+        return cls(
+            share=evaluation.walking_share,
+            falls=faults.get(FALLS, 0) / starts,
+            slips=sum(faults.get(verdict, 0) for verdict in SLIPS) / starts,
+            cot=evaluation.cot if walks else None,
+            speed=evaluation.speed if walks else None,
+        )
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> Figures:
+        """Those that a file has."""
+        return cls(**values)

@@ -1,0 +1,102 @@
+"""The study's results as tables of docs/learning.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from scripts.documents import marked
+from scripts.documents.tables import table
+from scripts.studies.rows import FIRST_EVENING, LEARNED
+from scripts.studies.summary import Average, Everywhere, Line
+
+SECTIONS = (LEARNED, FIRST_EVENING)
+MARKS, WANTED = marked.marks("study", SECTIONS), marked.wanted("study", SECTIONS)
+
+NONE = "-"
+
+
+def refresh(page: Path, sections: dict[str, str]) -> None:
+    """Put sections between their marks; others stay as they are."""
+    marked.refresh(page, MARKS, {name: f"{text}\n" for name, text in sections.items()})
+
+
+def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:
+    """A table for every section that has a row."""
+    learned = [line for line in lines if line.row.table == LEARNED]
+    evening = [line for line in lines if line.row.table == FIRST_EVENING]
+    found = {}
+    if learned:
+        found[LEARNED] = learned_table(learned)
+    if evening:
+        found[FIRST_EVENING] = evening_table(evening, whole)
+    return found
+
+
+def learned_table(lines: Sequence[Line]) -> str:
+    """Policies for `RimlessWheel-v0`."""
+    head = ["policy", "seeds that walk", "starts that walk", "gap to the optimum", "CoT"]
+    head += ["speed (m/s)", "falls", "slips", "minutes of one core", "steps"]
+    rows = []
+    for line in lines:
+        title = ", ".join(part for part in (line.row.title, line.which) if part)
+        rows.append(
+            [title, _seeds(line), _starts(line), _gap(line.gap), _mean(line.cot, 4)]
+            + [_mean(line.speed, 3), _percent(line.falls), _percent(line.slips)]
+            + [_minutes(line.minutes), _steps(line.steps)]
+        )
+    return table(head, rows)
+
+
+def evening_table(lines: Sequence[Line], whole: Sequence[Everywhere]) -> str:
+    """Policies for commanded speeds, and after each row how many seeds walk at all of them."""
+    head = ["learner", "commanded", "seeds that walk", "starts that walk", "CoT", "speed (m/s)"]
+    head += ["falls", "slips", "minutes of one core", "steps"]
+    rows = []
+    for each in whole:
+        own = [line for line in lines if line.row == each.row]
+        for line in own:
+            rows.append(
+                [line.row.title, line.which, _seeds(line), _starts(line), _mean(line.cot, 2)]
+                + [_mean(line.speed, 2), _percent(line.falls), _percent(line.slips)]
+                + [_minutes(line.minutes), _steps(line.steps)]
+            )
+        if len(own) > 1:
+            count = f"{each.walking} of {each.seeds}"
+            rows.append([each.row.title, "all of these", count, *[""] * (len(head) - 3)])
+    return table(head, rows)
+
+
+def _seeds(line: Line) -> str:
+    return f"{line.walking} of {line.seeds}"
+
+
+def _starts(line: Line) -> str:
+    """The median seed, and the worst and the best one."""
+    return f"{_percent(line.middle)} ({100 * line.least:.0f} to {100 * line.most:.0f})"
+
+
+def _gap(gap: Average | None) -> str:
+    if gap is None:
+        return NONE
+    return f"{100 * gap.mean:+.1f} % ({100 * gap.low:+.1f} to {100 * gap.high:+.1f})"
+
+
+def _mean(figure: Average | None, digits: int) -> str:
+    return NONE if figure is None else f"{figure.mean:.{digits}f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _minutes(minutes: float) -> str:
+    return f"{minutes:.1f}"
+
+
+def _steps(steps: float) -> str:
+    """In millions, thousands, or as they are."""
+    for unit, name in ((1e6, "M"), (1e3, "k")):
+        if steps >= unit:
+            return f"{steps / unit:.3g} {name}"
+    return f"{steps:.0f}"

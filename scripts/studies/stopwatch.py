@@ -1,0 +1,58 @@
+"""The time that a piece of work takes, counted on through stops of any kind."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from trajopt.files import write_text
+
+#: How often the time is written to its file (s); a kill loses at most so much of it.
+EVERY = 10.0
+
+FILE = "minutes.json"
+
+
+def minutes(folder: Path) -> float:
+    """The minutes that work in a folder has taken so far."""
+    try:
+        return float(json.loads((folder / FILE).read_text()))
+    except FileNotFoundError:
+        return 0.0
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{folder / FILE}: damaged ({error}); remove {folder} to train anew"
+        ) from error
+
+
+@contextmanager
+def timed(folder: Path) -> Iterator[None]:
+    """Count the processor's time of this process within the block to the work in a folder.
+
+    That of other programs on the same cores does not count.
+
+    Raises:
+        ValueError: what was written before is damaged.
+        OSError: the folder cannot be written.
+    """
+    before, begun, over = minutes(folder), time.process_time(), threading.Event()
+
+    def write() -> None:
+        write_text(folder / FILE, f"{before + (time.process_time() - begun) / 60.0}\n")
+
+    def keep() -> None:
+        while not over.wait(EVERY):
+            write()
+
+    thread = threading.Thread(target=keep, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        write()

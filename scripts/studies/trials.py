@@ -1,0 +1,96 @@
+"""How a seed is trained by `agents.train`, and how its policies are judged."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Protocol
+
+from agents import learners, protocol
+from agents.evaluate import evaluate
+from agents.folder import BEST
+from agents.policies import learned_policy
+from agents.policy_files import load_policy
+from agents.train import train
+from agents.training import SCRATCH
+from rimless_gym.params import WheelParams
+from scripts.studies.figures import Figures
+from trajopt.files import jsonable
+
+#: Control intervals of a trial that only shows that it runs, where a learner has no other least.
+BRIEF_STEPS = 4096
+
+
+class Trial(Protocol):
+    """How one seed is trained and judged. It must be picklable."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that its result depends on besides seed, machine and protocol: plain JSON values."""
+
+    def train(self, seed: int, folder: Path, params: WheelParams) -> int:
+        """Train into a folder, or go on there; the environment steps in all.
+
+        Raises:
+            KeyboardInterrupt: somebody asked to stop; what was learned so far is kept.
+        """
+
+    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+        """The policies that were trained, each by what distinguishes it from the others."""
+
+    def brief(self) -> Trial:
+        """A trial that learns nothing, but shows that everything runs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trained:
+    """A training by `agents.train`, on `RimlessWheel-v0`.
+
+    Attributes:
+        algo: name of the learner.
+        init: "scratch" or "imitation".
+        timesteps: control intervals; None: as many as the learner says.
+        judged: what distinguishes a policy -> its file in the training's folder.
+    """
+
+    algo: str
+    init: str = SCRATCH
+    timesteps: int | None = None
+    judged: tuple[tuple[str, str], ...] = (("", BEST),)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The fields, with what the learner says."""
+        own = learners.learner(self.algo).settings(self.init)
+        fields = dataclasses.asdict(self) | {"learner": own.written}
+        return dict(jsonable(fields))
+
+    def train(self, seed: int, folder: Path, params: WheelParams) -> int:
+        """Train, or go on from the last state."""
+        trained = train(
+            self.algo,
+            self.init,
+            seed,
+            folder,
+            timesteps=self.timesteps,
+            params=params,
+            progress=False,
+        )
+        if trained.interrupted:
+            raise KeyboardInterrupt
+        return trained.timesteps
+
+    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+        """Every policy by the protocol."""
+        found = {}
+        for which, file in self.judged:
+            policy = learned_policy(load_policy(folder / file, params).act)
+            found[which] = Figures.of(evaluate(policy, params, by))
+        return found
+
+    def brief(self) -> Trained:
+        """The same with the fewest steps; one that only imitates stays as it is."""
+        if self.timesteps == 0:
+            return self
+        silent = learners.learner(self.algo).settings(self.init).silent
+        return dataclasses.replace(self, timesteps=max(BRIEF_STEPS, 2 * silent))

@@ -1,0 +1,91 @@
+"""Policies at commanded speeds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents import load_policy
+from agents.commanded import COMMANDS, evaluate_commanded
+from agents.evaluate import evaluate
+from agents.policies import learned_policy
+from agents.protocol import Protocol
+from rimless_gym import BUILDABLE, Task
+from rimless_gym.envs.speed import SPEEDS, TASK
+from rimless_gym.rules import BREACHES
+
+BRIEF = Protocol(starts=16, duration=16.0, window=8.0, alive=4.0)
+
+
+def standing(states, seen):
+    return np.zeros(len(seen))
+
+
+def leaning(states, seen):
+    """Lean further forward, the faster it should go; both are steady voltages that roll on."""
+    return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
+
+
+def test_a_policy_that_stands_does_not_walk_at_any_speed():
+    for judged in evaluate_commanded(standing, protocol=BRIEF):
+        assert (judged.walking_share, judged.stepping_share, judged.slipping_share) == (0, 0, 0)
+        assert np.isnan(judged.cot)
+        assert np.isnan(judged.speed)
+        assert judged.evaluation.faults == {"stops": BRIEF.starts}
+
+
+def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
+    commands = []
+
+    def looking(states, seen):
+        commands.append(set(seen[:, 6].tolist()))
+        assert seen.shape[1] == 8
+        return leaning(states, seen)
+
+    slow, fast = evaluate_commanded(looking, (0.35, 0.6), protocol=BRIEF)
+    assert (slow.command, fast.command) == (0.35, 0.6)
+    assert {len(each) for each in commands} == {1}
+    assert np.allclose(sorted(set.union(*commands)), [-0.5, 0.75])
+    assert slow.stepping_share > 0.3
+    assert fast.stepping_share > 0.2
+    assert slow.speed < fast.speed
+    assert slow.cot > 0.5
+
+
+def test_a_policy_that_steps_but_breaks_a_rule_is_told_from_one_that_stands():
+    ice = BUILDABLE.replace(friction=0.2)
+    (judged,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
+    assert judged.walking_share == 0.0
+    assert judged.slipping_share > 0.3
+    assert judged.stepping_share >= judged.slipping_share
+    assert set(judged.evaluation.faults) <= {"falls", "stops", *BREACHES}
+
+
+def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():
+    act = load_policy("imitation").act
+    short = Protocol(starts=8, duration=16.0, window=8.0, alive=4.0)
+    blind = learned_policy(lambda seen: act(seen[:, :6]))
+    at_home = evaluate(learned_policy(act), protocol=short)
+    slow, fast = evaluate_commanded(blind, (0.35, 0.6), protocol=short)
+    assert at_home.walking_share == slow.walking_share == fast.walking_share == 1.0
+    assert slow.speed == fast.speed == pytest.approx(0.56, abs=0.02)
+    assert slow.cot > 1.2 * at_home.cot  # it was made for a voltage that is held for 10 ms
+
+
+def test_rewards_are_those_of_the_task_with_a_command():
+    (usual,) = evaluate_commanded(standing, [0.5], protocol=BRIEF)
+    (same,) = evaluate_commanded(standing, [0.5], protocol=BRIEF, task=TASK)
+    (dear,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF)
+    (cheap,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF, task=Task())
+    assert usual.evaluation.objective == same.evaluation.objective
+    assert dear.evaluation.objective > cheap.evaluation.objective
+
+
+@pytest.mark.parametrize("commands", [(), (0.5, -0.1), (3.0,), ((0.5,),)])
+def test_speeds_that_cannot_be_commanded_are_refused(commands):
+    with pytest.raises(ValueError, match=r"commands|speed"):
+        evaluate_commanded(standing, commands, protocol=BRIEF)
+
+
+def test_the_speeds_asked_for_by_default_may_all_be_drawn_in_training():
+    assert all(SPEEDS[0] <= speed <= SPEEDS[1] for speed in COMMANDS)
