@@ -48,13 +48,13 @@ class EvolutionSettings(Settings):
         ValueError: a number is out of its range.
     """
 
-    n_timesteps: int = 900_000_000
+    n_timesteps: int = 700_000_000
     screened: int = 50_000
     screen_starts: int = 4
     glance: int = 200
     kept: int = 1500
     screen_intervals: int = 600
-    contenders: int = 16
+    contenders: int = 12
     trial: int = 10
     finalists: int = 3
     race: int = 30
