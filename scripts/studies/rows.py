@@ -7,7 +7,7 @@ import dataclasses
 from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION
 from scripts.studies.first_evening import FirstEvening
-from scripts.studies.trials import Trained, Trial
+from scripts.studies.trials import Distilled, Trained, Trial
 
 #: The tables of the page: policies for `RimlessWheel-v0`, and those for commanded speeds.
 LEARNED, FIRST_EVENING = "learned", "first_evening"
@@ -56,6 +56,13 @@ ROWS = (
         LEARNED,
         Trained("evolution", judged=(("best kept", BEST), ("last", LAST))),
         minutes=15.0,
+    ),
+    Row(
+        "distilled",
+        "evolution distilled into a network",
+        LEARNED,
+        Distilled("ppo", IMITATION, 0, (("", CLONE),), teacher="evolution"),
+        minutes=2.0,
     ),
     Row(
         "first_evening",

@@ -11,7 +11,7 @@ from agents.evaluate import evaluate
 from agents.folder import BEST
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from agents.train import train
+from agents.train import EXPERT, train
 from agents.training import SCRATCH
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
@@ -74,11 +74,16 @@ class Trained:
             folder,
             timesteps=self.timesteps,
             params=params,
+            expert=self.expert(seed, folder),
             progress=False,
         )
         if trained.interrupted:
             raise KeyboardInterrupt
         return trained.timesteps
+
+    def expert(self, seed: int, folder: Path) -> str:
+        """Whom it imitates, if it does."""
+        return EXPERT
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """Every policy by the protocol."""
@@ -94,3 +99,18 @@ class Trained:
             return self
         silent = learners.learner(self.algo).settings(self.init).silent
         return dataclasses.replace(self, timesteps=max(BRIEF_STEPS, 2 * silent))
+
+
+@dataclasses.dataclass(frozen=True)
+class Distilled(Trained):
+    """An imitation of the best policy of another row, of the same seed, which is trained before.
+
+    Attributes:
+        teacher: the other row.
+    """
+
+    teacher: str = ""
+
+    def expert(self, seed: int, folder: Path) -> str:
+        """The policy's file, in the folder beside this one's."""
+        return str(folder.with_name(f"{self.teacher}_{seed}") / BEST)

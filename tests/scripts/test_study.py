@@ -30,7 +30,7 @@ from scripts.studies.running import completed, ran
 from scripts.studies.stopwatch import minutes, timed
 from scripts.studies.study import Study, run
 from scripts.studies.summary import lines
-from scripts.studies.trials import Trained
+from scripts.studies.trials import Distilled, Trained
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "learning.md"
 
@@ -306,6 +306,21 @@ def test_a_training_by_agents_train_is_judged_from_its_own_files(
     row = dataclasses.replace(cell.row, trial=dataclasses.replace(trial, timesteps=1))
     with pytest.raises(KeyboardInterrupt):
         dataclasses.replace(cell, row=row).run(tmp_path)
+
+
+def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def trained(algo: str, init: str, seed: int, out: Path, **others: Any) -> TrainResult:
+        asked.append(others)
+        return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, ())
+
+    monkeypatch.setattr(trials, "train", trained)
+    trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
+    trial.train(3, tmp_path / "distilled_3", BUILDABLE)
+    assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
 
 
 def test_a_first_evening_is_trained_once_and_judged_at_every_command(tmp_path: Path) -> None:
