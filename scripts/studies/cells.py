@@ -17,7 +17,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.figures import Figures
 from scripts.studies.rows import Row
-from scripts.studies.stopwatch import minutes, timed
+from scripts.studies.stopwatch import minutes
 from trajopt.files import jsonable, read_signed, write_signed
 
 #: The file of a finished cell, in the folder of its training.
@@ -83,8 +83,7 @@ class Cell:
         own = folder / self.key
         own.mkdir(parents=True, exist_ok=True)
         with one_core():
-            with timed(own):
-                steps = self.row.trial.train(self.seed, own, self.params)
+            steps = self.row.trial.train(self.seed, own, self.params)
             policies = self.row.trial.judge(own, self.params, self.protocol)
         return Result(policies, steps, minutes(own))
 

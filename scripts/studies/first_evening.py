@@ -17,6 +17,7 @@ from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
+from scripts.studies.stopwatch import forget, timed
 from trajopt.feedback.law import Floats
 
 TASK = "RimlessWheelSpeed-v0"
@@ -57,7 +58,9 @@ class FirstEvening:
         """Train from the beginning, unless it was finished before."""
         path = folder / POLICY
         if not path.exists():
-            model = self._model(params, seed).learn(self.timesteps)
+            forget(folder)
+            with timed(folder):
+                model = self._model(params, seed).learn(self.timesteps)
             kept = {"steps": model.num_timesteps, "weights": model.policy.state_dict()}
             torch.save(kept, part := path.with_suffix(".part"))
             os.replace(part, path)

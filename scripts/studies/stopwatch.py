@@ -29,6 +29,11 @@ def minutes(folder: Path) -> float:
         ) from error
 
 
+def forget(folder: Path) -> None:
+    """Count from nothing again, for work that begins again."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
 @contextmanager
 def timed(folder: Path) -> Iterator[None]:
     """Count the processor's time of this process within the block to the work in a folder.

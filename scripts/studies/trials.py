@@ -15,6 +15,7 @@ from agents.train import EXPERT, train
 from agents.training import SCRATCH
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
+from scripts.studies.stopwatch import timed
 from trajopt.files import jsonable
 
 #: Control intervals of a trial that only shows that it runs, where a learner has no other least.
@@ -30,6 +31,8 @@ class Trial(Protocol):
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train into a folder, or go on there; the environment steps in all.
+
+        It notes its time in the folder, with `scripts.studies.stopwatch`.
 
         Raises:
             KeyboardInterrupt: somebody asked to stop; what was learned so far is kept.
@@ -67,16 +70,17 @@ class Trained:
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train, or go on from the last state."""
-        trained = train(
-            self.algo,
-            self.init,
-            seed,
-            folder,
-            timesteps=self.timesteps,
-            params=params,
-            expert=self.expert(seed, folder),
-            progress=False,
-        )
+        with timed(folder):
+            trained = train(
+                self.algo,
+                self.init,
+                seed,
+                folder,
+                timesteps=self.timesteps,
+                params=params,
+                expert=self.expert(seed, folder),
+                progress=False,
+            )
         if trained.interrupted:
             raise KeyboardInterrupt
         return trained.timesteps
