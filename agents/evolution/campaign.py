@@ -6,7 +6,7 @@
 2. **Race**: the best of every family evolve (CMA-ES: Hansen, The CMA evolution strategy: a
    tutorial, arXiv:1604.00772). Whoever does not walk in its family's gait after a short trial is
    out. Then there are two rounds: the best of each family, and the best of all.
-3. **Refine**: the winner evolves on, from more starts.
+3. **Refine**: the winner evolves on, with longer walks.
 
 Two things change while a policy evolves. The price of distance follows its cost of transport
 (`agents.pacing.paced_price`). And policies are judged by their best starts only, until they walk
@@ -51,7 +51,8 @@ def campaign(
         best = Contender(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _raced(settings, seed, floor)
-    yield from best.evolve("refine", None, settings.refining_starts, best.best)
+    walks = settings.refining_starts, settings.refining_intervals
+    yield from best.evolve("refine", None, *walks, best.best)
 
 
 def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]:
@@ -62,7 +63,7 @@ def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]
         contenders: list[Contender] = []
         for k, policy in enumerate(policies):
             contenders.append(Contender(ask, family, policy, (seed, 3, family % 100, k), floor))
-            yield from _round("trial", contenders[-1:], ask.trial, ask.starts)
+            yield from _round("trial", contenders[-1:], ask.trial, ask)
             if sum(one.gait.share >= LEAST_SHARE for one in contenders) == ask.finalists:
                 break  # such a family is easy to find
         families.append(_ranked(contenders)[: ask.finalists])
@@ -73,18 +74,21 @@ def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]
             f"{ask.trial} generations: screen more of them (screened), or start from a policy that "
             "walks (init)"
         )
-    yield from _round("race", finalists, ask.race, ask.starts)
+    yield from _round("race", finalists, ask.race, ask)
     finalists = _ranked(finalists)[: ask.finalists]
-    yield from _round("race", finalists, 2 * ask.race, ask.starts)
+    yield from _round("race", finalists, 2 * ask.race, ask)
     return _ranked(finalists)[0]
 
 
-def _round(stage: str, contenders: list[Contender], generations: int, starts: int) -> Search[None]:
+def _round(
+    stage: str, contenders: list[Contender], generations: int, ask: EvolutionSettings
+) -> Search[None]:
     """All of them evolve, one after the other."""
     for one in contenders:
         leading = _ranked(contenders)
         otherwise = leading[0].best if leading else np.zeros(SIZE)
-        yield from one.evolve(f"{stage} {one.name}", generations, starts, otherwise)
+        walks = ask.starts, ask.intervals
+        yield from one.evolve(f"{stage} {one.name}", generations, *walks, otherwise)
 
 
 def _ranked(contenders: list[Contender]) -> list[Contender]:

@@ -62,7 +62,7 @@ class Contender:
         return f"{self.family:+d}"
 
     def evolve(
-        self, stage: str, generations: int | None, starts: int, otherwise: Floats
+        self, stage: str, generations: int | None, starts: int, intervals: int, otherwise: Floats
     ) -> Search[None]:
         """Evolve for some generations, or for ever.
 
@@ -70,15 +70,16 @@ class Contender:
             stage: for people.
             generations: None: for ever.
             starts: of every policy.
+            intervals: of every walk.
             otherwise: the best policy so far, until this one walks.
         """
-        ask = self._settings
-        duration = Duration(ask.intervals, ask.intervals // 2)
+        least = self._settings.least_judged
+        duration = Duration(intervals, intervals // 2)
         begun = self._generation
         while generations is None or self._generation < begun + generations:
             drawn = np.array(self._strategy.ask())
             shown = self.best if self.gait.share > 0.0 else otherwise
-            judged = min(max(JUDGED_MULTIPLE * self._share, ask.least_judged), 1.0)
+            judged = min(max(JUDGED_MULTIPLE * self._share, least), 1.0)
             asked = duration, self.family, judged, self._price, shown
             seed = (*self._seed, self._generation)
             answer = yield Request(stage, drawn, starts, seed, *asked)

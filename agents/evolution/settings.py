@@ -13,7 +13,7 @@ LOOK_EVERY = 10
 #: The least that numbers may be, where it is not 1. A trial ends with a look, CMA-ES needs a few
 #: policies, and a walk is judged by its second half.
 LEAST = {"silent": 0, "trial": LOOK_EVERY, "population": 4} | dict.fromkeys(
-    ("glance", "screen_intervals", "intervals"), 2
+    ("glance", "screen_intervals", "intervals", "refining_intervals"), 2
 )
 
 
@@ -33,8 +33,10 @@ class EvolutionSettings(Settings):
         finalists: of each family after the trial; and of all families after the first round.
         race: generations of the first round; the second has twice as many.
         population: policies of a generation.
-        intervals: of a walk; its second half is judged.
+        intervals: of a walk in the race; its second half is judged.
         starts: of a policy in the race.
+        refining_intervals: of a walk afterwards. A policy may fall later than after the 8 s of a
+            race, and what is left of the start-up hides the cost of the gait.
         refining_starts: of a policy afterwards.
         least_judged: share of the starts by which a policy is judged while it walks from few; 1 for
             always all of them.
@@ -61,7 +63,8 @@ class EvolutionSettings(Settings):
     population: int = 24
     intervals: int = 800
     starts: int = 24
-    refining_starts: int = 48
+    refining_intervals: int = 2000
+    refining_starts: int = 24
     least_judged: float = 0.1
     spread: float = 0.3
     first_price: float = 5.0

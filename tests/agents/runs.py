@@ -28,6 +28,7 @@ SHORT_SEARCH = {
     "population": 8,
     "intervals": 400,
     "starts": 4,
+    "refining_intervals": 400,
     "refining_starts": 4,
 }
 
