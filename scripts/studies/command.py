@@ -3,7 +3,8 @@
 A cell is one seed of one row. Its result is kept as soon as it is known, and trainings keep their
 own states: after Ctrl-C or a kill, the same command goes on. (A first evening of plain
 stable-baselines3 begins again.) With --rows, only some rows are trained; the tables have all rows
-of which every seed is finished. A damaged result is refused.
+of which the first three seeds are finished, and say how many seeds there are. A damaged result is
+refused.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         page.refresh(options.docs, found.sections)
     print("\n\n".join(found.sections.values()))
     if found.unfinished:
-        print(f"not in the tables, unfinished: {', '.join(found.unfinished)}", file=sys.stderr)
+        print(f"unfinished: {', '.join(found.unfinished)}", file=sys.stderr)
     for cell, failure in found.failures.items():
         print(f"{cell}: {failure}", file=sys.stderr)
     return 1 if found.failures else 0

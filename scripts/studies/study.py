@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,9 @@ from scripts.studies.running import Failure, Run, completed, ran
 from scripts.studies.summary import everywhere, lines, walks
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
+
+#: Fewest seeds of which a table tells.
+FEWEST = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +62,7 @@ class Found:
     Attributes:
         sections: of the page, by name.
         failures: what went wrong, by cell.
-        unfinished: rows that are not in the tables, because seeds of theirs are missing.
+        unfinished: rows of which seeds are missing in the tables, and how many there are.
     """
 
     sections: dict[str, str]
@@ -69,7 +73,7 @@ class Found:
 def run(
     study: Study, names: Sequence[str], folder: Path, workers: int, running: Run = ran
 ) -> Found:
-    """Run the cells of some rows; tell of all rows of which every seed is finished.
+    """Run the cells of some rows; tell of all rows of which enough first seeds are finished.
 
     Everything is also written to results.json.
 
@@ -91,13 +95,18 @@ def run(
         results, failures = completed(folder, wanted, workers, running)
         results |= {cell: result for cell in others if (result := kept(folder, cell))}
         results = {cell: results[cell] for cell in study.cells() if cell in results}
-        whole = {row for row in study.rows if _count(row, results) == study.seeds}
-        told = {cell: result for cell, result in results.items() if cell.row in whole}
+        told = {cell: results[cell] for row in study.rows for cell in _first(study, row, results)}
         return _told(study, told, failures, folder, workers)
 
 
-def _count(row: Row, results: dict[Cell, Result]) -> int:
-    return sum(cell.row == row for cell in results)
+def _first(study: Study, row: Row, results: dict[Cell, Result]) -> list[Cell]:
+    """The first seeds of a row, up to one that is missing; none if they are too few.
+
+    So a row says how many seeds it has, and nobody chose which.
+    """
+    own = [cell for cell in study.cells() if cell.row == row]
+    finished = list(itertools.takewhile(lambda cell: cell in results, own))
+    return finished if len(finished) >= min(FEWEST, study.seeds) else []
 
 
 def _told(
@@ -115,11 +124,15 @@ def _told(
     ]
     optima = Optima(study.params, walking, folder, workers)
     table, whole = lines(results, optima.gap), everywhere(results)
-    finished = {cell.row.name for cell in results}
+    counts = {row: sum(cell.row == row for cell in results) for row in study.rows}
     found = Found(
         page.sections(table, whole),
         {cell.key: failure for cell, failure in failures.items()},
-        tuple(row.name for row in study.rows if row.name not in finished),
+        tuple(
+            f"{row.name} ({count} of {study.seeds} seeds)"
+            for row, count in counts.items()
+            if count < study.seeds
+        ),
     )
     written: dict[str, Any] = {
         "params": study.params.to_dict(),

@@ -182,7 +182,7 @@ def test_a_seed_that_fails_does_not_stop_the_others_and_is_tried_again(
     assert found.failures == dict.fromkeys(
         ("broken_0", "broken_1"), "ValueError: this learner cannot learn"
     )
-    assert found.unfinished == ("broken",)
+    assert found.unfinished == ("broken (0 of 2 seeds)",)
     assert "a sound" in found.sections[LEARNED]
     assert "a broken" not in found.sections[LEARNED]
     assert not (tmp_path / "broken_0" / RESULT).exists()
@@ -217,7 +217,7 @@ def test_a_row_of_which_no_seed_walks_has_no_averages(tmp_path: Path) -> None:
 def test_rows_that_were_finished_before_stay_in_the_tables(tmp_path: Path, no_gaits: None) -> None:
     study = Study((toy("first"), toy("second", FIRST_EVENING, standing=(0,))), 2, BUILDABLE)
     first = run(study, ["first"], tmp_path, 1)
-    assert first.unfinished == ("second",)
+    assert first.unfinished == ("second (0 of 2 seeds)",)
     assert list(first.sections) == [LEARNED]
     both = run(study, ["second"], tmp_path, 1)
     assert both.unfinished == ()
@@ -228,6 +228,19 @@ def test_rows_that_were_finished_before_stay_in_the_tables(tmp_path: Path, no_ga
     assert "| a second | all of these | 1 of 2 |" in evening
     written = json.loads((tmp_path / "results.json").read_text())
     assert written["cells"]["second_0"]["policies"]["best"]["share"] == 0.0
+
+
+def test_a_row_tells_of_its_first_seeds_if_they_are_at_least_three(
+    tmp_path: Path, no_gaits: None
+) -> None:
+    long, short = toy("long"), toy("short")
+    five = Study((long, short), 5, BUILDABLE)
+    completed(tmp_path, [*Study((long,), 4, BUILDABLE).cells(), *cells_of(short, 2)], 1)
+    completed(tmp_path, [Cell(short, 4)], 1)
+    found = run(five, [], tmp_path, 1)
+    assert "| a long, best | 4 of 4 |" in found.sections[LEARNED]
+    assert "short" not in found.sections[LEARNED]
+    assert found.unfinished == ("long (4 of 5 seeds)", "short (0 of 5 seeds)")
 
 
 def test_the_gap_is_to_the_optimum_at_the_learned_speed(tmp_path: Path) -> None:
@@ -322,7 +335,8 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
 
     monkeypatch.setattr(trials, "train", trained)
     trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
-    trial.train(3, tmp_path / "distilled_3", BUILDABLE)
+    (own := tmp_path / "distilled_3").mkdir()
+    trial.train(3, own, BUILDABLE)
     assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
 
 
