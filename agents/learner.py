@@ -104,7 +104,7 @@ class Learner(ABC):
     @property
     @abstractmethod
     def steps(self) -> int:
-        """Control intervals so far, all environments together."""
+        """Time steps so far, all environments together."""
 
     @property
     @abstractmethod

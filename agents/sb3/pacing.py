@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.pacing import paced_price
+from agents.pacing import LEAST_SHARE, paced_price
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs.task import Task
@@ -36,6 +36,7 @@ class Pacing:
 
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
+        least_share: of starts that must walk before the price falls.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
             pay however high the price is.
         fall_distance: travel forfeited by an early end in training (m), if the task forfeits no
@@ -51,6 +52,7 @@ class Pacing:
     """
 
     first_price: float = 20.0
+    least_share: float = LEAST_SHARE
     paid_speed: float = 0.6
     fall_distance: float = 0.5
     slip_speed: float = 1.0
@@ -59,7 +61,7 @@ class Pacing:
     seconds: float = 8.0
 
     def __post_init__(self) -> None:
-        for name in ("first_price", "fall_distance", "slip_speed"):
+        for name in ("first_price", "least_share", "fall_distance", "slip_speed"):
             not_negative(name, getattr(self, name))
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
@@ -186,7 +188,8 @@ class SelfPacedPrice(BaseCallback):
         self._due = self.num_timesteps + self.pacing.every
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
-        self.price = paced_price(self.price, walking, self._task.value_of_distance)
+        floor, least_share = self._task.value_of_distance, self.pacing.least_share
+        self.price = paced_price(self.price, walking, floor, least_share)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in dataclasses.asdict(walking).items():

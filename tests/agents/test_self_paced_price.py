@@ -69,6 +69,18 @@ def test_the_price_falls_with_the_policys_own_cost_once_enough_starts_walk(walks
     assert looks == [800] * 3  # 8 s
 
 
+def test_the_share_that_must_walk_before_the_price_falls_can_be_chosen(walks):
+    walks(CleanWalking(0.7, 1.0, 0.5), CleanWalking(0.8, 1.5, 0.5))
+    prices = []
+
+    class Noted(SelfPacedPrice):
+        def _on_rollout_end(self):
+            prices.append(self.price)
+
+    learned(Noted(first_price=9.0, every=EVERY, least_share=0.8), looks=2)
+    assert prices == [9.0, 9.0, 3.0]
+
+
 def test_the_price_is_never_below_the_true_one(walks):
     walks(CleanWalking(1.0, 0.05, 0.5))
     price = SelfPacedPrice(first_price=2.0, every=EVERY)
