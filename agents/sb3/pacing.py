@@ -2,7 +2,7 @@
 
     envs = Sb3VecEnv(gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep"))
     model = PPO("MlpPolicy", HeldActions(VecMonitor(envs), 4), gamma=0.98)
-    model.learn(2_000_000, SelfPacedPrice(first_price=20.0))
+    model.learn(2_000_000, SelfPacedPrice(first_price=5.0))
 
 Why a price must be paced is said in `agents.pacing` and in docs/learning.md.
 """
