@@ -84,6 +84,11 @@ class Learner(ABC):
         """The hyperparameters of a training from scratch if `init` says so, else from a policy."""
 
     @classmethod
+    def advice(cls, training: Training) -> list[str]:
+        """Why a training cannot lead to walking, each reason with its numbers; usually none."""
+        return []
+
+    @classmethod
     @abstractmethod
     def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> Act:
         """The policy that a learner of this class took apart, without a training.
@@ -99,7 +104,7 @@ class Learner(ABC):
     @property
     @abstractmethod
     def steps(self) -> int:
-        """Control intervals so far, all environments together."""
+        """Time steps so far, all environments together."""
 
     @property
     @abstractmethod

@@ -30,14 +30,17 @@ class Walking(Protocol):
         """Cost of transport of these walks."""
 
 
-def paced_price(price: float, walking: Walking, floor: float) -> float:
+def paced_price(
+    price: float, walking: Walking, floor: float, least_share: float = LEAST_SHARE
+) -> float:
     """The next price of distance.
 
     Args:
         price: the last one; the price never rises.
         walking: how the policy walks, without exploration.
         floor: the true price, below which it never falls.
+        least_share: of starts that must walk before it falls.
     """
-    if walking.share < LEAST_SHARE or not math.isfinite(walking.cot):
+    if walking.share < least_share or not math.isfinite(walking.cot):
         return price
     return min(price, max(MULTIPLE * walking.cot, floor))

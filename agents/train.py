@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -60,8 +62,19 @@ class TrainResult:
 
 
 def reward_per_second(evaluation: Evaluation) -> float:
-    """The score by which the best policy is chosen, unless another is given."""
+    """The reward alone, as a score."""
     return evaluation.objective
+
+
+def walking_first(evaluation: Evaluation) -> float:
+    """The score by which the best policy is chosen, unless another is given.
+
+    The policy that walks from more starts is better; among equals, the one that earns more. By
+    reward alone a policy that stands still would beat every walk that costs more than the price,
+    and a learner that has just begun to walk would leave its first policy as its best.
+    """
+    earned = 0.5 + math.atan(evaluation.objective) / math.pi  # in (0, 1): less than one start
+    return evaluation.walking_share + earned / evaluation.protocol.starts
 
 
 def train(
@@ -78,7 +91,7 @@ def train(
     settings: Settings | None = None,
     expert: Controller | str = EXPERT,
     cloning: Cloning | None = None,
-    score: Callable[[Evaluation], float] = reward_per_second,
+    score: Callable[[Evaluation], float] = walking_first,
     protocol: Protocol = SHORT_PROTOCOL,
     progress: bool = True,
 ) -> TrainResult:
@@ -105,9 +118,12 @@ def train(
             `EXPERT_SPEED` whose voltage is held as the environment holds it; or of a policy's
             file: its policy is distilled into the learner's.
         cloning: how, default `Cloning()`.
-        score: what "best" means, larger is better; default: reward per second.
+        score: what "best" means, larger is better; default: `walking_first`.
         protocol: of the periodic evaluations.
         progress: whether to show progress bars.
+
+    Warns:
+        UserWarning: with these hyperparameters it cannot learn to walk.
 
     Raises:
         ValueError: an argument is out of range, or `out` is a file or holds another training.
@@ -133,6 +149,8 @@ def train(
             f"{settings.silent}; ask for more"
         )
     plan = Plan(training, out, total, score, protocol, progress)
+    for reason in learners.learner(algo).advice(training):
+        warnings.warn(reason, stacklevel=2)
     with sole_user(out):
         claim(out, training.identity)
         if (out / STATE).exists():

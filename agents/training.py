@@ -18,8 +18,9 @@ class Settings:
     """Hyperparameters. A learner derives its own from these.
 
     Attributes:
-        n_timesteps: control intervals of a training, unless a number is given.
-        silent: control intervals at its beginning in which the learner only collects experience.
+        n_timesteps: time steps of a training, unless a number is given. A step is a control
+            interval, or several if the learner holds its actions for so long.
+        silent: time steps at its beginning in which the learner only collects experience.
     """
 
     n_timesteps: int

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--timesteps",
         type=whole(0),
-        help="control intervals in all; None: as the learner says",
+        help="time steps in all; None: as the learner says",
     )
     parser.add_machine(DEFAULT_PRESET)
     parser.add_argument("--task", type=json_object(as_task), help=TASK)

@@ -17,6 +17,8 @@ LOG_INTERVALS = 2000
 class LogWalking(BaseCallback):
     """Logs the noisy walking of training: return, CoT, speed, steps and energy terms.
 
+    Of an action that is held for several control intervals, the last one is logged.
+
     Args:
         params: the machine.
         env: that is learned in, innermost.

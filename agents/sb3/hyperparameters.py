@@ -12,11 +12,14 @@ from typing import Any
 import yaml
 from torch import nn
 
+from agents.sb3.pacing import Pacing
 from agents.training import Settings
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
-_WRAPPER = "agents.sb3.training_env.ScaledReward"
+_SCALED = "agents.sb3.training_env.ScaledReward"
+_HELD = "agents.sb3.training_env.HeldActions"
+_PACED = "agents.sb3.pacing.SelfPacedPrice"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,12 +29,16 @@ class Hyperparameters(Settings):
     Attributes:
         n_envs: environments side by side.
         reward_scale: factor on the reward that the learner sees.
+        held: control intervals for which an action is held.
+        pacing: of the price of distance; None: the task's own price is paid.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
 
     n_envs: int
     reward_scale: float
+    held: int = 1
+    pacing: Pacing | None = None
     algorithm: dict[str, Any]
     entry: dict[str, Any]
 
@@ -56,11 +63,8 @@ def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
     written = entries[entry]
     values = copy.deepcopy(written)
     n_envs, n_timesteps = int(values.pop("n_envs")), int(values.pop("n_timesteps"))
-    scale = 1.0
-    for wrapper in values.pop("vec_env_wrapper", []):
-        if list(wrapper) != [_WRAPPER]:
-            raise ValueError(f"{path}: vec_env_wrapper {list(wrapper)}: only {_WRAPPER} is known")
-        scale = float(wrapper[_WRAPPER]["scale"])
+    wrappers = _classes(path, values, "vec_env_wrapper", (_HELD, _SCALED))
+    callbacks = _classes(path, values, "callback", (_PACED,))
     for name in ("learning_rate", "clip_range"):
         if isinstance(values.get(name), str):
             values[name] = _linear(values[name])
@@ -77,10 +81,25 @@ def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
         n_timesteps=n_timesteps,
         silent=int(values.get("learning_starts", 0)),
         n_envs=n_envs,
-        reward_scale=scale,
+        reward_scale=float(wrappers.get(_SCALED, {}).get("scale", 1.0)),
+        held=int(wrappers.get(_HELD, {}).get("intervals", 1)),
+        pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,
         algorithm=values,
         entry=written,
     )
+
+
+def _classes(
+    path: Path, values: dict[str, Any], key: str, known: tuple[str, ...]
+) -> dict[str, dict[str, Any]]:
+    """The arguments of the classes that are listed under a key, which is taken out of `values`."""
+    found: dict[str, dict[str, Any]] = {}
+    for entry in values.pop(key, []):
+        name, arguments = next(iter(entry.items())) if isinstance(entry, dict) else (entry, {})
+        if name not in known:
+            raise ValueError(f"{path}: {key} [{name!r}]: only {' and '.join(known)} are known")
+        found[name] = arguments
+    return found
 
 
 def _written(node: ast.expr) -> Any:

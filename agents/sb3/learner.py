@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching
 from agents.learner import Learner, PolicyParts, Watch
+from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
 from agents.sb3.hyperparameters import Hyperparameters, hyperparameters
@@ -22,6 +24,7 @@ from agents.sb3.networks import (
     put_weights,
     weights_of,
 )
+from agents.sb3.pacing import SelfPacedPrice
 from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import native_of, training_env
 from agents.training import SCRATCH, Settings, Training
@@ -64,7 +67,9 @@ class Sb3Learner(Learner):
             training.task,
             training.seed,
             settings.reward_scale,
+            settings.held,
         )
+        self._price = None if settings.pacing is None else SelfPacedPrice(settings.pacing)
         if start is None:
             self.model = self._new_model({})
         else:
@@ -89,6 +94,12 @@ class Sb3Learner(Learner):
         return hyperparameters(cls.hyperparameter_file, imitation=init != SCRATCH)
 
     @classmethod
+    def advice(cls, training: Training) -> list[str]:
+        """See `agents.sb3.advice`."""
+        settings = training.settings
+        return advice(training, settings) if isinstance(settings, Hyperparameters) else []
+
+    @classmethod
     def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> NetworkPolicy:
         """The policy in `parts`; its model has stable-baselines3's default settings."""
         model = cls.algorithm(
@@ -104,7 +115,7 @@ class Sb3Learner(Learner):
 
     @property
     def steps(self) -> int:
-        """Control intervals so far, all environments together."""
+        """Time steps so far, all environments together."""
         return int(self.model.num_timesteps)
 
     @property
@@ -127,7 +138,9 @@ class Sb3Learner(Learner):
         model = self.model
         model.set_logger(watch.log)
         log = LogWalking(self.training.conditions.params, native_of(self._env))
-        callbacks = [log, Watched(watch)]
+        callbacks: list[BaseCallback] = [log, Watched(watch)]
+        if self._price is not None:
+            callbacks.append(self._price)
         if self.training.init != SCRATCH:
             callbacks.append(Freeze(self.actor(model), round(CRITIC_WARM_UP * until)))
         model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
@@ -138,13 +151,16 @@ class Sb3Learner(Learner):
 
     def state(self) -> dict[str, Any]:
         """Model, environments and all random generators, between two roll-outs."""
-        return {"policy_kwargs": architecture(self.model), **state_of(self.model)}
+        price = None if self._price is None else self._price.state()
+        return {"policy_kwargs": architecture(self.model), "price": price, **state_of(self.model)}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         if state["policy_kwargs"] != architecture(self.model):
             self.model = self._new_model(state)
         restore(self.model, state)
+        if self._price is not None:
+            self._price.restore(state["price"])
 
     def close(self) -> None:
         """Close the environments."""

@@ -15,7 +15,7 @@ import torch
 from stable_baselines3.common.save_util import recursive_getattr
 
 from agents import snapshots
-from agents.sb3.training_env import native_of
+from agents.sb3.training_env import monitor_of, native_of
 
 #: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
@@ -27,7 +27,7 @@ REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "t
 def state_of(model: Any) -> dict[str, Any]:
     """The state of a learning model in a `training_env`, between two roll-outs."""
     _, variables = model._get_torch_save_params()
-    monitor = model.env.venv
+    monitor = monitor_of(model.env)
     replay = getattr(model, "replay_buffer", None)
     return {
         "parameters": model.get_parameters(),
@@ -72,7 +72,7 @@ def restore(model: Any, state: dict[str, Any]) -> None:
     model._last_episode_starts = state["last_starts"]
     if state["replay"] is not None:
         _restore_replay(model.replay_buffer, state["replay"])
-    monitor = model.env.venv
+    monitor = monitor_of(model.env)
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
     snapshots.restore(native_of(model.env).env, state["environments"])

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.conditions import Conditions
 from agents.sb3.vec_env import Sb3VecEnv
+from rimless_gym.checks import integer
 from rimless_gym.envs.task import Task
 
 
@@ -35,17 +38,72 @@ class ScaledReward(VecEnvWrapper):
         return observations, self.scale * rewards, dones, infos
 
 
+class HeldActions(VecEnvWrapper):
+    """Actions are held for several control intervals; a time step is all of them.
+
+    Noise that changes every 10 ms hardly moves the pendulum: an untrained policy explores more if
+    its actions last longer. The observations are the same, so that the policy may decide in every
+    control interval later. When an episode ends in between, what the action does in the next one
+    is neither paid nor reported.
+
+    Args:
+        venv: environments.
+        intervals: for which an action is held.
+
+    Raises:
+        TypeError: the number of intervals is not an integer.
+        ValueError: it is less than 1.
+    """
+
+    def __init__(self, venv: VecEnv, intervals: int) -> None:
+        super().__init__(venv)
+        self.intervals = integer("intervals", intervals, 1)
+        self._actions = np.zeros(0)
+
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Hold the actions; rewards are summed until an episode ends."""
+        observations, total, over, infos = self.venv.step(self._actions)
+        for _ in range(self.intervals - 1):
+            observations, rewards, ended, latest = self.venv.step(self._actions)
+            total = total + np.where(over, np.float32(0.0), rewards)
+            infos = [
+                old if done else new for done, old, new in zip(over, infos, latest, strict=True)
+            ]
+            over = over | ended
+        return observations, total, over, infos
+
+
 def training_env(
-    n_envs: int, conditions: Conditions, task: Task, seed: int, reward_scale: float = 1.0
+    n_envs: int,
+    conditions: Conditions,
+    task: Task,
+    seed: int,
+    reward_scale: float = 1.0,
+    held: int = 1,
 ) -> ScaledReward:
     """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
     env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=AutoresetMode.SAME_STEP))
     env.seed(seed)
-    return ScaledReward(VecMonitor(env), reward_scale)
+    return ScaledReward(HeldActions(VecMonitor(env), held), reward_scale)
+
+
+def monitor_of(env: Any) -> VecMonitor:
+    """What monitors the returns of a `training_env`."""
+    found = env.venv.venv
+    assert isinstance(found, VecMonitor)
+    return found
 
 
 def native_of(env: Any) -> Sb3VecEnv:
     """The innermost environment of a `training_env`."""
-    found = env.venv.venv
+    found = monitor_of(env).venv
     assert isinstance(found, Sb3VecEnv)
     return found

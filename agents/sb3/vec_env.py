@@ -204,7 +204,7 @@ class Sb3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call `get_wrapper_attr`, or a method of each row's Monitor such as `get_episode_rewards`.
+        """Call `get_wrapper_attr`, `set_task` or a Monitor's method such as `get_episode_rewards`.
 
         Raises:
             NotImplementedError: a row has no such method of its own.
@@ -212,6 +212,9 @@ class Sb3VecEnv(VecEnv):
         if method_name == "get_wrapper_attr":
             return self.get_attr(args[0], indices)
         rows = list(self._get_indices(indices))
+        if method_name == "set_task":
+            self.env.set_task(args[0], np.isin(np.arange(self.num_envs), rows))
+            return [None for _ in rows]
         if method_name not in _RECORDS or not all(self._monitors[i] for i in rows):
             raise NotImplementedError(
                 f"env_method({method_name!r}): native rows share one environment; see the "

@@ -245,6 +245,18 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """What is paid for."""
         return self._fleet.tasks[0]
 
+    def set_task(self, task: Task | Mapping[str, float]) -> None:
+        """Pay by other prices from the next step on, while the episode goes on.
+
+        Args:
+            task: as in the constructor; what a mapping leaves out stays as it is.
+
+        Raises:
+            TypeError: it is neither a task nor a mapping.
+            ValueError: a field is unknown or out of range.
+        """
+        self._fleet.set_tasks([as_task(task, self.task)], np.arange(1))
+
     @cached_property
     def model(self) -> HybridModel:
         """The hybrid model as CasADi functions, for optimisation and model-based control."""

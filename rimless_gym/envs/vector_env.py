@@ -273,6 +273,25 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._seen[:] = observations
         return observations, block[BLOCK.reward], terminated, truncated, info
 
+    def set_task(
+        self, task: Task | Mapping[str, float], mask: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Pay by other prices from the next step on, while the episodes go on.
+
+        Args:
+            task: as in the single environment; what a mapping leaves out stays as it is.
+            mask: bool (num_envs,), as `reset_mask`: the rows that pay so.
+
+        Raises:
+            TypeError: it is neither a task nor a mapping, or the mask is not an array of bool.
+            ValueError: a field is unknown or out of range, or the mask's shape is wrong.
+        """
+        rows = reset_options.masked(mask, self.num_envs, "mask")
+        tasks = list(self.tasks)
+        for i in rows.tolist():
+            tasks[i] = as_task(task, tasks[i])
+        self._fleet.set_tasks(tasks, rows)
+
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """The current frame (H, W, 3) of each row, in mode "rgb_array".
 

@@ -49,7 +49,13 @@ ROWS = (
         Trained("ppo", IMITATION, 600_000, (("best kept", BEST), ("last", LAST))),
         minutes=4.0,
     ),
-    # PPO from scratch with a price that follows its cost: Row("...", "...", LEARNED, Trained(...)).
+    Row(
+        "ppo",
+        "PPO from scratch",
+        LEARNED,
+        Trained("ppo", judged=(("best kept", BEST), ("last", LAST))),
+        minutes=4.0,
+    ),
     Row(
         "evolution",
         "evolution from scratch",

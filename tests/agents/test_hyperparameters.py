@@ -5,6 +5,7 @@ import yaml
 from torch import nn
 
 from agents.sb3.hyperparameters import FOLDER, hyperparameters
+from agents.sb3.pacing import Pacing
 
 ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
 
@@ -22,7 +23,15 @@ def test_policy_kwargs_are_read_as_rl_zoo3_reads_them(algo, imitation):
     assert isinstance(text, str)  # rl-zoo3 evaluates text only, and so knows activations
     assert settings.algorithm["policy_kwargs"] == eval(text, {"nn": nn})
     assert issubclass(settings.algorithm["policy_kwargs"]["activation_fn"], nn.Module)
-    assert settings.reward_scale == 100.0
+    assert settings.reward_scale == (100.0 if imitation else {"ppo": 1.0, "sac": 5.0}[algo])
+
+
+def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
+    for algo in ("ppo", "sac"):
+        fresh, tuned = (hyperparameters(f"{algo}.yml", imitation) for imitation in (False, True))
+        assert (fresh.held, tuned.held, tuned.pacing) == (4, 1, None)
+        assert fresh.pacing.first_price == {"ppo": 5.0, "sac": 20.0}[algo]
+        assert not {"callback", "vec_env_wrapper"} & set(fresh.algorithm)
 
 
 def test_policy_kwargs_may_nest_plain_values(tmp_path):
@@ -44,8 +53,10 @@ def test_other_expressions_in_policy_kwargs_are_refused(tmp_path, text):
 
 
 def test_other_wrappers_and_schedules_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"vec_env_wrapper \['gym\.Other'\]: only"):
-        read(tmp_path, vec_env_wrapper=[{"gym.Other": {}}])
+    for key in ("vec_env_wrapper", "callback"):
+        with pytest.raises(ValueError, match=rf"{key} \['gym\.Other'\]: only"):
+            read(tmp_path, **{key: [{"gym.Other": {}}]})
+    assert read(tmp_path, callback=["agents.sb3.pacing.SelfPacedPrice"]).pacing == Pacing()
     with pytest.raises(ValueError, match="schedule 'cos_1': write a number"):
         read(tmp_path, learning_rate="cos_1")
     assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ from agents import learners
 from agents.policy_files import CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
-from agents.train import train
+from agents.train import train, walking_first
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.observation import observe
-from tests.agents.runs import QUICK, run, weights
+from tests.agents.runs import BRIEF, QUICK, run, weights
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
@@ -31,6 +32,24 @@ def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     result = run(tmp_path, score=lambda evaluation: next(scores))
     assert read_record(result.best)["score"] == 3.0
     assert read_record(result.best)["timesteps"] == result.evaluations[1][0]
+
+
+def test_of_two_policies_the_one_that_walks_from_more_starts_is_better_whatever_it_costs():
+    def score(walking, reward):
+        return walking_first(
+            SimpleNamespace(walking_share=walking, objective=reward, protocol=BRIEF)
+        )
+
+    best = [
+        score(1.0, 0.3),
+        score(1.0, -0.4),
+        score(0.75, 0.2),
+        score(0.0, -0.02),
+        score(0.0, -3.0),
+    ]
+    assert best == sorted(best, reverse=True)
+    assert len(set(best)) == len(best)
+    assert score(0.5, -1e6) > score(0.25, 1e6)
 
 
 def test_a_score_that_is_undefined_or_an_integer_does_not_stop_a_training(tmp_path):

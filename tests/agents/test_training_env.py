@@ -44,3 +44,36 @@ def test_the_learner_gets_an_episodes_last_observation_and_the_reason_for_its_en
             reasons.append("time" if truncated else "fall")
             running.remove(i)
     assert ("fall" if voltage else "time") in reasons
+
+
+def test_a_held_action_is_that_of_several_control_intervals_and_their_rewards_are_summed():
+    held, plain = (training_env(3, Conditions(), Task(), 5, held=k) for k in (4, 1))
+    np.testing.assert_array_equal(held.reset(), plain.reset())
+    action = np.full((3, 1), 0.4, dtype=np.float32)
+    seen, total, _, _ = held.step(action)
+    steps = [plain.step(action) for _ in range(4)]
+    np.testing.assert_array_equal(seen, steps[-1][0])
+    np.testing.assert_allclose(total, sum(step[1] for step in steps), rtol=1e-6)
+
+
+def test_an_episode_that_ends_while_an_action_is_held_is_reported_as_it_ended():
+    held, plain = (training_env(8, Conditions(), Task(), 6, held=k) for k in (4, 1))
+    held.reset(), plain.reset()
+    action, ends = np.ones((8, 1), dtype=np.float32), 0
+    for _ in range(60):
+        _, total, dones, infos = held.step(action)
+        paid, over, last = np.zeros(8), np.zeros(8, dtype=bool), [{} for _ in range(8)]
+        for _ in range(4):
+            _, rewards, ended, latest = plain.step(action)
+            paid += np.where(over, 0.0, rewards)
+            for i in (ended & ~over).nonzero()[0]:
+                last[i] = latest[i]
+            over |= ended
+        np.testing.assert_array_equal(dones, over)
+        np.testing.assert_allclose(total, paid, atol=1e-6)
+        for i in over.nonzero()[0]:
+            ends += 1
+            np.testing.assert_array_equal(
+                infos[i]["terminal_observation"], last[i]["terminal_observation"]
+            )
+    assert ends > 3

@@ -1,0 +1,57 @@
+"""What hyperparameters cannot lead to walking, told before hours are spent on them."""
+
+from __future__ import annotations
+
+from agents.sb3.hyperparameters import Hyperparameters
+from agents.training import SCRATCH, Training
+from rimless_gym.hybrid import CONTROL_PERIOD
+
+#: Speed of the step whose length in time a learner should look ahead (m/s).
+USUAL_SPEED = 0.5
+
+#: Cost of transport of the simplest walk, that under a constant voltage; see docs/learning.md.
+SIMPLEST_COT = 1.0
+
+#: The discount factor of stable-baselines3's algorithms.
+USUAL_GAMMA = 0.99
+
+
+def advice(training: Training, settings: Hyperparameters) -> list[str]:
+    """Why a training will not learn to walk, each reason with its numbers; usually none."""
+    return [
+        reason
+        for reason in (_short_sight(training, settings), _low_price(training, settings))
+        if reason
+    ]
+
+
+def _short_sight(training: Training, settings: Hyperparameters) -> str:
+    """A discount under which the end of a step is not seen from its beginning."""
+    gamma = float(settings.algorithm.get("gamma", USUAL_GAMMA))
+    if gamma >= 1.0:
+        return ""
+    held = settings.held * CONTROL_PERIOD
+    horizon, step = held / (1.0 - gamma), training.conditions.params.step_length / USUAL_SPEED
+    if horizon >= step:
+        return ""
+    return (
+        f"gamma = {gamma:g}: with actions of {1e3 * held:g} ms the learner looks {horizon:.2g} s "
+        f"ahead, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s; take a gamma of at least "
+        f"{1.0 - held / step:.3f}, or hold actions for longer"
+    )
+
+
+def _low_price(training: Training, settings: Hyperparameters) -> str:
+    """A price at which a policy that does not walk yet had better stand still."""
+    if training.init != SCRATCH:
+        return ""
+    price = training.task.value_of_distance
+    if settings.pacing is not None:
+        price = max(price, settings.pacing.first_price)
+    if price >= SIMPLEST_COT:
+        return ""
+    return (
+        f"value_of_distance = {price:g} from scratch: the simplest walk costs about "
+        f"{SIMPLEST_COT:g} per metre, so standing still pays better; let the price follow the "
+        "policy (agents.sb3.pacing.SelfPacedPrice), or start from a clone"
+    )
