@@ -38,7 +38,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--timesteps",
         type=whole(0),
         default=default.timesteps,
-        help="control intervals of fine-tuning, and of PPO from scratch",
+        help="control intervals of fine-tuning",
+    )
+    parser.add_argument(
+        "--scratch-timesteps",
+        type=whole(0),
+        default=default.scratch_timesteps,
+        help="time steps of PPO from scratch, of 4 control intervals each",
     )
     parser.add_argument(
         "--evolution-timesteps",

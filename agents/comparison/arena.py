@@ -6,7 +6,7 @@ import dataclasses
 import json
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from agents.comparison.stages import read_stage
 from agents.comparison.study import Study
@@ -16,6 +16,10 @@ from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront
 from trajopt.ocp.solving.ties import tied
+
+#: Plain values and arrays.
+Result: TypeAlias = dict[str, Any]
+Row: TypeAlias = dict[str, Any]
 
 
 class Arena:
@@ -75,7 +79,7 @@ class Arena:
         as_good = [s for s in at_speed if tied(s.cot, lowest, 1e-4)]
         return min(as_good, key=lambda s: s.steps)
 
-    def evaluated(self, policy: Policy) -> dict[str, Any]:
+    def evaluated(self, policy: Policy) -> Result:
         """A result with the evaluation of a policy."""
         evaluation = evaluate(policy, self.params, progress=self.progress)
         return {"evaluation": evaluation.to_dict()}

@@ -19,13 +19,14 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.comparison.arena import Arena
-from agents.comparison.entrants import Entrant, Learned, entrants
+from agents.comparison.entrants import Entrant, entrants
 from agents.comparison.figures import (
     animate,
     plot_cot_against_speed,
     plot_limit_cycles,
     record,
 )
+from agents.comparison.learned import Learned
 from agents.comparison.report import format_table
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study

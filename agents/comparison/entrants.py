@@ -9,16 +9,14 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-from agents.comparison.arena import Arena
+from agents.comparison.arena import Arena, Result, Row
+from agents.comparison.learned import Learned
 from agents.comparison.report import gait_row, policy_row
 from agents.folder import BEST, CLONE, LAST
-from agents.policies import controller_policy, learned_policy
-from agents.policy_files import load_policy
-from agents.train import EXPERT, train
-from agents.training import IMITATION, INITS, SCRATCH
+from agents.policies import controller_policy
+from agents.training import IMITATION, SCRATCH
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
@@ -35,9 +33,6 @@ ABBREVIATIONS = {"lqr": "LQR", "pid": "PD"}
 
 #: Laws that take minutes to design or to walk the whole protocol: `scripts/feedback.py` has them.
 LEFT_OUT = ("receding_horizon", "tuned")
-
-Result = dict[str, Any]
-Row = dict[str, Any]
 
 
 class Entrant(Protocol):
@@ -174,66 +169,6 @@ class Law:
         return [policy_row(f"{title} about the optimum", result, arena.held_front)]
 
 
-@dataclasses.dataclass(frozen=True)
-class Learned:
-    """A learner's policies.
-
-    Attributes:
-        name: of its stage and of the folder of its training.
-        init: "scratch", "imitation", or a policy's file in the study's folder.
-        shown: title of a row -> the policy's file in the training's folder; the first is the main
-            one.
-        algo: the learner.
-        budget: the field of the study that has its control intervals; None: it is not trained.
-        drawn: what the plot of limit cycles calls its main policy; None: it is not drawn.
-    """
-
-    name: str
-    init: str
-    shown: dict[str, str]
-    algo: str = "ppo"
-    budget: str | None = "timesteps"
-    drawn: str | None = None
-
-    def compete(self, arena: Arena) -> Result:
-        """Train and evaluate it."""
-        imitates = self.init == IMITATION
-        trained = train(
-            self.algo,
-            self.init if self.init in INITS else arena.out / self.init,
-            arena.study.seed,
-            arena.out / self.name,
-            timesteps=0 if self.budget is None else getattr(arena.study, self.budget),
-            params=arena.params,
-            expert=laws.design(EXPERT, arena.held_gait) if imitates else EXPERT,
-            progress=arena.progress,
-        )
-        if trained.interrupted:
-            raise KeyboardInterrupt
-        files = [f"{self.name}/{file}" for file in self.shown.values()]
-        evaluated = {
-            Path(file).stem: arena.evaluated(learned_policy(load_policy(arena.out / file).act))
-            for file in files
-        }
-        main = evaluated.pop(Path(files[0]).stem)
-        return main | evaluated | {"timesteps": trained.timesteps, "files": files}
-
-    def rows(self, arena: Arena, result: Result) -> list[Row]:
-        """A row for each policy shown."""
-        (main, _), *others = self.shown.items()
-        return [
-            policy_row(main, result, arena.held_front),
-            *(
-                policy_row(title, result | result[Path(file).stem], arena.held_front)
-                for title, file in others
-            ),
-        ]
-
-    def main_file(self, out: Path) -> Path:
-        """The file of its main policy in a study's folder."""
-        return out / self.name / next(iter(self.shown.values()))
-
-
 def entrants() -> tuple[Entrant, ...]:
     """All entrants, in the order in which they compete and stand in the table."""
     return (
@@ -249,7 +184,7 @@ def entrants() -> tuple[Entrant, ...]:
             {"fine-tuned, best kept": BEST, "fine-tuned, last": LAST},
             drawn="fine-tuned",
         ),
-        Learned("scratch", SCRATCH, {"PPO from scratch": BEST}),
+        Learned("scratch", SCRATCH, {"PPO from scratch": BEST}, budget="scratch_timesteps"),
         Learned(
             "evolution",
             SCRATCH,
@@ -257,6 +192,13 @@ def entrants() -> tuple[Entrant, ...]:
             algo="evolution",
             budget="evolution_timesteps",
             drawn="evolution",
+        ),
+        Learned(
+            "distilled",
+            IMITATION,
+            {"evolution, distilled into a network": CLONE},
+            budget=None,
+            teacher=f"evolution/{BEST}",
         ),
     )
 

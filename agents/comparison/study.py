@@ -20,7 +20,8 @@ class Study:
         speed: at which the gait to imitate is optimal (m/s).
         steps: of the gait that is solved for and reported beside the front's best.
         seed: of everything random.
-        timesteps: control intervals of fine-tuning, and of PPO from scratch.
+        timesteps: control intervals of fine-tuning.
+        scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
         front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
@@ -36,7 +37,8 @@ class Study:
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
-    evolution_timesteps: int = 400_000_000
+    scratch_timesteps: int = 250_000
+    evolution_timesteps: int = 700_000_000
     starts: int = 4
     front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62, 0.63)
 
@@ -53,6 +55,7 @@ class Study:
         for name, least in (
             ("steps", 1),
             ("timesteps", 0),
+            ("scratch_timesteps", 0),
             ("evolution_timesteps", 0),
             ("starts", 0),
             ("seed", 0),

@@ -9,7 +9,7 @@ import pytest
 
 from agents import learners
 from agents.comparison.arena import Arena
-from agents.comparison.entrants import Learned
+from agents.comparison.learned import Learned
 from agents.comparison.study import Study
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
