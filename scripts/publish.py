@@ -1,8 +1,12 @@
 #!/usr/bin/env python
-"""Copy a finished comparison's table, plots, animation and policies into the README and package."""
+"""Copy a finished comparison's table, plots, animation and policies into the README and package.
+
+Every policy gets a card that says what it is and how it walks.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import sys
@@ -11,17 +15,27 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from agents.comparison.entrants import entrants
+from agents.comparison.learned import Learned
+from agents.policy_files import read_record
 from scripts.commandline import Parser
+from scripts.documents.cards import card
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIES = {
     "imitation.gif": "docs/walking.gif",
     "cot_against_speed.png": "docs/cot_against_speed.png",
     "limit_cycles.png": "docs/limit_cycles.png",
-    "imitation/clone.zip": "agents/pretrained/imitation.zip",
-    "fine_tuned/best.zip": "agents/pretrained/fine_tuned.zip",
-    "evolution/best.zip": "agents/pretrained/evolution.zip",
 }
+#: Policies that come with the package, by name; the folder is that of the entrant.
+POLICIES = {
+    "imitation": "imitation/clone.zip",
+    "fine_tuned": "fine_tuned/best.zip",
+    "ppo": "scratch/best.zip",
+    "evolution": "evolution/best.zip",
+    "distilled": "distilled/clone.zip",
+}
+PRETRAINED = ROOT / "agents" / "pretrained"
 TABLE = re.compile(r"(<!-- table: .*? -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 
@@ -30,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(__doc__)
     parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
     study = parser.parse_args(arguments).study
-    for source in ("table.md", *COPIES):
+    for source in ("table.md", "results.json", *COPIES, *POLICIES.values()):
         if not (study / source).is_file():
             parser.error(f"{study / source} is missing: run make compare to its end first")
     readme, table = ROOT / "README.md", (study / "table.md").read_text()
@@ -40,10 +54,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"{readme}: has {found} marked tables, not 1; leave one of them")
     for target in COPIES.values():
         parser.require_file(ROOT / target)
+    for name in POLICIES:
+        parser.require_file(PRETRAINED / f"{name}.zip")
     for source, target in COPIES.items():
         shutil.copyfile(study / source, ROOT / target)
+    for name, source in POLICIES.items():
+        shutil.copyfile(study / source, PRETRAINED / f"{name}.zip")
+        (PRETRAINED / f"{name}.md").write_text(_card(study, name, source))
     readme.write_text(text)
     return 0
+
+
+def _card(study: Path, name: str, source: str) -> str:
+    """The card of a policy of the study."""
+    results = json.loads((study / "results.json").read_text())
+    training = json.loads((study / source).with_name("train.json").read_text())
+    title = next(
+        title
+        for entrant in entrants()
+        if isinstance(entrant, Learned)
+        for title, file in entrant.shown.items()
+        if source == f"{entrant.name}/{file}"
+    )
+    row = next(row for row in results["table"] if row["policy"] == title)
+    machine = results["study"]["preset"]
+    return card(name, read_record(study / source), row, machine, training["init"])
 
 
 if __name__ == "__main__":

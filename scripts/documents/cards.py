@@ -1,0 +1,73 @@
+"""The card of a policy that comes with the package: what it is, how it walks, how to make it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+#: A machine's preset is not in a policy's record; its parameters are.
+CARD = """\
+# `{name}`: {title}
+
+{origin}
+
+| | |
+| --- | --- |
+| task | `RimlessWheel-v0`, reward {task} |
+| machine | `{machine}`{ranges} |
+| algorithm | {algo} |
+| steps | {steps} |
+| seed | {seed} (one seed; figures over seeds are in docs/learning.md) |
+| starts that walk | {walking_share} |
+| CoT | {cot} |
+| speed | {speed} |
+| gap to the optimum at this speed | {gap} |
+| friction demand, least Fy / weight | {friction_demand}, {min_normal_force_over_weight} |
+| made by | revision {revision} with {versions} |
+| licence | MIT, as the rest of the package |
+
+The figures are those of the README's table: 128 starts, 50 s each, measured over the last 30 s.
+`make compare` trains and measures it again; `python scripts/evaluate.py {name}` measures this file.
+"""
+
+ORIGINS = {
+    "scratch": "Learned from nothing: no gait, no demonstration.",
+    "imitation": "A clone of the LQR about the environment's own optimum.",
+}
+
+
+def card(
+    name: str, record: Mapping[str, Any], row: Mapping[str, Any], machine: str, init: str
+) -> str:
+    """The text of a card.
+
+    Args:
+        name: of the policy in the package.
+        record: of its file.
+        row: of the comparison's table.
+        machine: name of its preset.
+        init: what its training began from, in words.
+    """
+    shown = {
+        "walking_share": ("{:.0%}", row["walking_share"]),
+        "cot": ("{:.4f}", row["cot"]),
+        "speed": ("{:.3f} m/s", row["speed"]),
+        "gap": ("{:+.1%}", row["gap"]),
+        "friction_demand": ("{:.2f}", row["friction_demand"]),
+        "min_normal_force_over_weight": ("{:.2f}", row["min_normal_force_over_weight"]),
+    }
+    return CARD.format(
+        name=name,
+        title=row["policy"],
+        origin=ORIGINS.get(init, f"Begun from: {init}."),
+        task=json.dumps(record["task"]),
+        machine=machine,
+        ranges="" if record["ranges"] is None else f", ranges {json.dumps(record['ranges'])}",
+        algo=record["algo"],
+        steps=f"{record['timesteps']:,}",
+        seed=record["seed"],
+        revision=str(record["git_revision"])[:10],
+        versions=", ".join(f"{key} {value}" for key, value in record["versions"].items()),
+        **{key: "-" if x is None else form.format(x) for key, (form, x) in shown.items()},
+    )
