@@ -38,7 +38,7 @@ class Study:
     seed: int = 0
     timesteps: int = 600_000
     scratch_timesteps: int = 250_000
-    evolution_timesteps: int = 700_000_000
+    evolution_timesteps: int = 600_000_000
     starts: int = 4
     front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62, 0.63)
 

@@ -95,5 +95,9 @@ class Contender:
 
 
 def merit(gait: Gait) -> float:
-    """Larger is better: cheap walks, from many starts."""
-    return -gait.cot / gait.share**0.5 if gait.share > 0.0 else -np.inf
+    """Larger is better: cheap walks, from many starts.
+
+    One more start in a hundred that does not walk weighs as much as 4 % of the energy. That is about
+    what it costs by the reward of a cheap gait.
+    """
+    return -gait.cot / gait.share**4 if gait.share > 0.0 else -np.inf

@@ -35,8 +35,8 @@ class EvolutionSettings(Settings):
         population: policies of a generation.
         intervals: of a walk in the race; its second half is judged.
         starts: of a policy in the race.
-        refining_intervals: of a walk afterwards. A policy may fall later than after the 8 s of a
-            race, and what is left of the start-up hides the cost of the gait.
+        refining_intervals: of a walk afterwards. Some policies fall after half a minute, and in
+            short walks what is left of the start-up hides the cost of the gait.
         refining_starts: of a policy afterwards.
         least_judged: share of the starts by which a policy is judged while it walks from few; 1 for
             always all of them.
@@ -50,7 +50,7 @@ class EvolutionSettings(Settings):
         ValueError: a number is out of its range.
     """
 
-    n_timesteps: int = 700_000_000
+    n_timesteps: int = 600_000_000
     screened: int = 50_000
     screen_starts: int = 4
     glance: int = 200
@@ -63,8 +63,8 @@ class EvolutionSettings(Settings):
     population: int = 24
     intervals: int = 800
     starts: int = 24
-    refining_intervals: int = 2000
-    refining_starts: int = 24
+    refining_intervals: int = 5000
+    refining_starts: int = 12
     least_judged: float = 0.1
     spread: float = 0.3
     first_price: float = 5.0
