@@ -97,7 +97,7 @@ class Contender:
 def merit(gait: Gait) -> float:
     """Larger is better: cheap walks, from many starts.
 
-    One more start in a hundred that does not walk weighs as much as 4 % of the energy. That is about
-    what it costs by the reward of a cheap gait.
+    One more start in a hundred that does not walk weighs as much as 4 % of the energy, which is
+    about what it costs a cheap gait by the reward.
     """
     return -gait.cot / gait.share**4 if gait.share > 0.0 else -np.inf
