@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,7 +18,8 @@ from agents.interrupts import requests
 from agents.learner import Learner
 from agents.policies import policy_controller
 from agents.policy_files import CheckpointError, load_policy, origin, save_policy
-from agents.protocol import SHORT_PROTOCOL, Protocol
+from agents.protocol import TRAINING_PROTOCOL, Protocol
+from agents.scores import economy
 from agents.session import Plan, Session, Standing
 from agents.training import IMITATION, INITS, SCRATCH, Settings, Training
 from agents.training_state import StateError, read_state
@@ -66,15 +66,9 @@ def reward_per_second(evaluation: Evaluation) -> float:
     return evaluation.objective
 
 
-def walking_first(evaluation: Evaluation) -> float:
-    """The score by which the best policy is chosen, unless another is given.
-
-    The policy that walks from more starts is better; among equals, the one that earns more. By
-    reward alone a policy that stands still would beat every walk that costs more than the price,
-    and a learner that has just begun to walk would leave its first policy as its best.
-    """
-    earned = 0.5 + math.atan(evaluation.objective) / math.pi  # in (0, 1): less than one start
-    return evaluation.walking_share + earned / evaluation.protocol.starts
+def walking_economy(evaluation: Evaluation) -> float:
+    """The score by which the best policy is chosen, unless another is given."""
+    return economy(evaluation.walking_share, evaluation.cot)
 
 
 def train(
@@ -91,8 +85,8 @@ def train(
     settings: Settings | None = None,
     expert: Controller | str = EXPERT,
     cloning: Cloning | None = None,
-    score: Callable[[Evaluation], float] = walking_first,
-    protocol: Protocol = SHORT_PROTOCOL,
+    score: Callable[[Evaluation], float] = walking_economy,
+    protocol: Protocol = TRAINING_PROTOCOL,
     progress: bool = True,
 ) -> TrainResult:
     """Train a policy into a folder: best.zip, last.zip, train.json, state.npz, TensorBoard events.
@@ -118,7 +112,7 @@ def train(
             `EXPERT_SPEED` whose voltage is held as the environment holds it; or of a policy's
             file: its policy is distilled into the learner's.
         cloning: how, default `Cloning()`.
-        score: what "best" means, larger is better; default: `walking_first`.
+        score: what "best" means, larger is better; default: `walking_economy`.
         protocol: of the periodic evaluations.
         progress: whether to show progress bars.
 

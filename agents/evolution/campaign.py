@@ -23,8 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evolution.asking import Among, Request, Search
-from agents.evolution.contender import LOOKED_AT, Contender, merit
-from agents.evolution.policy import SIZE
+from agents.evolution.contender import LOOKED_AT, Contender, Walking
 from agents.evolution.screening import screen
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
@@ -51,50 +50,49 @@ def campaign(
         best = Contender(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _raced(settings, seed, floor)
-    walks = settings.refining_starts, settings.refining_intervals
-    yield from best.evolve("refine", None, *walks, best.best)
+    walks = walking(settings.refining_starts, settings.refining_intervals)
+    yield from best.evolve("refine", None, walks, None)
+
+
+def walking(starts: int, intervals: int) -> Walking:
+    """Walks whose second half is judged."""
+    return Walking(starts, Duration(intervals, intervals // 2))
 
 
 def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]:
     """Screen and race."""
     screened = yield from screen(ask, seed)
+    walks = walking(ask.starts, ask.intervals)
     families: list[list[Contender]] = []
+    leader: Contender | None = None
     for family, policies in screened.items():
         contenders: list[Contender] = []
         for k, policy in enumerate(policies):
-            contenders.append(Contender(ask, family, policy, (seed, 3, family % 100, k), floor))
-            yield from _round("trial", contenders[-1:], ask.trial, ask)
-            if sum(one.gait.share >= LEAST_SHARE for one in contenders) == ask.finalists:
+            one = Contender(ask, family, policy, (seed, 3, family % 100, k), floor)
+            yield from one.evolve(f"trial {one.name}", ask.trial, walks, leader)
+            contenders.append(one)
+            leader = one if leader is None or one.merit > leader.merit else leader
+            if sum(each.gait.share >= LEAST_SHARE for each in contenders) == ask.finalists:
                 break  # such a family is easy to find
-        families.append(_ranked(contenders)[: ask.finalists])
-    finalists = [one for contenders in families for one in contenders]
+        families.append(_ranked(contenders, ask.finalists))
+    finalists = [one for ranked in families for one in ranked if one.merit > 0.0]
     if not finalists:
         raise RuntimeError(
             f"none of the policies that walk among {ask.screened} random ones still walks after "
             f"{ask.trial} generations: screen more of them (screened), or start from a policy that "
             "walks (init)"
         )
-    yield from _round("race", finalists, ask.race, ask)
-    finalists = _ranked(finalists)[: ask.finalists]
-    yield from _round("race", finalists, 2 * ask.race, ask)
-    return _ranked(finalists)[0]
+    for generations in (ask.race, 2 * ask.race):
+        for one in finalists:
+            [leader] = _ranked(finalists, 1)
+            yield from one.evolve(f"race {one.name}", generations, walks, leader)
+        finalists = _ranked(finalists, ask.finalists)
+    return finalists[0]
 
 
-def _round(
-    stage: str, contenders: list[Contender], generations: int, ask: EvolutionSettings
-) -> Search[None]:
-    """All of them evolve, one after the other."""
-    for one in contenders:
-        leading = _ranked(contenders)
-        otherwise = leading[0].best if leading else np.zeros(SIZE)
-        walks = ask.starts, ask.intervals
-        yield from one.evolve(f"{stage} {one.name}", generations, *walks, otherwise)
-
-
-def _ranked(contenders: list[Contender]) -> list[Contender]:
-    """Those that walk, the best first."""
-    walking = [one for one in contenders if one.gait.share > 0.0]
-    return sorted(walking, key=lambda one: -merit(one.gait))
+def _ranked(contenders: list[Contender], most: int) -> list[Contender]:
+    """The best of them, the best first."""
+    return sorted(contenders, key=lambda one: -one.merit)[:most]
 
 
 def _family_of(ask: EvolutionSettings, seed: int, start: Floats) -> Search[int]:

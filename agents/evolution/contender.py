@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cma
 import numpy as np
 
@@ -10,6 +12,7 @@ from agents.evolution.settings import LOOK_EVERY, EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.evolution.worth import Gait
 from agents.pacing import paced_price
+from agents.scores import economy
 from trajopt.feedback.law import Floats
 
 #: Starts from which the mean policy is looked at.
@@ -18,6 +21,18 @@ LOOKED_AT = 64
 #: The share of the starts by which policies are judged is this multiple of the share from which the
 #: mean policy walks.
 JUDGED_MULTIPLE = 2.0
+
+
+class Walking(NamedTuple):
+    """How policies walk while they evolve.
+
+    Attributes:
+        starts: of each policy.
+        duration: of each walk.
+    """
+
+    starts: int
+    duration: Duration
 
 
 class Contender:
@@ -54,6 +69,7 @@ class Contender:
         self._strategy = cma.CMAEvolutionStrategy(weights, spread, options)
         self._settings, self._seed, self._floor = settings, seed, floor
         self._price, self._generation, self._share = settings.first_price, 0, 0.0
+        self._duration = Duration(0, 0)
         self.family, self.best, self.gait = family, weights, Gait(0.0, np.inf, 0.0)
 
     @property
@@ -61,43 +77,57 @@ class Contender:
         """Its family, for people."""
         return f"{self.family:+d}"
 
+    @property
+    def merit(self) -> float:
+        """Of the best policy; larger is better, 0 if it does not walk."""
+        return economy(self.gait.share, self.gait.cot)
+
     def evolve(
-        self, stage: str, generations: int | None, starts: int, intervals: int, otherwise: Floats
+        self, stage: str, generations: int | None, walks: Walking, leader: Contender | None
     ) -> Search[None]:
         """Evolve for some generations, or for ever.
 
         Args:
             stage: for people.
             generations: None: for ever.
-            starts: of every policy.
-            intervals: of every walk.
-            otherwise: the best policy so far, until this one walks.
+            walks: of every policy.
+            leader: whose best policy is the best so far, as long as this one's is not.
         """
-        least = self._settings.least_judged
-        duration = Duration(intervals, intervals // 2)
-        begun = self._generation
+        least, duration = self._settings.least_judged, walks.duration
+        if self.gait.share > 0.0 and duration != self._duration:
+            answer = yield self._request(stage, self.best[None], duration, leader)
+            self.gait = answer.gait  # in longer walks it may fall
+        self._duration, begun = duration, self._generation
         while generations is None or self._generation < begun + generations:
             drawn = np.array(self._strategy.ask())
-            shown = self.best if self.gait.share > 0.0 else otherwise
-            judged = min(max(JUDGED_MULTIPLE * self._share, least), 1.0)
-            asked = duration, self.family, judged, self._price, shown
-            seed = (*self._seed, self._generation)
-            answer = yield Request(stage, drawn, starts, seed, *asked)
+            answer = yield self._request(stage, drawn, duration, leader)._replace(
+                starts=walks.starts,
+                seed=(*self._seed, self._generation),
+                judged=min(max(JUDGED_MULTIPLE * self._share, least), 1.0),
+            )
             self._strategy.tell(list(drawn), list(-answer.worth[0]))
             self._generation += 1
             if self._generation % LOOK_EVERY == 0:
-                mean, seed = np.array(self._strategy.mean), (self._seed[0], LOOKED_AT)
-                answer = yield Request(stage, mean[None], LOOKED_AT, seed, *asked)
+                mean = np.array(self._strategy.mean)
+                answer = yield self._request(stage, mean[None], duration, leader)
                 self._share = answer.gait.share
                 self._price = paced_price(self._price, answer.gait, self._floor)
-                if merit(answer.gait) > merit(self.gait):
+                if economy(answer.gait.share, answer.gait.cot) > self.merit:
                     self.best, self.gait = mean, answer.gait
 
-
-def merit(gait: Gait) -> float:
-    """Larger is better: cheap walks, from many starts.
-
-    One more start in a hundred that does not walk weighs as much as 4 % of the energy, which is
-    about what it costs a cheap gait by the reward.
-    """
-    return -gait.cot / gait.share**4 if gait.share > 0.0 else -np.inf
+    def _request(
+        self, stage: str, weights: Floats, duration: Duration, leader: Contender | None
+    ) -> Request:
+        """A look at some policies."""
+        best = leader if leader is not None and leader.merit > self.merit else self
+        return Request(
+            stage=stage,
+            weights=weights,
+            starts=LOOKED_AT,
+            seed=(self._seed[0], LOOKED_AT),
+            duration=duration,
+            among=self.family,
+            judged=1.0,
+            price=self._price,
+            best=best.best,
+        )

@@ -12,7 +12,7 @@ LOOK_EVERY = 10
 
 #: The least that numbers may be, where it is not 1. A trial ends with a look, CMA-ES needs a few
 #: policies, and a walk is judged by its second half.
-LEAST = {"silent": 0, "trial": LOOK_EVERY, "population": 4} | dict.fromkeys(
+LEAST = {"silent": 0, "trial": LOOK_EVERY, "race": LOOK_EVERY, "population": 4} | dict.fromkeys(
     ("glance", "screen_intervals", "intervals", "refining_intervals"), 2
 )
 
@@ -77,5 +77,11 @@ class EvolutionSettings(Settings):
                 integer(field.name, getattr(self, field.name), least)
             else:
                 positive(field.name, getattr(self, field.name))
+        for name in ("trial", "race"):
+            if getattr(self, name) % LOOK_EVERY:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}: must be a multiple of {LOOK_EVERY}, after "
+                    "which a policy is looked at"
+                )
         if self.least_judged > 1.0:
             raise ValueError(f"least_judged = {self.least_judged}: a share, must be at most 1")

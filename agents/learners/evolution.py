@@ -1,7 +1,7 @@
 """Evolution of smooth policies on the compiled simulator, from nothing: no gait, no demonstration.
 
 See `agents.evolution.campaign` for the search and `agents.evolution.policy` for what evolves. It
-takes some thousand million control intervals and, on two cores, a few minutes.
+takes 600 million control intervals, which is five minutes of two cores or less.
 """
 
 from __future__ import annotations
@@ -48,16 +48,15 @@ class Learner(learner.Learner):
             )
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, settings.paid_speed)
-        self._begin = functools.partial(
-            campaign,
-            settings,
-            training.seed,
-            training.task.value_of_distance,
-            None if start is None else start.weights["weights"].astype(np.float64),
+        self._search = functools.partial(
+            campaign, settings, training.seed, training.task.value_of_distance
         )
-        self._steps = 0
+        self._begin(None if start is None else start.weights["weights"].astype(np.float64))
+
+    def _begin(self, start: Floats | None) -> None:
+        self._start, self._steps = start, 0
         self._answers: list[Answer] = []
-        self._campaign = self._begin()
+        self._campaign = self._search(start)
         self._request = next(self._campaign)
 
     @classmethod
@@ -121,6 +120,7 @@ class Learner(learner.Learner):
         groups = [answer.groups for answer in self._answers]
         return {
             "steps": self._steps,
+            "start": np.empty(0) if self._start is None else self._start,
             "groups": np.concatenate([*groups, np.empty(0)]),
             "counts": np.array([len(each) for each in groups], dtype=np.int64),
             "sizes": np.array([answer.worth.shape[1] for answer in self._answers], dtype=np.int64),
@@ -130,14 +130,14 @@ class Learner(learner.Learner):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Send the answers of a state to a new campaign."""
-        self._campaign, self._answers = self._begin(), []
-        self._request, self._steps = next(self._campaign), int(state["steps"])
+        self._begin(state["start"] if len(state["start"]) else None)
         groups: Floats = state["groups"]
         worth: Floats = state["worth"]
         for count, size, gait in zip(state["counts"], state["sizes"], state["gaits"], strict=True):
             of, groups = groups[:count], groups[count:]
             earned, worth = worth[: count * size], worth[count * size :]
             self._send(Answer(of, earned.reshape(count, size), Gait(*map(float, gait))))
+        self._steps = int(state["steps"])
 
 
 def _groups(among: int | Among, walks: Walks) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -148,17 +148,16 @@ def _groups(among: int | Among, walks: Walks) -> tuple[NDArray[np.int64], NDArra
     if among is Among.FAMILIES:
         groups = families(walks)
         own = [members(walks, family).any(axis=1) for family in groups]
-        return groups, np.array(own, dtype=bool).reshape(len(groups), -1)
+        return groups, np.array(own, dtype=bool).reshape(len(groups), len(walks.steps))
     return np.array([among]), np.ones((1, len(walks.steps)), dtype=bool)
 
 
 def _log(watch: Watch, request: Request, answer: Answer) -> None:
     log = watch.log
     log.record("evolution/price", request.price)
-    if len(answer.groups):
+    if isinstance(request.among, int):
         log.record("evolution/worth", float(answer.worth[0].mean()))
         log.record("evolution/best_worth", float(answer.worth.max()))
-    if isinstance(request.among, int):
         log.record("evolution/family", request.among)
     if len(request.weights) == 1 and answer.gait.share > 0.0:
         log.record("walk/share", answer.gait.share)

@@ -12,10 +12,10 @@ from agents import learners
 from agents.policy_files import CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
-from agents.train import train, walking_first
+from agents.train import train, walking_economy
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.observation import observe
-from tests.agents.runs import BRIEF, QUICK, run, weights
+from tests.agents.runs import QUICK, run, weights
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
@@ -34,22 +34,14 @@ def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
     assert read_record(result.best)["timesteps"] == result.evaluations[1][0]
 
 
-def test_of_two_policies_the_one_that_walks_from_more_starts_is_better_whatever_it_costs():
-    def score(walking, reward):
-        return walking_first(
-            SimpleNamespace(walking_share=walking, objective=reward, protocol=BRIEF)
-        )
+def test_the_better_policy_walks_cheaply_and_surely():
+    def score(share, cot):
+        return walking_economy(SimpleNamespace(walking_share=share, cot=cot))
 
-    best = [
-        score(1.0, 0.3),
-        score(1.0, -0.4),
-        score(0.75, 0.2),
-        score(0.0, -0.02),
-        score(0.0, -3.0),
-    ]
+    best = [score(1.0, 0.05), score(0.9, 0.05), score(1.0, 0.7), score(0.5, 0.7)]
     assert best == sorted(best, reverse=True)
-    assert len(set(best)) == len(best)
-    assert score(0.5, -1e6) > score(0.25, 1e6)
+    assert score(0.0, np.nan) == 0.0 < min(best)
+    assert score(0.98, 0.052) < score(1.0, 0.055) < score(0.98, 0.048)
 
 
 def test_a_score_that_is_undefined_or_an_integer_does_not_stop_a_training(tmp_path):
