@@ -184,4 +184,4 @@ class Session:
 
 
 def _named(init: str) -> str:
-    return init if init in INITS else "from a policy"
+    return init if init.startswith(INITS) else "from a policy"

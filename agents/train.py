@@ -142,14 +142,16 @@ def train(
             f"timesteps = {total}: {algo} only collects experience in the first "
             f"{settings.silent}; ask for more"
         )
+    if init != IMITATION and expert != EXPERT:
+        raise ValueError(f"expert = {expert!r}: is imitated only with init = 'imitation'")
     plan = Plan(training, out, total, score, protocol, progress)
-    for reason in learners.learner(algo).advice(training):
-        warnings.warn(reason, stacklevel=2)
     with sole_user(out):
         claim(out, training.identity)
         if (out / STATE).exists():
             learner, standing = _resumed(training, out)
         else:
+            for reason in learners.learner(algo).advice(training):
+                warnings.warn(reason, stacklevel=2)
             learner, standing = _begun(plan, init, expert, cloning or Cloning()), Standing()
         try:
             return _learned(plan, learner, standing)

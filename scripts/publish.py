@@ -44,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(__doc__)
     parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
     study = parser.parse_args(arguments).study
-    for source in ("table.md", "results.json", *COPIES, *POLICIES.values()):
+    notes = [str(Path(source).with_name("train.json")) for source in POLICIES.values()]
+    for source in ("table.md", "results.json", *COPIES, *POLICIES.values(), *notes):
         if not (study / source).is_file():
             parser.error(f"{study / source} is missing: run make compare to its end first")
     readme, table = ROOT / "README.md", (study / "table.md").read_text()
@@ -56,11 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.require_file(ROOT / target)
     for name in POLICIES:
         parser.require_file(PRETRAINED / f"{name}.zip")
+    cards = {name: _card(study, name, source) for name, source in POLICIES.items()}
     for source, target in COPIES.items():
         shutil.copyfile(study / source, ROOT / target)
     for name, source in POLICIES.items():
         shutil.copyfile(study / source, PRETRAINED / f"{name}.zip")
-        (PRETRAINED / f"{name}.md").write_text(_card(study, name, source))
+        (PRETRAINED / f"{name}.md").write_text(cards[name])
     readme.write_text(text)
     return 0
 
@@ -77,7 +79,8 @@ def _card(study: Path, name: str, source: str) -> str:
         if source == f"{entrant.name}/{file}"
     )
     row = next(row for row in results["table"] if row["policy"] == title)
-    machine = results["study"]["preset"]
+    of = results["study"]
+    machine = of["preset"] + (f" with {json.dumps(of['changes'])}" if of["changes"] else "")
     return card(name, read_record(study / source), row, machine, training["init"])
 
 

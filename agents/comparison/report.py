@@ -10,15 +10,15 @@ from trajopt.gaits.solution import Solution
 
 #: Below the table.
 NOTES = """\
-CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The gap is
-to the environment's own optimum at the row's own speed, interpolated: the best periodic gait whose
-voltage is held for 10 ms. The other optimal gaits may change it at any time. "Best kept" is best by
-reward, of which energy is only a part; it is the clone itself where no evaluation of the
-fine-tuning earned more. Gaits and policies keep the same rules: a start walks if in the measured 30
-s its foot is pressed down and does not slip, and its pendulum does not touch the floor, where there
-is one. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal
-force in weights; both are those of all starts that still take steps at the end, so that they show
-why some do not count."""
+CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The gap
+is to the environment's own optimum at the row's own speed, interpolated: the best periodic gait
+whose voltage is held for 10 ms. The other optimal gaits may change it at any time. "Best kept" is
+the policy that walked most cheaply and surely in the periodic evaluations; it is the clone itself
+where none was better. Gaits and policies keep the same rules: a start walks if in the measured 30
+s its foot is pressed down and does not slip, and its pendulum does not touch the floor, where
+there is one. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the
+least normal force in weights; both are those of all starts that still take steps at the end, so
+that they show why some do not count."""
 
 
 def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:

@@ -11,6 +11,10 @@ from agents.evolution.worth import Gait
 from trajopt.feedback.law import Floats
 
 
+class NothingWalksError(ValueError):
+    """The search has found no policy to go on from."""
+
+
 class Among(enum.Enum):
     """How policies are told apart, other than by one family of gaits."""
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.evolution.asking import Among, Request, Search
+from agents.evolution.asking import Among, NothingWalksError, Request, Search
 from agents.evolution.contender import LOOKED_AT, Contender, Walking
 from agents.evolution.screening import screen
 from agents.evolution.settings import EvolutionSettings
@@ -43,7 +43,7 @@ def campaign(
         start: weights (SIZE,) to go on from instead of screening and racing.
 
     Raises:
-        RuntimeError: no random policy walks, or none of them still walks after the trial.
+        NothingWalksError: no random policy walks, or none of them still walks after the trial.
     """
     if start is not None:
         family = yield from _family_of(settings, seed, start)
@@ -77,10 +77,10 @@ def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]
         families.append(_ranked(contenders, ask.finalists))
     finalists = [one for ranked in families for one in ranked if one.merit > 0.0]
     if not finalists:
-        raise RuntimeError(
+        raise NothingWalksError(
             f"none of the policies that walk among {ask.screened} random ones still walks after "
-            f"{ask.trial} generations: screen more of them (screened), or start from a policy that "
-            "walks (init)"
+            f"{ask.trial} generations: try another seed, start from a policy's file (init), or "
+            "screen more of them (EvolutionSettings.screened)"
         )
     for generations in (ask.race, 2 * ask.race):
         for one in finalists:

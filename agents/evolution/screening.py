@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.evolution.asking import Among, Answer, Request, Search
+from agents.evolution.asking import Among, Answer, NothingWalksError, Request, Search
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
@@ -27,16 +27,16 @@ def screen(ask: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
     all of them.
 
     Raises:
-        RuntimeError: no random policy walks.
+        NothingWalksError: no random policy walks.
     """
     drawn = random_policies(ask.screened, np.random.default_rng((seed, 1)))
     glanced = yield _walks(ask, seed, drawn, ask.glance, Among.SENSES)
     drawn = drawn[np.unique(np.concatenate([*_best(glanced, ask.kept).values()]))]
     screened = yield _walks(ask, seed, drawn, ask.screen_intervals, Among.FAMILIES)
     if not len(screened.groups):
-        raise RuntimeError(
-            f"none of {ask.screened} random policies walks on this machine: screen more of them "
-            "(screened), or start from a policy that walks (init)"
+        raise NothingWalksError(
+            f"none of {ask.screened} random policies walks on this machine: try another seed, "
+            "start from a policy's file (init), or screen more of them (EvolutionSettings.screened)"
         )
     best = _best(screened, ask.contenders)
     return {family: drawn[some] for family, some in best.items()}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.training import SCRATCH, Training
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -37,7 +39,7 @@ def _short_sight(training: Training, settings: Hyperparameters) -> str:
     return (
         f"gamma = {gamma:g}: with actions of {1e3 * held:g} ms the learner looks {horizon:.2g} s "
         f"ahead, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s; take a gamma of at least "
-        f"{1.0 - held / step:.3f}, or hold actions for longer"
+        f"{math.ceil(1e3 * (1.0 - held / step)) / 1e3:g}, or hold actions for longer"
     )
 
 
@@ -45,13 +47,13 @@ def _low_price(training: Training, settings: Hyperparameters) -> str:
     """A price at which a policy that does not walk yet had better stand still."""
     if training.init != SCRATCH:
         return ""
-    price = training.task.value_of_distance
-    if settings.pacing is not None:
-        price = max(price, settings.pacing.first_price)
+    name, price = "value_of_distance", training.task.value_of_distance
+    if settings.pacing is not None and settings.pacing.first_price > price:
+        name, price = "first_price", settings.pacing.first_price
     if price >= SIMPLEST_COT:
         return ""
     return (
-        f"value_of_distance = {price:g} from scratch: the simplest walk costs about "
+        f"{name} = {price:g} from scratch: the simplest walk costs about "
         f"{SIMPLEST_COT:g} per metre, so standing still pays better; let the price follow the "
         "policy (agents.sb3.pacing.SelfPacedPrice), or start from a clone"
     )

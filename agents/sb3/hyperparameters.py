@@ -94,11 +94,13 @@ def _classes(
 ) -> dict[str, dict[str, Any]]:
     """The arguments of the classes that are listed under a key, which is taken out of `values`."""
     found: dict[str, dict[str, Any]] = {}
-    for entry in values.pop(key, []):
-        name, arguments = next(iter(entry.items())) if isinstance(entry, dict) else (entry, {})
-        if name not in known:
-            raise ValueError(f"{path}: {key} [{name!r}]: only {' and '.join(known)} are known")
-        found[name] = arguments
+    entries = values.pop(key, [])
+    for entry in entries if isinstance(entries, list) else [entries]:
+        classes = entry if isinstance(entry, dict) else {entry: {}}
+        for name, arguments in classes.items():
+            if name not in known:
+                raise ValueError(f"{path}: {key} [{name!r}]: only {' and '.join(known)} are known")
+            found[name] = arguments or {}
     return found
 
 

@@ -133,6 +133,9 @@ class SelfPacedPrice(BaseCallback):
     Travel is paid only up to a speed. It logs `pacing/price`, `pacing/share`, `pacing/cot` and
     `pacing/speed`.
 
+    One callback serves one training; only VecNormalize may stand between what the environments show
+    and what the policy sees.
+
     The policy is looked at on the machine of the first row, without ranges and disturbances. It
     decides in every control period there, even where `HeldActions` hold its actions in training.
 

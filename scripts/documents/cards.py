@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from typing import Any
 
-#: A machine's preset is not in a policy's record; its parameters are.
+from rimless_gym import Task
+
 CARD = """\
 # `{name}`: {title}
 
@@ -34,6 +36,7 @@ The figures are those of the README's table: 128 starts, 50 s each, measured ove
 ORIGINS = {
     "scratch": "Learned from nothing: no gait, no demonstration.",
     "imitation": "A clone of the LQR about the environment's own optimum.",
+    "imitation of evolution": "A network cloned from the evolved policy: no gait was given.",
 }
 
 
@@ -60,14 +63,28 @@ def card(
     return CARD.format(
         name=name,
         title=row["policy"],
-        origin=ORIGINS.get(init, f"Begun from: {init}."),
-        task=json.dumps(record["task"]),
+        origin=_origin(init),
+        task=_task(record["task"]),
         machine=machine,
         ranges="" if record["ranges"] is None else f", ranges {json.dumps(record['ranges'])}",
         algo=record["algo"],
-        steps=f"{record['timesteps']:,}",
+        steps=f"{record['timesteps']:,}" if record["timesteps"] else "none: only cloned",
         seed=record["seed"],
         revision=str(record["git_revision"])[:10],
         versions=", ".join(f"{key} {value}" for key, value in record["versions"].items()),
         **{key: "-" if x is None else form.format(x) for key, (form, x) in shown.items()},
     )
+
+
+def _origin(init: str) -> str:
+    for known, text in sorted(ORIGINS.items(), key=lambda item: -len(item[0])):
+        if init.startswith(known):
+            return text
+    return f"It began as: {init}."
+
+
+def _task(fields: Mapping[str, Any]) -> str:
+    """What differs from the usual task."""
+    usual = dataclasses.asdict(Task())
+    changed = {name: value for name, value in fields.items() if value != usual[name]}
+    return f"of {json.dumps(changed)}" if changed else "of the task as it is registered"

@@ -18,10 +18,8 @@ from rimless_gym.presets import BUILDABLE
 from scripts.studies.figures import Figures
 from scripts.studies.rows import Row
 from scripts.studies.stopwatch import minutes
+from scripts.studies.trials import RESULT
 from trajopt.files import jsonable, read_signed, write_signed
-
-#: The file of a finished cell, in the folder of its training.
-RESULT = "cell.json"
 
 
 @dataclasses.dataclass(frozen=True)

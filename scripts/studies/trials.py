@@ -18,6 +18,9 @@ from scripts.studies.figures import Figures
 from scripts.studies.stopwatch import timed
 from trajopt.files import jsonable
 
+#: The file of a finished cell, in the folder of its training.
+RESULT = "cell.json"
+
 #: Control intervals of a trial that only shows that it runs, where a learner has no other least.
 BRIEF_STEPS = 4096
 
@@ -110,11 +113,27 @@ class Distilled(Trained):
     """An imitation of the best policy of another row, of the same seed, which is trained before.
 
     Attributes:
-        teacher: the other row.
+        teacher: the other row, which has the name of its learner.
     """
 
     teacher: str = ""
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The fields, with what both learners say."""
+        taught = learners.learner(self.teacher).settings(SCRATCH).written
+        return super().settings | {"taught_by": dict(jsonable(taught))}
+
     def expert(self, seed: int, folder: Path) -> str:
-        """The policy's file, in the folder beside this one's."""
-        return str(folder.with_name(f"{self.teacher}_{seed}") / BEST)
+        """The policy's file, in the folder beside this one's.
+
+        Raises:
+            ValueError: the other row's seed is not finished.
+        """
+        other = folder.with_name(f"{self.teacher}_{seed}")
+        if not (other / RESULT).exists():
+            raise ValueError(
+                f"{other.name} is not finished, and {folder.name} learns from it: run --rows "
+                f"{self.teacher} to its end first"
+            )
+        return str(other / BEST)

@@ -336,6 +336,10 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
     monkeypatch.setattr(trials, "train", trained)
     trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
     (own := tmp_path / "distilled_3").mkdir()
+    with pytest.raises(ValueError, match=r"evolution_3 is not finished.*--rows evolution"):
+        trial.train(3, own, BUILDABLE)
+    (tmp_path / "evolution_3").mkdir()
+    (tmp_path / "evolution_3" / RESULT).touch()
     trial.train(3, own, BUILDABLE)
     assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
 
