@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
     study = parser.parse_args(arguments).study
     notes = [str(Path(source).with_name("train.json")) for source in POLICIES.values()]
-    for source in ("table.md", "results.json", *COPIES, *POLICIES.values(), *notes):
+    for source in ("table.md", *COPIES, *POLICIES.values(), *notes, "results.json"):
         if not (study / source).is_file():
             parser.error(f"{study / source} is missing: run make compare to its end first")
     readme, table = ROOT / "README.md", (study / "table.md").read_text()
