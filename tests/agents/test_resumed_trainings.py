@@ -24,8 +24,17 @@ ROUGH = {
 }
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
-@pytest.mark.parametrize(("rollouts", "conditions"), [(1, {}), (4, {}), (4, ROUGH)])
+@pytest.mark.parametrize(
+    ("algo", "rollouts", "conditions"),
+    [
+        ("ppo", 1, {}),
+        ("ppo", 4, ROUGH),
+        ("sac", 4, ROUGH),
+        pytest.param("ppo", 4, {}, marks=pytest.mark.slow),
+        pytest.param("sac", 1, {}, marks=pytest.mark.slow),
+        pytest.param("sac", 4, {}, marks=pytest.mark.slow),
+    ],
+)
 def test_a_training_that_was_stopped_ends_with_the_same_policies(
     tmp_path, monkeypatch, algo, rollouts, conditions
 ):

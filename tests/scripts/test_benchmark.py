@@ -312,6 +312,7 @@ def walks() -> Walks:
         return record_walks(walks=3, settling=0, recorded=WINDOW)
 
 
+@pytest.mark.slow
 def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
     assert len(walks.starts) > 0
     assert 0.003 < walks.touchdowns < 0.03

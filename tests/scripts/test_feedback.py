@@ -30,6 +30,7 @@ HELD = GAITS[2]
 # -- what is measured -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_trial_measures_every_column_and_the_law_holds_its_gait(trial: dict[str, Any]) -> None:
     row = trial["results"][HELD.key]["lqr"]
     assert trial["errors"] == {}
@@ -39,6 +40,7 @@ def test_a_trial_measures_every_column_and_the_law_holds_its_gait(trial: dict[st
     assert row["attraction"]["states"] == len(row["attraction"]["walking"])
 
 
+@pytest.mark.slow
 def test_small_deviations_decay_by_the_largest_multiplier(trial: dict[str, Any]) -> None:
     found = trial["results"][HELD.key]["lqr"]["multipliers"]
     assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
@@ -76,6 +78,7 @@ def test_a_push_is_that_of_the_environment() -> None:
     assert sum(ends) == 1
 
 
+@pytest.mark.slow
 def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(trial: dict[str, Any]) -> None:
     found = trial["results"][HELD.key]["lqr"]["pushes"]
     for side in ("backward", "forward"):
@@ -120,6 +123,7 @@ def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice
     assert "| `lqr` |" in once
 
 
+@pytest.mark.slow
 def test_there_are_two_pictures_of_every_gait(trial: dict[str, Any]) -> None:
     drawn = drawing.figures(trial)
     assert set(drawn) == {drawing.attraction_file(HELD.key), drawing.pushes_file(HELD.key)}

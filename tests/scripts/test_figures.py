@@ -61,6 +61,7 @@ def test_properties_of_the_presets_are_as_recorded() -> None:
         assert machines.reach_and_hub(params) == pytest.approx(RECORDED["reach_and_hub"][name])
 
 
+@pytest.mark.slow
 def test_the_integrator_converges_at_the_recorded_order() -> None:
     for name, measured in integrator.convergence(count=20).items():
         assert measured["order"] == pytest.approx(RECORDED["convergence"][name]["order"], abs=0.1)
