@@ -27,6 +27,7 @@ from trajopt.gaits.solution import Solution
 
 INK, FAINT = "#26303b", "#8a97a6"
 COLOURS = ("#0b8f83", "#e5562e", "#3b6fb6", "#b0892b", "#8459a8")
+MARKERS = "P*XDv^<>ph"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +132,7 @@ def plot_cot_against_speed(
             )
         for i, (name, (speed, cot)) in enumerate(points.items()):
             if math.isfinite(speed) and math.isfinite(cot):
-                marker, colour = "P*XDv"[i % 5], COLOURS[i % 5]
+                marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
                 axes.plot(speed, cot, marker, color=colour, markersize=9, alpha=0.8, label=name)
         _tidy_logarithmic(axes, [s.cot for s in front.solutions] + [c for _, c in points.values()])
         axes.set(xlabel="speed (m/s)", ylabel="cost of transport (E+, no regeneration)")
