@@ -28,7 +28,7 @@ class EvolutionSettings(Settings):
         glance: intervals of their first, short walk.
         kept: most policies of one sense of turning that walk for longer.
         screen_intervals: of the longer walk.
-        contenders: most of each family in the race.
+        contenders: most of each family in the trial.
         trial: generations of each contender; those that do not walk then are out.
         finalists: of each family after the trial; and of all families after the first round.
         race: generations of the first round; the second has twice as many.

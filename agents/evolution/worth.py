@@ -126,8 +126,8 @@ def senses(walks: Walks) -> NDArray[np.int64]:
 
     -1 forward, 1 backward, 0 for those that turn less than half a turn.
     """
-    round_it_goes = (np.abs(walks.turned) > np.pi) & (walks.lasted > WHOLE)
-    return np.asarray(np.where(round_it_goes, np.sign(walks.turned), 0.0), dtype=np.int64)
+    goes_round = (np.abs(walks.turned) > np.pi) & (walks.lasted > WHOLE)
+    return np.asarray(np.where(goes_round, np.sign(walks.turned), 0.0), dtype=np.int64)
 
 
 def families(walks: Walks) -> NDArray[np.int64]:

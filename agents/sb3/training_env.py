@@ -43,8 +43,8 @@ class HeldActions(VecEnvWrapper):
 
     Noise that changes every 10 ms hardly moves the pendulum: an untrained policy explores more if
     its actions last longer. The observations are the same, so that the policy may decide in every
-    control interval later. When an episode ends in between, what the action does in the next one
-    is neither paid nor reported.
+    control interval later. When an episode ends in between, the action goes on into the next one,
+    and the learner sees none of its rewards; a monitor below this wrapper does.
 
     Args:
         venv: environments.

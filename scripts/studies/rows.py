@@ -79,8 +79,3 @@ ROWS = (
         minutes=6.0,
     ),
 )
-
-
-def named(names: list[str]) -> tuple[Row, ...]:
-    """The rows of these names, in the order of the table."""
-    return tuple(row for row in ROWS if row.name in names)

@@ -25,7 +25,7 @@ from scripts.studies.cells import RESULT, Cell, Result, kept
 from scripts.studies.estimate import Estimate
 from scripts.studies.figures import Figures
 from scripts.studies.first_evening import POLICY, FirstEvening
-from scripts.studies.rows import FIRST_EVENING, LEARNED, ROWS, Row, named
+from scripts.studies.rows import FIRST_EVENING, LEARNED, ROWS, Row
 from scripts.studies.running import completed, ran
 from scripts.studies.stopwatch import forget, minutes, timed
 from scripts.studies.study import Study, run
@@ -291,9 +291,6 @@ def test_the_time_that_is_left_follows_from_the_cells_that_are_finished() -> Non
 
 def test_every_row_has_a_name_of_its_own_and_plain_settings_and_goes_to_other_processes() -> None:
     assert len({row.name for row in ROWS}) == len(ROWS)
-    assert named(["evolution", "imitation"]) == tuple(
-        row for row in ROWS if row.name in ("imitation", "evolution")
-    )
     for row in ROWS:
         for trial in (row.trial, row.trial.brief()):
             assert json.loads(json.dumps(trial.settings)) == trial.settings
