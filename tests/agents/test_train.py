@@ -87,6 +87,11 @@ def test_a_policy_of_one_learner_is_distilled_into_another(tmp_path, swing):
         run(tmp_path / "c", init="imitation", expert="nobody")
 
 
+def test_an_expert_without_imitation_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="expert = 'pid': is imitated only with init"):
+        run(tmp_path, expert="pid")
+
+
 def test_numpy_integers_are_accepted_as_seed_and_number_of_steps(tmp_path, finished):
     run(tmp_path, seed=np.int64(0), timesteps=np.int32(128))
     assert json.loads((tmp_path / "train.json").read_text())["seed"] == 0

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 
 from agents.evolution.asking import Among, Answer, NothingWalksError
 from agents.evolution.campaign import campaign
-from agents.evolution.contender import LOOKED_AT
+from agents.evolution.contender import LOOKED_AT, Contender, Walking
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
+from agents.evolution.walks import Duration
 from agents.evolution.worth import Gait
 
 SETTINGS = EvolutionSettings(screened=40, kept=5, contenders=2, trial=10, finalists=1, race=10)
@@ -128,3 +130,17 @@ def test_a_trial_that_nobody_survives_ends_the_campaign_with_a_remedy(wanted):
 def test_settings_that_cannot_work_are_refused(changes, error, message):
     with pytest.raises(error, match=message):
         dataclasses.replace(SETTINGS, **changes)
+
+
+def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best(wanted):
+    one = Contender(SETTINGS, -1, wanted, (0, 0), 0.5)
+    cheap, lost = Gait(1.0, 0.045, 0.6), Gait(0.0, np.inf, 0.0)
+    walks = [Walking(4, Duration(intervals, intervals // 2)) for intervals in (100, 1000)]
+    for walking, gait in zip(walks, (cheap, lost), strict=True):
+        search = one.evolve("race", 10, walking, None)
+        request = next(search)
+        for _ in range(10 if gait is cheap else 1):
+            request = search.send(judged(request, wanted)._replace(gait=gait))
+        with pytest.raises(StopIteration) if gait is cheap else contextlib.nullcontext():
+            search.send(judged(request, wanted)._replace(gait=gait))
+        assert (one.merit > 0.0) == (gait is cheap)
