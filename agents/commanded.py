@@ -78,6 +78,7 @@ def evaluate_commanded(
     task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
+    control_period: float | None = None,
     progress: bool = False,
 ) -> tuple[Commanded, ...]:
     """Let a policy walk at each of some commanded speeds.
@@ -90,6 +91,7 @@ def evaluate_commanded(
         task: whose reward `objective` is, as the environment takes it.
         ranges: of parameters, as the environment takes them.
         disturbances: as the environment takes them.
+        control_period: as the environment takes it.
         progress: whether to show a progress bar for each speed.
 
     Raises:
@@ -110,6 +112,7 @@ def evaluate_commanded(
             ranges=ranges,
             disturbances=disturbances,
             command=speed,
+            control_period=control_period,
             progress=progress,
         )
         judged.append(Commanded(speed, walks))

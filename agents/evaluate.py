@@ -25,11 +25,11 @@ from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
 from agents.verdicts import FALLS, STOPS, WALKS, faults, verdicts
 from agents.window import Window
-from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import flag, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.speed import SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import OK
@@ -112,7 +112,8 @@ def evaluate(
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
     starts: Floats | None = None,
-    command: float | None = None,
+    command: float | Floats | None = None,
+    control_period: float | None = None,
     progress: bool = False,
 ) -> Evaluation:
     """Let a policy walk in the vector environment, and measure it.
@@ -125,28 +126,30 @@ def evaluate(
         ranges: of parameters, as the environment takes them. Each walk draws its own machine.
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
-        command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`; None: the policy
-            walks in `RimlessWheel-v0`. See `agents.commanded` for several speeds.
+        command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
+            start; None: the policy walks in `RimlessWheel-v0`. See `agents.commanded` for several
+            speeds.
+        control_period: how long an action is held (s), default: that of the environment.
         progress: whether to show a progress bar.
 
     Raises:
         TypeError: an argument is of the wrong kind.
         ValueError: the policy gives NaN or the wrong shape, `starts` are of another shape, not
             finite or not states to start from, ranges or disturbances are not valid, or the
-            command is out of its range.
+            command or the control period is out of its range.
         RuntimeError: a motion leaves the range of the model, or a machine that was drawn cannot
             stand at its start.
     """
     require_callable("policy", policy)
     require_kind("protocol", protocol, Protocol)
     progress = flag("progress", progress)
-    conditions = Conditions.of(params, ranges, disturbances)
+    speeds = None if command is None else SPEEDS
+    conditions = Conditions.of(params, ranges, disturbances, speeds, control_period)
     params = conditions.params
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
-    envs = RimlessWheelVectorEnv if command is None else RimlessWheelSpeedVectorEnv
-    prices, period = as_task(task, envs.default_task), envs.default_period
+    prices, period = as_task(task, conditions.default_task), conditions.control.period
     n_intervals = round(protocol.duration / period)
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.policies import Act, Policy, controller_policy, learned_policy
+from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
 from rimless_gym.checks import integer, positive, real
 from rimless_gym.hybrid import CONTROL_PERIOD
-from trajopt.feedback.law import Controller, Floats
+from trajopt.feedback.law import Floats
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Walks(NamedTuple):
         which: index of the start, (M,).
         when: index of the interval, (M,).
         states: (M, STATE_SIZE).
-        observations: (M, 6).
+        observations: (M, 6); (M, 8) where a speed is commanded.
         actions: in units of the voltage limit, (M,).
     """
 
@@ -134,13 +134,13 @@ class Teaching:
     """An expert, and where and how it teaches.
 
     Attributes:
-        expert: the feedback law to imitate, in volts.
-        conditions: of all walks. The expert labels true states even where sensors are noisy.
+        expert: whom to imitate.
+        conditions: of all walks. A feedback law labels true states even where sensors are noisy.
         config: how to clone.
         seed: of the starts, and of what the conditions draw.
     """
 
-    expert: Controller
+    expert: Policy
     conditions: Conditions
     config: Cloning
     seed: int
@@ -148,7 +148,7 @@ class Teaching:
     def first_round(self) -> Walks:
         """The expert's own walks."""
         starts = draw_starts(self.conditions.params, self.config.expert_starts, (self.seed, 2))
-        return self._walks(self._label, starts, (self.seed, 3))
+        return self._walks(self.expert, starts, (self.seed, 3))
 
     def later_round(
         self, k: int, first: Walks, act: Act, rng: np.random.Generator
@@ -172,10 +172,7 @@ class Teaching:
 
     @property
     def _n_intervals(self) -> int:
-        return round(self.config.seconds / CONTROL_PERIOD)
-
-    def _label(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
-        return controller_policy(self.conditions.params, self.expert)(states, observations)
+        return round(self.config.seconds / self.conditions.control.period)
 
     def _walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> Walks:
         number = int(np.random.SeedSequence(seed).generate_state(1)[0])
@@ -191,4 +188,4 @@ class Teaching:
     ) -> Walks:
         seen = self._walks(policy, starts, seed)
         some = seen.take(rng.permutation(len(seen.when))[:count])
-        return some._replace(actions=self._label(some.states, some.observations))
+        return some._replace(actions=self.expert(some.states, some.observations))

@@ -13,12 +13,11 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning
-from agents.policies import Act
+from agents.policies import Act, Policy
 from agents.training import Settings, Training
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
-from trajopt.feedback.law import Controller
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,14 +89,14 @@ class Learner(ABC):
 
     @classmethod
     @abstractmethod
-    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> Act:
+    def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy that a learner of this class took apart, without a training.
 
         It may raise anything if the parts do not fit together.
 
         Args:
             parts: of the policy. The record has entries of `agents.policy_files` too.
-            params: the machine that it was trained on.
+            conditions: machine and control in which it was trained.
             task: the reward that it was trained for.
         """
 
@@ -137,13 +136,11 @@ class Learner(ABC):
         It may raise anything if the state does not fit; the learner is not used then.
         """
 
-    def imitate(
-        self, expert: Controller, cloning: Cloning, kept: Path, progress: bool
-    ) -> CloneReport:
+    def imitate(self, expert: Policy, cloning: Cloning, kept: Path, progress: bool) -> CloneReport:
         """Make the policy act as `expert` does.
 
         Args:
-            expert: a feedback law in volts.
+            expert: whom to imitate.
             cloning: how to clone it.
             kept: file for the rounds done so far, from which a stopped cloning goes on.
             progress: whether to show a progress bar.

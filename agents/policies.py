@@ -8,17 +8,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.envs.observation import observe
-from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.envs.observation import OBSERVATION_SIZE, observe
+from rimless_gym.kernel.stepping import MODE
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.requirements import require_machine
 
-#: (states (N, 6), observations (N, 6)) -> actions (N,): voltages in units of the limit, in [-1, 1].
+#: (states (N, 6), observations (N, 6 or 8)) -> actions (N,): voltages in units of the limit, in [-1, 1].
 #: Observations are what a learner may use. States are for feedback laws.
 Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 
-#: observations (N, 6) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.
+#: observations (N, 6 or 8) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.
 Act: TypeAlias = Callable[[NDArray[np.float32]], Floats]
 
 
@@ -51,8 +51,8 @@ def controller_policy(params: Machine, controller: Controller) -> Policy:
     return policy
 
 
-def policy_controller(params: Machine, act: Act) -> Controller:
-    """A learner's policy as a feedback law in volts, for another learner to imitate.
+def seeing_policy(params: Machine, act: Act) -> Policy:
+    """A learner's policy that sees the true state where sensors are noisy, to be imitated.
 
     Args:
         params: the machine, as the environment takes it.
@@ -63,9 +63,9 @@ def policy_controller(params: Machine, act: Act) -> Controller:
     """
     machine = as_params(params)
 
-    def controller(states: Floats, modes: NDArray[np.int64]) -> Floats:
-        hybrid = np.zeros((len(states), STATE_SIZE))
-        hybrid[:, :4], hybrid[:, MODE] = states, modes
-        return machine.voltage_limit * np.asarray(act(observe(machine, hybrid)), dtype=np.float64)
+    def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+        seen = observations.copy()
+        seen[:, :OBSERVATION_SIZE] = observe(machine, states)
+        return act(seen)
 
-    return controller
+    return policy

@@ -16,11 +16,18 @@ from typing import Any
 import numpy as np
 
 from agents import learners
+from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts
 from agents.policies import Act
 from agents.sb3.foreign import unpickled
 from agents.training import Training
-from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.control import USUAL, Control
+from rimless_gym.envs.observation import (
+    LEG_RATE_SCALE,
+    MIDDLE_SPEED,
+    PENDULUM_RATE_SCALE,
+    SPEED_SCALE,
+)
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
@@ -47,6 +54,9 @@ OBSERVATION_LAYOUT = (
     "resting",
 )
 
+#: What it sees besides where a speed is commanded.
+COMMANDED_LAYOUT = (f"(speed - {MIDDLE_SPEED} m/s) / {SPEED_SCALE} m/s", "credit / step length")
+
 _REMEDY = "copy it again, or train it again with scripts/train.py"
 
 
@@ -59,9 +69,10 @@ class Checkpoint:
     """A loaded policy.
 
     Attributes:
-        act: the policy: observations (N, 6) of the environment -> actions (N,) in [-1, 1].
+        act: the policy: observations of the environment, (N, 6) or with a commanded speed (N, 8)
+            -> actions (N,) in [-1, 1].
         algo: name of the learner.
-        params: the machine that it was trained on.
+        conditions: machine and control in which it was trained.
         task: the reward that it was trained for.
         seed: of the training.
         parts: what the file held; the record has everything that was saved with the weights.
@@ -69,10 +80,15 @@ class Checkpoint:
 
     act: Act
     algo: str
-    params: WheelParams
+    conditions: Conditions
     task: Task
     seed: int
     parts: PolicyParts
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine that it was trained on."""
+        return self.conditions.params
 
     @property
     def record(self) -> dict[str, Any]:
@@ -87,6 +103,11 @@ class Checkpoint:
             AttributeError: the learner is not one of stable-baselines3.
         """
         return self.act.model  # type: ignore[attr-defined]
+
+
+def layout(commanded: bool) -> list[str]:
+    """What a policy sees, in words."""
+    return [*OBSERVATION_LAYOUT, *(COMMANDED_LAYOUT if commanded else ())]
 
 
 def save_policy(path: str | Path, training: Training, learner: Learner, **notes: Any) -> Path:
@@ -111,7 +132,7 @@ def save_policy(path: str | Path, training: Training, learner: Learner, **notes:
         "algo": training.algo,
         "seed": training.seed,
         "timesteps": learner.steps,
-        "observation_layout": list(OBSERVATION_LAYOUT),
+        "observation_layout": layout(training.conditions.commanded),
         **training.conditions.to_dict(),
         "task": dataclasses.asdict(training.task),
         "versions": made_by["versions"] | versions,
@@ -181,15 +202,17 @@ def load_policy(
     if trust_pickle and _is_foreign(path):
         return _unpickled(path, params or BUILDABLE)
     record, weights = _read(path)
-    layout = record.get("observation_layout")
-    if layout != list(OBSERVATION_LAYOUT):
+    seen, now = record.get("observation_layout"), layout(record.get("speeds") is not None)
+    if seen != now:
         raise CheckpointError(
-            f"{path}: observes {layout}, but the environment now gives {list(OBSERVATION_LAYOUT)}; "
+            f"{path}: observes {seen}, but the environment now gives {now}; "
             "train it again, or use the version of rimless-gym that made it: "
             f"{record.get('git_revision')}"
         )
     try:
         trained_on = WheelParams(**record["params"])
+        control = Control(record.get("control_period", USUAL.period), speeds=record.get("speeds"))
+        conditions = Conditions(trained_on, control=control)
         task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
         kind = learners.learner(algo)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -203,13 +226,13 @@ def load_policy(
         )
     parts = PolicyParts(record, weights)
     try:
-        act = kind.load(parts, trained_on, task)
+        act = kind.load(parts, conditions, task)
     except Exception as error:  # learners may raise anything
         raise CheckpointError(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
             f"({error!r}), so it was edited or damaged; {_REMEDY}"
         ) from error
-    return Checkpoint(act, algo, trained_on, task, seed, parts)
+    return Checkpoint(act, algo, conditions, task, seed, parts)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -243,4 +266,4 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
         algo, act = unpickled(path, params)
     except ValueError as error:
         raise CheckpointError(str(error)) from error
-    return Checkpoint(act, algo, params, Task(), 0, PolicyParts({"algo": algo}, {}))
+    return Checkpoint(act, algo, Conditions(params), Task(), 0, PolicyParts({"algo": algo}, {}))

@@ -67,16 +67,16 @@ class Rollout:
         n_intervals: length of the walks in control intervals.
         seed: walk i draws its machine and its disturbances from `seed + i`.
         task: whose rewards are in `info`, default: that of the environment.
-        command: the speed that is commanded all the time (m/s), in `RimlessWheelSpeed-v0` with its
-            longer intervals; None: the walks are in `RimlessWheel-v0`.
+        command: the speed that is commanded all the time (m/s), one or one for each walk; None
+            where none is commanded.
 
     Attributes:
         machines: of each walk, as drawn, N of them.
 
     Raises:
         TypeError: the policy gives no real numbers.
-        ValueError: the policy gives NaN or the wrong shape, or a start is not a state in which the
-            foot can press on the ground.
+        ValueError: the policy gives NaN or the wrong shape, a start is not a state in which the
+            foot can press on the ground, or a speed is commanded where none is observed.
         RuntimeError: a motion leaves the range of the model.
     """
 
@@ -88,16 +88,14 @@ class Rollout:
         n_intervals: int,
         seed: int = 0,
         task: Task | None = None,
-        command: float | None = None,
+        command: float | Floats | None = None,
     ) -> None:
         starts = np.asarray(starts, dtype=np.float64).reshape(-1, STATE_SIZE)
         modes = [MODE_NAMES[int(mode)] for mode in starts[:, MODE]]
         begin: dict[str, Any] = {"state": starts[:, :4].copy(), "mode": modes}
-        if command is None:
-            self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
-        else:
-            self._envs = conditions.speed_envs(len(starts), task=task, max_episode_steps=None)
+        if command is not None:
             begin["speed"] = command
+        self._envs = conditions.envs(len(starts), task=task, max_episode_steps=None)
         self._seen, _ = self._envs.reset(seed=seed, options=begin)
         self._policy, self._n_intervals = policy, n_intervals
         self._noisy = conditions.disturbances.sensor_noise is not None

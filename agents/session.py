@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from agents.evaluate import Evaluation, evaluate
@@ -21,6 +22,8 @@ from agents.policy_files import save_policy
 from agents.protocol import Protocol
 from agents.training import INITS, Training
 from agents.training_state import write_state
+from rimless_gym.envs.control import Control
+from trajopt.feedback.law import Floats
 
 #: Seconds between two saved states of a training: as much is lost if it is killed.
 SAVE_INTERVAL = 30.0
@@ -153,6 +156,8 @@ class Session:
             task=plan.training.task,
             ranges=conditions.ranges,
             disturbances=conditions.disturbances,
+            command=_commands(conditions.control, plan.protocol.starts),
+            control_period=conditions.control.period,
         )
         self.evaluations.append((steps, result))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
@@ -181,6 +186,11 @@ class Session:
             (out / CLONING).unlink(missing_ok=True)
             self.kept = self._learner.steps
         self._saved_at = time.monotonic()
+
+
+def _commands(control: Control, n: int) -> Floats | None:
+    """Speeds for `n` starts (m/s) that cover all that may be commanded; None if none is."""
+    return None if control.speeds is None else np.linspace(*control.speeds, n)
 
 
 def _named(init: str) -> str:

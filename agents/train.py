@@ -15,9 +15,10 @@ from agents.evaluate import Evaluation
 from agents.folder import BEST, CLONE, CLONING, LAST, STATE, claim, sole_user
 from agents.imitation import Cloning
 from agents.interrupts import requests
+from agents.ladder import ladder_of_laws
 from agents.learner import Learner
-from agents.policies import policy_controller
-from agents.policy_files import CheckpointError, load_policy, origin, save_policy
+from agents.policies import Policy, controller_policy, seeing_policy
+from agents.policy_files import Checkpoint, CheckpointError, load_policy, origin, save_policy
 from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.scores import economy
 from agents.session import Plan, Session, Standing
@@ -27,7 +28,6 @@ from rimless_gym.checks import integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt import periodic_gait
 from trajopt.feedback import laws
@@ -82,10 +82,12 @@ def train(
     task: Task | Mapping[str, float] | None = None,
     ranges: Ranges | Mapping[str, Any] | None = None,
     disturbances: Disturbances | Mapping[str, Any] | None = None,
+    speeds: tuple[float, float] | None = None,
+    control_period: float | None = None,
     settings: Settings | None = None,
     expert: Controller | str = EXPERT,
     cloning: Cloning | None = None,
-    score: Callable[[Evaluation], float] = walking_economy,
+    score: Callable[[Evaluation], float] | None = None,
     protocol: Protocol = TRAINING_PROTOCOL,
     progress: bool = True,
 ) -> TrainResult:
@@ -104,15 +106,20 @@ def train(
         timesteps: environment steps in all; default: that of the settings. A finished training
             goes on if more are asked for.
         params: the machine, as the environment takes it.
-        task: the reward, default `Task()`; or a dictionary of some of its fields.
+        task: the reward, default: that of the environment; or a dictionary of some of its fields.
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
+        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`; None: no
+            speed is commanded, as in `RimlessWheel-v0`.
+        control_period: how long an action is held (s), default: that of the environment.
         settings: hyperparameters; default: the learner's own.
         expert: to imitate. A name is that of a feedback law, about the optimal gait at
-            `EXPERT_SPEED` whose voltage is held as the environment holds it; or of a policy's
-            file: its policy is distilled into the learner's.
+            `EXPERT_SPEED` whose voltage is held as the environment holds it, or about those of all
+            commanded speeds (`agents.ladder`); or of a policy's file: its policy is distilled into
+            the learner's.
         cloning: how, default `Cloning()`.
-        score: what "best" means, larger is better; default: `walking_economy`.
+        score: what "best" means, larger is better; default: `walking_economy`, or the reward
+            where a speed is commanded.
         protocol: of the periodic evaluations.
         progress: whether to show progress bars.
 
@@ -128,12 +135,13 @@ def train(
     """
     out, init = Path(out), str(init)
     settings = settings or learners.learner(algo).settings(init)
+    conditions = Conditions.of(params, ranges, disturbances, speeds, control_period)
     training = Training(
         algo,
         _described(init, expert),
         integer("seed", seed, 0, MAX_SEED),
-        Conditions.of(params, ranges, disturbances),
-        as_task(task),
+        conditions,
+        as_task(task, conditions.default_task),
         settings,
     )
     total = settings.n_timesteps if timesteps is None else integer("timesteps", timesteps, 0)
@@ -144,6 +152,7 @@ def train(
         )
     if init != IMITATION and expert != EXPERT:
         raise ValueError(f"expert = {expert!r}: is imitated only with init = 'imitation'")
+    score = score or (reward_per_second if conditions.commanded else walking_economy)
     plan = Plan(training, out, total, score, protocol, progress)
     with sole_user(out):
         claim(out, training.identity)
@@ -166,19 +175,36 @@ def _described(init: str, expert: Controller | str) -> str:
     return init if init in INITS else origin(init)
 
 
-def _named(expert: str, plan: Plan) -> Controller:
+def _named(expert: str, plan: Plan) -> Policy:
     """The feedback law of this name, or the policy in this file.
 
     Raises:
-        CheckpointError: it is neither, or the policy is for another machine.
+        CheckpointError: it is neither, or the policy is for another machine or control.
     """
-    params = plan.training.conditions.params
+    conditions = plan.training.conditions
+    params, period = conditions.params, conditions.control.period
     if expert not in laws.names():
-        return policy_controller(params, load_policy(expert, params).act)
-    gait = periodic_gait(
-        params, EXPERT_SPEED, EXPERT_STEPS, hold=CONTROL_PERIOD, progress=plan.progress
-    )
-    return laws.design(expert, gait)
+        return seeing_policy(params, _fitting(expert, conditions).act)
+    if conditions.commanded:
+        return ladder_of_laws(expert, conditions, EXPERT_STEPS, plan.progress)
+    gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=plan.progress)
+    return controller_policy(params, laws.design(expert, gait))
+
+
+def _fitting(path: str, conditions: Conditions) -> Checkpoint:
+    """The policy in a file, if it sees what is seen here.
+
+    Raises:
+        CheckpointError: it is missing or damaged, or for another machine or control.
+    """
+    found = load_policy(path, conditions.params)
+    if found.conditions.commanded != conditions.commanded:
+        wanted = ("without", "with")[found.conditions.commanded]
+        raise CheckpointError(
+            f"{path}: a policy that walks {wanted} a commanded speed; train {wanted} speeds "
+            "(--speeds), or give another policy"
+        )
+    return found
 
 
 def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) -> Learner:
@@ -191,8 +217,10 @@ def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) ->
         return _started_from(init, training)
     learner = kind(training)
     if isinstance(expert, str):
-        expert = _named(expert, plan)
-    report = learner.imitate(expert, cloning, out / CLONING, plan.progress)
+        whom = _named(expert, plan)
+    else:
+        whom = controller_policy(training.conditions.params, expert)
+    report = learner.imitate(whom, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
     return learner
 
@@ -203,7 +231,7 @@ def _started_from(path: str, training: Training) -> Learner:
     Raises:
         CheckpointError: the file is missing, damaged, or for another machine or learner.
     """
-    start = load_policy(path, training.conditions.params)
+    start = _fitting(path, training.conditions)
     if start.algo != training.algo:
         raise CheckpointError(
             f"{path}: a {start.algo} policy cannot start {training.algo}; use one of "

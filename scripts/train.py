@@ -27,6 +27,7 @@ from scripts.commandline import (
     TASK,
     Parser,
     json_object,
+    more_than_zero,
     terminated_like_ctrl_c,
     whole,
 )
@@ -56,6 +57,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--task", type=json_object(as_task), help=TASK)
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
+    parser.add_argument(
+        "--speeds",
+        type=more_than_zero,
+        nargs=2,
+        metavar=("LEAST", "GREATEST"),
+        help="command a speed between these (m/s), as in RimlessWheelSpeed-v0",
+    )
+    parser.add_argument(
+        "--control-period",
+        type=more_than_zero,
+        help="how long an action is held (s); None: as in the environment",
+    )
     options = parser.parse_args(arguments)
     params = parser.machine(options)
     parser.require_folder(options.out)
@@ -72,6 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 task=options.task,
                 ranges=options.ranges,
                 disturbances=options.disturbances,
+                speeds=tuple(options.speeds) if options.speeds else None,
+                control_period=options.control_period,
             )
     except KeyboardInterrupt:
         print(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import learner
+from agents.conditions import Conditions
 from agents.evolution import policy
 from agents.evolution.asking import Among, Answer, Request
 from agents.evolution.campaign import campaign
@@ -23,9 +24,9 @@ from agents.learner import PolicyParts, Watch
 from agents.policies import Act
 from agents.rollout import draw_starts
 from agents.training import Settings, Training
+from rimless_gym.envs.control import USUAL
 from rimless_gym.envs.disturbances import Disturbances
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
 
@@ -34,7 +35,7 @@ class Learner(learner.Learner):
 
     Raises:
         TypeError: the training's settings are not `EvolutionSettings`.
-        ValueError: there are ranges or disturbances.
+        ValueError: there are ranges or disturbances, a commanded speed, or another control period.
     """
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
@@ -45,6 +46,11 @@ class Learner(learner.Learner):
             raise ValueError(
                 "algo = 'evolution': walks on the nominal machine without disturbances; leave out "
                 "ranges and disturbances, or choose another learner"
+            )
+        if conditions.control != USUAL:
+            raise ValueError(
+                f"algo = 'evolution': holds a voltage for {USUAL.period:g} s, and no speed is "
+                "commanded; leave out speeds and control_period, or choose another learner"
             )
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, settings.paid_speed)
@@ -65,7 +71,7 @@ class Learner(learner.Learner):
         return EvolutionSettings()
 
     @classmethod
-    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> Act:
+    def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy in `parts`."""
         weights = parts.weights["weights"].astype(np.float64)
         if weights.shape != (policy.SIZE,):

@@ -6,7 +6,6 @@ import math
 
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.training import SCRATCH, Training
-from rimless_gym.hybrid import CONTROL_PERIOD
 
 #: Speed of the step whose length in time a learner should look ahead (m/s).
 USUAL_SPEED = 0.5
@@ -32,7 +31,7 @@ def _short_sight(training: Training, settings: Hyperparameters) -> str:
     gamma = float(settings.algorithm.get("gamma", USUAL_GAMMA))
     if gamma >= 1.0:
         return ""
-    held = settings.held * CONTROL_PERIOD
+    held = settings.held * training.conditions.control.period
     horizon, step = held / (1.0 - gamma), training.conditions.params.step_length / USUAL_SPEED
     if horizon >= step:
         return ""

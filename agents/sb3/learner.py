@@ -12,6 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching
 from agents.learner import Learner, PolicyParts, Watch
+from agents.policies import Policy
 from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
@@ -29,8 +30,6 @@ from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import native_of, training_env
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
-from trajopt.feedback.law import Controller
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
@@ -100,11 +99,11 @@ class Sb3Learner(Learner):
         return advice(training, settings) if isinstance(settings, Hyperparameters) else []
 
     @classmethod
-    def load(cls, parts: PolicyParts, params: WheelParams, task: Task) -> NetworkPolicy:
+    def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> NetworkPolicy:
         """The policy in `parts`; its model has stable-baselines3's default settings."""
         model = cls.algorithm(
             policy="MlpPolicy",
-            env=training_env(1, Conditions(params), task, seed=0),
+            env=training_env(1, conditions, task, seed=0),
             device="cpu",
             policy_kwargs=policy_kwargs(parts.record["policy_kwargs"]),
         )
@@ -123,9 +122,7 @@ class Sb3Learner(Learner):
         """The deterministic policy as it is now."""
         return NetworkPolicy(self.model)
 
-    def imitate(
-        self, expert: Controller, cloning: Cloning, kept: Path, progress: bool
-    ) -> CloneReport:
+    def imitate(self, expert: Policy, cloning: Cloning, kept: Path, progress: bool) -> CloneReport:
         """Clone the expert into the actor."""
         teaching = Teaching(expert, self.training.conditions, cloning, self.training.seed)
         return clone(self.actor(self.model), teaching, kept=kept, progress=progress)

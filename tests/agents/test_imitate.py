@@ -41,7 +41,11 @@ def new_actor(new_learner):
 
 
 def teach(actor, controller, config=QUICK, seed=0, **arguments):
-    return clone(actor, Teaching(controller, CONDITIONS, config, seed), **arguments)
+    return clone(
+        actor,
+        Teaching(controller_policy(CONDITIONS.params, controller), CONDITIONS, config, seed),
+        **arguments,
+    )
 
 
 def weights(actor):

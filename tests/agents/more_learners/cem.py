@@ -43,7 +43,7 @@ class Learner(learner.Learner):
         return CemSettings()
 
     @classmethod
-    def load(cls, parts, params, task):
+    def load(cls, parts, conditions, task):
         return functools.partial(act, parts.weights["mean"])
 
     @property
