@@ -7,18 +7,24 @@ same time, by the same rules (`agents.evaluate`). The command stays as it is for
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from agents.conditions import Conditions
 from agents.evaluate import Evaluation, evaluate
 from agents.policies import Policy
 from agents.protocol import PROTOCOL, Protocol
-from agents.verdicts import FALLS, STOPS
-from rimless_gym.checks import real_array
+from agents.rollout import Rollout, draw_starts
+from agents.verdicts import FALLS, STOPS, WALKS, verdicts
+from agents.window import Window
+from rimless_gym.checks import positive, real_array
 from rimless_gym.envs.disturbances import Disturbances, Ranges
+from rimless_gym.envs.speed import SPEEDS
 from rimless_gym.envs.task import Task
+from rimless_gym.hybrid import OK
 from rimless_gym.presets import BUILDABLE, Machine
 
 #: The verdicts on walks whose foot slips, in stance or as it touches down.
@@ -69,6 +75,93 @@ class Commanded:
         return self.evaluation.faults.get(verdict, 0) / len(self.evaluation.verdicts)
 
 
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """The part of a walk under one of several commands, in its second half.
+
+    Attributes:
+        command: the speed that is commanded (m/s).
+        walking_share: of all starts, those that have not fallen yet, still step and keep the rules.
+        fallen_share: those that have fallen, then or before.
+        slipping_share: those that still step, but whose foot slips.
+        speed: of those that walk (m/s); NaN if there is none.
+        cot: cost of transport of these, from E+; NaN if there is none.
+    """
+
+    command: float
+    walking_share: float
+    fallen_share: float
+    slipping_share: float
+    speed: float
+    cot: float
+
+
+def walk_through(
+    policy: Policy,
+    commands: Sequence[float],
+    params: Machine = BUILDABLE,
+    protocol: Protocol = PROTOCOL,
+    *,
+    seconds: float = 10.0,
+    control_period: float | None = None,
+) -> tuple[Leg, ...]:
+    """Let a policy walk on while the command changes.
+
+    Args:
+        policy: see `agents.policies`; it is given observations (N, 8).
+        commands: the speeds (m/s), one after the other.
+        params: the machine, as the environment takes it.
+        protocol: starts.
+        seconds: for which each command lasts; the first lasts twice as long, to get going.
+        control_period: as the environment takes it.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
+        RuntimeError: as `evaluate` says.
+    """
+    speeds = _speeds(commands)
+    conditions = Conditions.of(params, None, None, SPEEDS, control_period)
+    each = round(positive("seconds", seconds) / conditions.control.period)
+    starts = draw_starts(conditions.params, protocol.starts, protocol.seed)
+    n_intervals = (len(speeds) + 1) * each
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, command=speeds[0])
+    fallen, legs = np.zeros(len(starts), dtype=bool), []
+    for k, interval in enumerate(walks):
+        fallen[interval.running] = interval.info["failure"] != OK
+        leg, into = divmod(k - each, each)
+        if leg < 0:
+            continue
+        if into == each // 2:
+            window, steps = Window(walks.machines), np.zeros(len(starts))
+        if into >= each // 2:
+            window.add(interval)
+            steps[interval.running] += interval.info["steps"]
+        if into == each - 1:
+            legs.append(_leg(speeds[leg], verdicts(fallen, steps > 0, window), window))
+            if leg + 1 < len(speeds):
+                walks.command(speeds[leg + 1])
+    all_fell = [Leg(speed, 0.0, 1.0, 0.0, math.nan, math.nan) for speed in speeds[len(legs) :]]
+    return (*legs, *all_fell)
+
+
+def _leg(command: float, found: Sequence[str], window: Window) -> Leg:
+    walking = np.array([each == WALKS for each in found])
+    speed = cot = math.nan
+    if walking.any():
+        ledger, weighted = window.total(walking, window.machines[0])
+        speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
+    fallen, slipping = (float(np.isin(found, verdicts).mean()) for verdicts in ((FALLS,), SLIPS))
+    return Leg(command, float(walking.mean()), fallen, slipping, speed, cot)
+
+
+def _speeds(commands: Sequence[float]) -> list[float]:
+    speeds = real_array("commands", commands)
+    if speeds.ndim != 1 or not len(speeds):
+        raise ValueError(f"commands = {commands!r}: give one or more speeds (m/s)")
+    return [float(speed) for speed in speeds]
+
+
 def evaluate_commanded(
     policy: Policy,
     commands: Sequence[float] = COMMANDS,
@@ -99,11 +192,8 @@ def evaluate_commanded(
         ValueError: no speed is given or one is out of its range, or as `evaluate` says.
         RuntimeError: as `evaluate` says.
     """
-    speeds = real_array("commands", commands)
-    if speeds.ndim != 1 or not len(speeds):
-        raise ValueError(f"commands = {commands!r}: give one or more speeds (m/s)")
     judged = []
-    for speed in speeds.astype(np.float64).tolist():
+    for speed in _speeds(commands):
         walks = evaluate(
             policy,
             params,

@@ -14,8 +14,8 @@ from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.requirements import require_machine
 
-#: (states (N, 6), observations (N, 6 or 8)) -> actions (N,): voltages in units of the limit, in [-1, 1].
-#: Observations are what a learner may use. States are for feedback laws.
+#: (states (N, 6), observations (N, 6 or 8)) -> actions (N,): voltages in units of the limit, in
+#: [-1, 1]. Observations are what a learner may use. States are for feedback laws.
 Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 
 #: observations (N, 6 or 8) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.policies import Policy
+from rimless_gym import RimlessWheelSpeedVectorEnv
 from rimless_gym.checks import real_array
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.starts import draw_start
@@ -100,6 +101,16 @@ class Rollout:
         self._policy, self._n_intervals = policy, n_intervals
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
+
+    def command(self, speed: float) -> None:
+        """Command another speed (m/s) to all walks; policies observe it after the next interval.
+
+        Raises:
+            ValueError: no speed is observed in these walks, or it is out of its range.
+        """
+        if not isinstance(self._envs, RimlessWheelSpeedVectorEnv):
+            raise ValueError(f"speed = {speed}: none is commanded in these walks")
+        self._envs.set_command(speed)
 
     def __iter__(self) -> Iterator[Interval]:
         envs, observations = self._envs, self._seen

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -61,17 +62,32 @@ COLUMNS = (
     ("steps_per_period", "steps/period"),
 )
 
+#: Speeds at which a policy walks that is commanded one, unless they are given.
+COMMANDS = 5
+
 #: Strides of the gaits to which the gap is measured.
 FRONT_STEPS = (1, 2, 3)
 
 
 @dataclasses.dataclass(frozen=True)
 class Walker:
-    """What is measured: a policy, its machine, and the task that it was trained for."""
+    """What is measured: a policy, its machine and control, and the task it was trained for.
 
+    Attributes:
+        name: in the table.
+        policy: that walks.
+        params: its machine.
+        task: whose reward is measured; None: that of the environment.
+        command: the speed that is commanded (m/s), if any.
+        period: how long an action is held (s).
+    """
+
+    name: str
     policy: Policy
     params: WheelParams
     task: Task | None = None
+    command: float | None = None
+    period: float = CONTROL_PERIOD
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -90,6 +106,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--steps", type=whole(1), default=1, help="per stride, of the gait that laws hold"
+    )
+    parser.add_argument(
+        "--commands",
+        type=more_than_zero,
+        nargs="+",
+        metavar="SPEED",
+        help="at which policies walk that are commanded a speed (m/s); None: "
+        f"{COMMANDS}, evenly spaced over the speeds that they were trained for",
     )
     parser.add_argument(
         "--gap",
@@ -115,13 +139,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     params = parser.machine(options) if options.preset or options.params else None
     with parser.refusing():  # all of them, before the first is measured
-        walkers = [walker(name, params, options) for name in options.policies]
+        walkers = [w for name in options.policies for w in walkers_of(name, params, options)]
+        if options.seeds and any(w.command is not None for w in walkers):
+            parser.error("--seeds: policies that are commanded a speed are not summarised")
         conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
         for w in walkers:
             Conditions.of(w.params, **conditions)
     evaluations = [
-        evaluate(w.policy, w.params, task=w.task, progress=True, **conditions) for w in walkers
+        evaluate(
+            w.policy,
+            w.params,
+            task=w.task,
+            command=w.command,
+            control_period=w.period,
+            progress=True,
+            **conditions,
+        )
+        for w in walkers
     ]
+    names = [w.name for w in walkers]
     wanted = [options.gap if options.gap is not None else has_gaits(w.params) for w in walkers]
     figures = [
         {**e.to_dict(), "gap": gap(e, w.params) if asked else None}
@@ -131,16 +167,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         of = Conditions.of(walkers[0].params, **conditions).to_dict()
         del of["params"]  # each policy has its own machine
-        results = dict(zip(options.policies, figures, strict=True))
+        results = dict(zip(names, figures, strict=True))
         report = {"policies": results, "over_seeds": summary, **of, **provenance()}
         print(json.dumps(report, indent=1))
     else:
-        print_table(options.policies, figures, summary)
+        print_table(names, figures, summary)
     return 0
 
 
-def walker(name: str, params: WheelParams | None, options: argparse.Namespace) -> Walker:
-    """The feedback law of this name about the gait in the options, or a policy's file.
+def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespace) -> list[Walker]:
+    """The feedback law of this name about the gait in the options, or the policy in a file.
+
+    A policy that is commanded a speed walks at each of several.
 
     Raises:
         ValueError: there is no gait, or the gait or the policy is for another machine.
@@ -148,7 +186,14 @@ def walker(name: str, params: WheelParams | None, options: argparse.Namespace) -
     """
     if name not in laws.names():
         p = load_policy(name, params, trust_pickle=options.trust_pickle)
-        return Walker(learned_policy(p.act), p.params, p.task)
+        policy, control = learned_policy(p.act), p.conditions.control
+        if control.speeds is None:
+            return [Walker(name, policy, p.params, p.task, None, control.period)]
+        commands = options.commands or np.linspace(*control.speeds, COMMANDS).tolist()
+        return [
+            Walker(f"{name} at {speed:g} m/s", policy, p.params, p.task, speed, control.period)
+            for speed in commands
+        ]
     if options.gait is None:
         of = params if params is not None else preset(DEFAULT_PRESET)
         gait = periodic_gait(of, options.speed, options.steps, progress=True)
@@ -159,7 +204,8 @@ def walker(name: str, params: WheelParams | None, options: argparse.Namespace) -
             f"{options.gait}: a gait of another machine than --preset and --params say; leave "
             "them out, or give a gait of theirs"
         )
-    return Walker(controller_policy(gait.params, laws.design(name, gait)), gait.params)
+    policy = controller_policy(gait.params, laws.design(name, gait))
+    return [Walker(name, policy, gait.params)]
 
 
 def has_gaits(params: WheelParams) -> bool:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from agents.commanded import SLIPS
+from agents.commanded import SLIPS, Leg
 from agents.evaluate import Evaluation
 from agents.verdicts import FALLS
 
@@ -40,6 +40,18 @@ class Figures:
             slips=sum(faults.get(verdict, 0) for verdict in SLIPS) / starts,
             cot=evaluation.cot if walks else None,
             speed=evaluation.speed if walks else None,
+        )
+
+    @classmethod
+    def of_leg(cls, leg: Leg) -> Figures:
+        """Those of the part of a walk under one command."""
+        walks = leg.walking_share > 0.0
+        return cls(
+            share=leg.walking_share,
+            falls=leg.fallen_share,
+            slips=leg.slipping_share,
+            cot=leg.cot if walks else None,
+            speed=leg.speed if walks else None,
         )
 
     @classmethod

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from scripts.documents import marked
 from scripts.documents.tables import table
-from scripts.studies.rows import FIRST_EVENING, LEARNED
+from scripts.studies.rows import FIRST_EVENING, FRONT, LEARNED
 from scripts.studies.summary import Average, Everywhere, Line
 
-SECTIONS = (LEARNED, FIRST_EVENING)
+SECTIONS = (LEARNED, FRONT, FIRST_EVENING)
 MARKS, WANTED = marked.marks("study", SECTIONS), marked.wanted("study", SECTIONS)
 
 NONE = "-"
@@ -23,13 +23,13 @@ def refresh(page: Path, sections: dict[str, str]) -> None:
 
 def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:
     """A table for every section that has a row."""
-    learned = [line for line in lines if line.row.table == LEARNED]
-    evening = [line for line in lines if line.row.table == FIRST_EVENING]
     found = {}
-    if learned:
-        found[LEARNED] = learned_table(learned)
-    if evening:
-        found[FIRST_EVENING] = evening_table(evening, whole)
+    for section in SECTIONS:
+        own = [line for line in lines if line.row.table == section]
+        if own:
+            found[section] = (
+                learned_table(own) if section == LEARNED else commanded_table(own, whole)
+            )
     return found
 
 
@@ -48,18 +48,18 @@ def learned_table(lines: Sequence[Line]) -> str:
     return table(head, rows)
 
 
-def evening_table(lines: Sequence[Line], whole: Sequence[Everywhere]) -> str:
+def commanded_table(lines: Sequence[Line], whole: Sequence[Everywhere]) -> str:
     """Policies for commanded speeds, and after each row how many seeds walk at all of them."""
-    head = ["learner", "commanded", "seeds that walk", "starts that walk", "CoT", "speed (m/s)"]
-    head += ["falls", "slips", "minutes of one core", "steps"]
+    head = ["learner", "commanded", "seeds that walk", "starts that walk", "gap to the optimum"]
+    head += ["CoT", "speed (m/s)", "falls", "slips", "minutes of one core", "steps"]
     rows = []
     for each in whole:
         own = [line for line in lines if line.row == each.row]
         for line in own:
             rows.append(
-                [line.row.title, line.which, _seeds(line), _starts(line), _mean(line.cot, 2)]
-                + [_mean(line.speed, 2), _percent(line.falls), _percent(line.slips)]
-                + [_minutes(line.minutes), _steps(line.steps)]
+                [line.row.title, line.which, _seeds(line), _starts(line), _gap(line.gap)]
+                + [_mean(line.cot, 4), _mean(line.speed, 3), _percent(line.falls)]
+                + [_percent(line.slips), _minutes(line.minutes), _steps(line.steps)]
             )
         if len(own) > 1:
             count = f"{each.walking} of {each.seeds}"

@@ -6,11 +6,13 @@ import dataclasses
 
 from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION
+from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.first_evening import FirstEvening
-from scripts.studies.trials import Distilled, Trained, Trial
+from scripts.studies.trials import Distilled, Following, Trained, Trial
 
-#: The tables of the page: policies for `RimlessWheel-v0`, and those for commanded speeds.
-LEARNED, FIRST_EVENING = "learned", "first_evening"
+#: The tables of the page: policies for `RimlessWheel-v0`, those of plain stable-baselines3 for
+#: commanded speeds, and those that follow commands as cheaply as the front allows.
+LEARNED, FIRST_EVENING, FRONT = "learned", "first_evening", "front"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Row:
     Attributes:
         name: of its files, and on the command line.
         title: in the table.
-        table: in which it stands, `LEARNED` or `FIRST_EVENING`.
+        table: in which it stands, `LEARNED`, `FIRST_EVENING` or `FRONT`.
         trial: how a seed is trained and judged.
         enough: a seed walks if this share of its starts does.
         minutes: that a seed takes, about, before one has been timed.
@@ -69,6 +71,22 @@ ROWS = (
         LEARNED,
         Distilled("ppo", IMITATION, 0, (("", CLONE),), teacher="evolution"),
         minutes=2.0,
+    ),
+    Row(
+        "front",
+        "imitation of a ladder of laws",
+        FRONT,
+        Following(
+            "ppo",
+            IMITATION,
+            0,
+            (("", CLONE),),
+            speeds=(0.51, 0.62),
+            control_period=CONTROL_PERIOD,
+            commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
+            changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
+        ),
+        minutes=6.0,
     ),
     Row(
         "first_evening",

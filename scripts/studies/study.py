@@ -15,7 +15,7 @@ from rimless_gym.params import WheelParams
 from scripts.studies import page
 from scripts.studies.cells import Cell, Result, kept
 from scripts.studies.optima import Optima
-from scripts.studies.rows import LEARNED, Row
+from scripts.studies.rows import FIRST_EVENING, Row
 from scripts.studies.running import Failure, Run, completed, ran
 from scripts.studies.summary import everywhere, lines, walks
 from trajopt.files import jsonable, write_text
@@ -120,7 +120,7 @@ def _told(
         policy
         for cell, result in results.items()
         for policy in result.policies.values()
-        if cell.row.table == LEARNED and walks(cell.row, policy)
+        if cell.row.table != FIRST_EVENING and walks(cell.row, policy)
     ]
     optima = Optima(study.params, walking, folder, workers)
     table, whole = lines(results, optima.gap), everywhere(results)

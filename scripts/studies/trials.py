@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Any, Protocol
 
 from agents import learners, protocol
+from agents.commanded import evaluate_commanded, walk_through
 from agents.evaluate import evaluate
 from agents.folder import BEST
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
 from agents.training import SCRATCH
+from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
 from scripts.studies.stopwatch import timed
@@ -83,10 +86,16 @@ class Trained:
                 params=params,
                 expert=self.expert(seed, folder),
                 progress=False,
+                **self.environment,
             )
         if trained.interrupted:
             raise KeyboardInterrupt
         return trained.timesteps
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Arguments of `agents.train` that choose the environment."""
+        return {}
 
     def expert(self, seed: int, folder: Path) -> str:
         """Whom it imitates, if it does."""
@@ -106,6 +115,41 @@ class Trained:
             return self
         silent = learners.learner(self.algo).settings(self.init).silent
         return dataclasses.replace(self, timesteps=max(BRIEF_STEPS, 2 * silent))
+
+
+@dataclasses.dataclass(frozen=True)
+class Following(Trained):
+    """A training on `RimlessWheelSpeed-v0`, judged at constant commands and as they change.
+
+    Attributes:
+        speeds: between which one is commanded in training (m/s).
+        control_period: how long an action is held (s).
+        commands: that stay for the whole walk (m/s).
+        changes: one after the other, every 10 s, in one walk (m/s).
+    """
+
+    speeds: tuple[float, float] = SPEEDS
+    control_period: float = PERIOD
+    commands: tuple[float, ...] = ()
+    changes: tuple[float, ...] = ()
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Speeds and control period."""
+        return {"speeds": self.speeds, "control_period": self.control_period}
+
+    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+        """The policy at every command."""
+        ((_, file),) = self.judged
+        policy, period = learned_policy(load_policy(folder / file, params).act), self.control_period
+        found = {
+            f"{each.command:g} m/s": Figures.of(each.evaluation)
+            for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
+        }
+        legs = walk_through(policy, self.changes, params, by, control_period=period)
+        for before, leg in itertools.pairwise(legs):
+            found[f"{leg.command:g} m/s after {before.command:g}"] = Figures.of_leg(leg)
+        return found
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from agents import load_policy
-from agents.commanded import COMMANDS, evaluate_commanded
+from agents.commanded import COMMANDS, evaluate_commanded, walk_through
+from agents.conditions import Conditions
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
 from agents.protocol import Protocol
+from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.envs.speed import SPEEDS, TASK
 from rimless_gym.rules import BREACHES
@@ -89,3 +91,36 @@ def test_speeds_that_cannot_be_commanded_are_refused(commands):
 
 def test_the_speeds_asked_for_by_default_may_all_be_drawn_in_training():
     assert all(SPEEDS[0] <= speed <= SPEEDS[1] for speed in COMMANDS)
+
+
+def test_a_walk_goes_on_while_the_command_changes():
+    seen_commands = []
+
+    def looking(states, seen):
+        seen_commands.append(seen[0, 6])
+        return leaning(states, seen)
+
+    fast, slow = walk_through(looking, (0.6, 0.35), protocol=BRIEF, seconds=8.0)
+    each = round(8.0 / 0.04)
+    assert np.allclose(seen_commands, [0.75] * (2 * each + 1) + [-0.5] * (each - 1))
+    assert (fast.command, slow.command) == (0.6, 0.35)
+    assert fast.speed > slow.speed > 0.5
+    assert fast.walking_share >= slow.walking_share > 0.2
+    assert 0.0 < fast.fallen_share <= slow.fallen_share < 0.8
+
+
+def test_all_legs_are_told_of_where_all_walks_fall():
+    def toppling(states, seen):
+        return np.where(np.arange(len(seen)) % 2, -1.0, 1.0) * np.sign(seen[:, 1] + 0.3)
+
+    legs = walk_through(toppling, (0.5, 0.6, 0.4), BUILDABLE, BRIEF, seconds=2.0)
+    assert [leg.command for leg in legs] == [0.5, 0.6, 0.4]
+    assert all(np.isnan(leg.cot) for leg in legs if leg.walking_share == 0.0)
+
+
+def test_a_speed_is_commanded_only_where_it_is_observed():
+    walks = Rollout(Conditions(BUILDABLE), standing, draw_starts(BUILDABLE, 2, 0), 5)
+    with pytest.raises(ValueError, match="none is commanded"):
+        walks.command(0.5)
+    with pytest.raises(ValueError, match="speed"):
+        Rollout(Conditions(BUILDABLE), standing, draw_starts(BUILDABLE, 2, 0), 5, command=0.5)

@@ -41,11 +41,8 @@ def new_actor(new_learner):
 
 
 def teach(actor, controller, config=QUICK, seed=0, **arguments):
-    return clone(
-        actor,
-        Teaching(controller_policy(CONDITIONS.params, controller), CONDITIONS, config, seed),
-        **arguments,
-    )
+    expert = controller_policy(THESIS_PHYSICAL, controller)
+    return clone(actor, Teaching(expert, CONDITIONS, config, seed), **arguments)
 
 
 def weights(actor):
@@ -93,7 +90,7 @@ def test_the_expert_teaches_under_the_conditions_of_the_training(new_actor, swin
         THESIS_PHYSICAL, {"pendulum_mass": (2.0, 2.4)}, {"sensor_noise": {"leg_rate": 0.2}}
     )
     teach(calm, swing)
-    clone(rough, Teaching(swing, conditions, QUICK, 0))
+    clone(rough, Teaching(controller_policy(THESIS_PHYSICAL, swing), conditions, QUICK, 0))
     assert not np.array_equal(weights(calm), weights(rough))
 
 

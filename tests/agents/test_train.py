@@ -126,3 +126,30 @@ def test_an_unknown_learner_is_refused_with_the_names_of_the_known_ones(tmp_path
     with pytest.raises(ValueError, match=known):
         train("td3", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_training_for_commanded_speeds_sees_them_and_so_does_its_policy(tmp_path):
+    result = run(tmp_path / "a", timesteps=256, speeds=(0.4, 0.6), control_period=0.02)
+    found = load_policy(result.last)
+    assert found.conditions.control.speeds == (0.4, 0.6)
+    assert found.conditions.control.period == 0.02
+    assert read_record(result.last)["task"]["value_of_distance"] == 5.0
+    assert len(read_record(result.last)["observation_layout"]) == 8
+    assert found.act(np.zeros((3, 8), dtype=np.float32)).shape == (3,)
+    again = run(tmp_path / "b", timesteps=256, speeds=(0.4, 0.6), control_period=0.02)
+    np.testing.assert_array_equal(weights(result.last), weights(again.last))
+
+
+def test_a_policy_for_commanded_speeds_starts_no_training_without_them(tmp_path, finished):
+    commanded = run(tmp_path / "commanded", timesteps=128, speeds=(0.4, 0.6)).last
+    with pytest.raises(CheckpointError, match="with a commanded speed"):
+        run(tmp_path / "a", init=str(commanded))
+    with pytest.raises(CheckpointError, match="without a commanded speed"):
+        run(tmp_path / "b", init=str(finished / "last.zip"), speeds=(0.4, 0.6))
+    with pytest.raises(CheckpointError, match="without a commanded speed"):
+        run(tmp_path / "c", init="imitation", expert=str(finished / "last.zip"), speeds=(0.4, 0.6))
+
+
+def test_evolution_takes_no_commanded_speeds(tmp_path):
+    with pytest.raises(ValueError, match="no speed is commanded"):
+        run(tmp_path, "evolution", speeds=(0.4, 0.6))
