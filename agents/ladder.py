@@ -8,6 +8,7 @@ speeds between them.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Policy, controller_policy
 from rimless_gym.envs.observation import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
-from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Floats
+from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held.clock import held_speeds
 
 
@@ -53,25 +54,24 @@ class Ladder:
 
 
 def ladder_of_laws(
-    name: str, conditions: Conditions, steps: int = 1, progress: bool = False
+    name: str, conditions: Conditions, steps: Sequence[int] = (1, 2, 3), progress: bool = False
 ) -> Ladder:
-    """Feedback laws about the optimal held gaits of all speeds that may be commanded.
+    """Feedback laws about the cheapest held gaits of all speeds that may be commanded.
 
     Args:
         name: of the law.
         conditions: machine and control, with commanded speeds.
-        steps: of the gaits, per stride.
+        steps: numbers of steps per stride to consider.
         progress: whether to show progress bars.
 
     Raises:
         ValueError: there is no such law.
-        NoGaitError: there is no gait at one of the speeds.
+        NoGaitError: there is no gait at any of the speeds.
     """
     assert conditions.control.speeds is not None
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
-    rungs = []
-    for speed in tqdm(speeds, desc="laws", unit="law", disable=not progress, leave=False):
-        gait = periodic_gait(params, speed, steps, hold=period)
-        rungs.append(controller_policy(params, laws.design(name, gait)))
-    return Ladder(np.array(speeds), tuple(rungs))
+    front = cot_front(params, speeds, steps, hold=period, progress=progress)
+    gaits = tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False)
+    rungs = tuple(controller_policy(params, laws.design(name, gait)) for gait in gaits)
+    return Ladder(np.array([gait.speed for gait in front.envelope]), rungs)
