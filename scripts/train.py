@@ -15,6 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents import learners
+from agents.conditions import Conditions
 from agents.train import EXPERT, train
 from agents.training import INITS
 from rimless_gym.envs.arguments import as_task
@@ -70,7 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="how long an action is held (s); None: as in the environment",
     )
     options = parser.parse_args(arguments)
-    params = parser.machine(options)
+    params, speeds = parser.machine(options), tuple(options.speeds) if options.speeds else None
+    with parser.refusing():
+        Conditions.of(params, options.ranges, options.disturbances, speeds, options.control_period)
     parser.require_folder(options.out)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
@@ -85,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 task=options.task,
                 ranges=options.ranges,
                 disturbances=options.disturbances,
-                speeds=tuple(options.speeds) if options.speeds else None,
+                speeds=speeds,
                 control_period=options.control_period,
             )
     except KeyboardInterrupt:

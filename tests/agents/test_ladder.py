@@ -27,6 +27,7 @@ def test_a_ladder_has_one_policy_for_each_speed(speeds, rungs):
         Ladder(np.array(speeds), tuple(map(constant, range(rungs))))
 
 
+@pytest.mark.slow
 def test_the_laws_of_a_ladder_walk_at_the_commanded_speed():
     conditions = Conditions.of(BUILDABLE, None, None, (0.566, 0.566), 0.01)
     ladder = ladder_of_laws("lqr", conditions, [1])

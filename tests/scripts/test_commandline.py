@@ -18,6 +18,7 @@ import pytest
 
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
+from agents.train import train
 from scripts import evaluate as command
 from scripts.commandline import terminated_like_ctrl_c, whole
 from trajopt import periodic_gait
@@ -133,6 +134,10 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("compare", ["--params", '{"drug": 1}'], "'drug' is not a field of WheelParams: choose"),
         ("train", ["--params", '{"drag": -1}'], "--params: drag = -1.0: must be at least 0"),
         ("train", ["--params", '{"drag": "x"}'], "--params: drag = 'x': must be a real number"),
+        ("train", ["--speeds", "0.5"], "--speeds: expected 2 arguments"),
+        ("train", ["--speeds", "0.6", "0.4"], "must be in order, the least first"),
+        ("train", ["--speeds", "0.6", "3"], "at most 2 m/s"),
+        ("train", ["--control-period", "0.015"], "must be a whole multiple of 0.01 s"),
         ("train", ["--task", '{"price": 1}'], "task: 'price' is not a field of Task: choose"),
         ("train", ["--task", '{"slip_speed": -1}'], "slip_speed = -1.0: must be at least 0"),
         ("solve_gait", ["--params", '{"n_legs": 2}'], "n_legs = 2: must be an integer"),
@@ -281,6 +286,27 @@ def test_a_law_is_measured_beside_policies(
     for name, row in results.items():
         counted = sum(row["faults"].values())
         assert (f"{name}: of 2 starts do not count: " in told) == (counted > 0)
+
+
+def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    policy = str(train("ppo", out=tmp_path, timesteps=0, speeds=(0.4, 0.6), progress=False).last)
+    short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
+    brief = partial(evaluate, protocol=short)
+    monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
+    arguments = [policy, "--no-gap", "--json"]
+    assert command.main([*arguments, "--commands", "0.45", "0.55"]) == 0
+    told = json.loads(capsys.readouterr().out)["policies"]
+    assert list(told) == [f"{policy} at 0.45 m/s", f"{policy} at 0.55 m/s"]
+    assert command.main(arguments) == 0
+    told = json.loads(capsys.readouterr().out)["policies"]
+    assert [name.rpartition(" at ")[2] for name in told] == [
+        f"{speed:g} m/s" for speed in (0.4, 0.45, 0.5, 0.55, 0.6)
+    ]
+    with pytest.raises(SystemExit):
+        command.main([*arguments, "--seeds"])
+    assert "not summarised" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -13,24 +13,25 @@ from typing import Any
 
 import pytest
 
+from agents import learners
 from agents.folder import BEST, CLONE, LAST
 from agents.policy_files import PRETRAINED
 from agents.protocol import PROTOCOL
 from agents.statistics import interquartile_mean
-from agents.train import TrainResult
-from agents.training import IMITATION
+from agents.train import TrainResult, train
+from agents.training import IMITATION, SCRATCH
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from scripts.studies import command, optima, page, running, trials
 from scripts.studies.cells import RESULT, Cell, Result, kept
 from scripts.studies.estimate import Estimate
 from scripts.studies.figures import Figures
 from scripts.studies.first_evening import POLICY, FirstEvening
-from scripts.studies.rows import FIRST_EVENING, LEARNED, ROWS, Row
+from scripts.studies.rows import FIRST_EVENING, FRONT, LEARNED, ROWS, Row
 from scripts.studies.running import completed, ran
 from scripts.studies.stopwatch import forget, minutes, timed
 from scripts.studies.study import Study, run
 from scripts.studies.summary import lines
-from scripts.studies.trials import Distilled, Trained
+from scripts.studies.trials import Distilled, Following, Trained
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "learning.md"
 
@@ -356,6 +357,40 @@ def test_a_first_evening_is_trained_once_and_judged_at_every_command(tmp_path: P
     assert isinstance(failure, str)
     assert f"{policy}: damaged" in failure
     assert "remove it to train anew" in failure
+
+
+def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def trained(*given: Any, **arguments: Any) -> TrainResult:
+        asked.append(arguments)
+        return train(*given, **arguments, settings=small)
+
+    full = learners.learner("ppo").settings(SCRATCH)
+    small = dataclasses.replace(
+        full, n_envs=2, algorithm=full.algorithm | {"n_steps": 64, "batch_size": 64}
+    )
+    monkeypatch.setattr(trials, "train", trained)
+    few = dataclasses.replace(PROTOCOL, starts=2, duration=1.0, window=0.5, alive=0.5)
+    trial = Following(
+        "ppo",
+        SCRATCH,
+        128,
+        (("", LAST),),
+        speeds=(0.4, 0.6),
+        control_period=0.02,
+        commands=(0.45, 0.55),
+        changes=(0.5, 0.4, 0.6),
+    )
+    found = Cell(Row("front", "front", FRONT, trial), 0, protocol=few).run(tmp_path)
+    assert (asked[0]["speeds"], asked[0]["control_period"]) == ((0.4, 0.6), 0.02)
+    assert list(found.policies) == [
+        *("0.45 m/s", "0.55 m/s"),
+        *("0.4 m/s after 0.5", "0.6 m/s after 0.4"),
+    ]
+    assert found.policies["0.45 m/s"].share == 0.0
 
 
 def test_a_page_is_filled_the_same_way_twice(tmp_path: Path) -> None:
