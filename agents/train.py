@@ -186,7 +186,7 @@ def _named(expert: str, plan: Plan) -> Policy:
     if expert not in laws.names():
         return seeing_policy(params, _fitting(expert, conditions).act)
     if conditions.commanded:
-        return ladder_of_laws(expert, conditions, progress=plan.progress)
+        return ladder_of_laws(expert, conditions, [EXPERT_STEPS], plan.progress)
     gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=plan.progress)
     return controller_policy(params, laws.design(expert, gait))
 
