@@ -133,8 +133,8 @@ class SelfPacedPrice(BaseCallback):
     Travel is paid only up to a speed. It logs `pacing/price`, `pacing/share`, `pacing/cot` and
     `pacing/speed`.
 
-    One callback serves one training; only VecNormalize may stand between what the environments show
-    and what the policy sees.
+    It begins anew with every new training. Only VecNormalize may stand between what the
+    environments show and what the policy sees.
 
     The policy is looked at on the machine of the first row, without ranges and disturbances. It
     decides in every control period there, even where `HeldActions` hold its actions in training.
@@ -164,6 +164,8 @@ class SelfPacedPrice(BaseCallback):
 
     def _init_callback(self) -> None:
         envs = self.training_env
+        if self.model.num_timesteps == 0:
+            self.price, self._due, self._task = None, self.pacing.every, None
         if self._task is None:
             self._task = envs.get_attr("task")[0]
             self._probe = probe_of(envs, self.pacing.starts)

@@ -69,6 +69,18 @@ def test_the_price_falls_with_the_policys_own_cost_once_enough_starts_walk(walks
     assert looks == [800] * 3  # 8 s
 
 
+def test_it_begins_anew_with_every_new_training_and_goes_on_with_an_old_one(walks):
+    cheap = CleanWalking(1.0, 1.0, 0.5)
+    walks(*[cheap] * 4)
+    price = SelfPacedPrice(first_price=9.0, every=EVERY)
+    model = learned(price, looks=1)
+    assert price.price == 2.0
+    model.learn(EVERY, price, reset_num_timesteps=False)
+    assert price.price == 2.0
+    learned(price, looks=0)
+    assert price.price == 9.0
+
+
 def test_the_share_that_must_walk_before_the_price_falls_can_be_chosen(walks):
     walks(CleanWalking(0.7, 1.0, 0.5), CleanWalking(0.8, 1.5, 0.5))
     prices = []
