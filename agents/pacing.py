@@ -9,7 +9,7 @@ does walking cheaper. Lowered faster than that, it makes policies rest, or fall 
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import NamedTuple
 
 #: The price is this multiple of the cost of transport.
 MULTIPLE = 2.0
@@ -18,20 +18,30 @@ MULTIPLE = 2.0
 LEAST_SHARE = 0.3
 
 
-class Walking(Protocol):
-    """How a policy walks."""
+#: Fewest steps in the window of a wheel that walks.
+FEWEST_STEPS = 3
 
-    @property
-    def share(self) -> float:
-        """Of the starts, from which it walks."""
 
-    @property
-    def cot(self) -> float:
-        """Cost of transport of these walks."""
+class CleanWalking(NamedTuple):
+    """How a policy walks without exploration.
+
+    Attributes:
+        share: of the starts, from which it walks by the rules.
+        cot: cost of transport of these walks; infinite without any.
+        speed: of these walks (m/s); 0 without any.
+    """
+
+    share: float
+    cot: float
+    speed: float
+
+
+#: That of a policy which walks from no start.
+NO_WALK = CleanWalking(0.0, math.inf, 0.0)
 
 
 def paced_price(
-    price: float, walking: Walking, floor: float, least_share: float = LEAST_SHARE
+    price: float, walking: CleanWalking, floor: float, least_share: float = LEAST_SHARE
 ) -> float:
     """The next price of distance.
 

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from agents.evolution.walks import Duration
-from agents.evolution.worth import Gait
+from agents.pacing import CleanWalking
 from trajopt.feedback.law import Floats
 
 
@@ -62,7 +62,7 @@ class Answer(NamedTuple):
 
     groups: Floats
     worth: Floats
-    gait: Gait
+    gait: CleanWalking
 
 
 _Found = TypeVar("_Found")

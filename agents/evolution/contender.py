@@ -10,8 +10,7 @@ import numpy as np
 from agents.evolution.asking import Request, Search
 from agents.evolution.settings import LOOK_EVERY, EvolutionSettings
 from agents.evolution.walks import Duration
-from agents.evolution.worth import Gait
-from agents.pacing import paced_price
+from agents.pacing import NO_WALK, paced_price
 from agents.scores import economy
 from trajopt.feedback.law import Floats
 
@@ -70,7 +69,7 @@ class Contender:
         self._settings, self._seed, self._floor = settings, seed, floor
         self._price, self._generation, self._share = settings.first_price, 0, 0.0
         self._duration = Duration(0, 0)
-        self.family, self.best, self.gait = family, weights, Gait(0.0, np.inf, 0.0)
+        self.family, self.best, self.gait = family, weights, NO_WALK
 
     @property
     def name(self) -> str:

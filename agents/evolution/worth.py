@@ -8,39 +8,22 @@ walking is easy to find is rarely the cheapest.
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.evolution.walks import Duration, Walks
+from agents.pacing import FEWEST_STEPS, NO_WALK, CleanWalking
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
-
-#: Fewest steps in the window of a wheel that walks.
-FEWEST_STEPS = 3
 
 #: A walk belongs to a family if its turns per step differ by less than this.
 WITHIN = 0.25
 
 #: A wheel that lasted for at least this share of the time did not fall.
 WHOLE = 1.0 - 1e-9
-
-
-class Gait(NamedTuple):
-    """How a policy walks from several starts.
-
-    Attributes:
-        share: of the starts from which it walks by the rules, in its family.
-        cot: cost of transport of these walks; infinite without any.
-        speed: of these walks (m/s); 0 without any.
-    """
-
-    share: float
-    cot: float
-    speed: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,15 +74,15 @@ class Worth:
         costs = energy / np.maximum(distance, 1e-12)
         return np.asarray(np.where(distance > 0.0, costs, np.inf))
 
-    def gait(self, walks: Walks, duration: Duration, family: float) -> Gait:
-        """How the first policy of some walks walks."""
+    def gait(self, walks: Walks, duration: Duration, family: float) -> CleanWalking:
+        """How the first policy of some walks walks in its family's gait."""
         fits = members(walks, family)[0] & (walks.slipping[0] == 0.0)
         if not fits.any():
-            return Gait(0.0, np.inf, 0.0)
+            return NO_WALK
         time = duration.window * CONTROL_PERIOD * fits.sum()
         distance = walks.distance[0][fits].sum()
         energy = walks.energy[0][fits].sum() + self.params.idle_power * time
-        return Gait(
+        return CleanWalking(
             float(fits.mean()),
             float(energy / (self.params.weight * distance)) if distance > 0.0 else np.inf,
             float(distance / time),

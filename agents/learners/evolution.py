@@ -19,8 +19,9 @@ from agents.evolution.asking import Among, Answer, Request
 from agents.evolution.campaign import campaign
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Walks, World
-from agents.evolution.worth import Gait, Worth, families, members, senses
+from agents.evolution.worth import Worth, families, members, senses
 from agents.learner import PolicyParts, Watch
+from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import Act
 from agents.rollout import draw_starts
 from agents.training import Settings, Training
@@ -108,7 +109,7 @@ class Learner(learner.Learner):
         for k, group in enumerate(groups):
             worth[k] = self._worth.of(walks, request.duration, group, request.price, request.judged)
             worth[k, ~belongs[k]] = -np.inf
-        gait = Gait(0.0, np.inf, 0.0)
+        gait = NO_WALK
         if len(groups):
             gait = self._worth.gait(walks, request.duration, groups[0])
         return Answer(groups.astype(np.float64), worth, gait)
@@ -142,7 +143,7 @@ class Learner(learner.Learner):
         for count, size, gait in zip(state["counts"], state["sizes"], state["gaits"], strict=True):
             of, groups = groups[:count], groups[count:]
             earned, worth = worth[: count * size], worth[count * size :]
-            self._send(Answer(of, earned.reshape(count, size), Gait(*map(float, gait))))
+            self._send(Answer(of, earned.reshape(count, size), CleanWalking(*map(float, gait))))
         self._steps = int(state["steps"])
 
 

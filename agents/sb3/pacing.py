@@ -10,7 +10,6 @@ Why a price must be paced is said in `agents.pacing` and in docs/learning.md.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,14 +19,11 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.pacing import LEAST_SHARE, paced_price
+from agents.pacing import FEWEST_STEPS, LEAST_SHARE, NO_WALK, CleanWalking, paced_price
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs.task import Task
 from rimless_gym.rules import exceeds
-
-#: Fewest steps in the window of a wheel that walks.
-FEWEST_STEPS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,21 +65,6 @@ class Pacing:
             integer(name, getattr(self, name), 1)
 
 
-@dataclasses.dataclass(frozen=True)
-class CleanWalking:
-    """How a policy walks without exploration.
-
-    Attributes:
-        share: of the starts, from which it walks by the rules.
-        cot: cost of transport of these walks; infinite without any.
-        speed: of these walks (m/s); 0 without any.
-    """
-
-    share: float
-    cot: float
-    speed: float
-
-
 def clean_walking(
     act: Callable[[NDArray[np.float32]], NDArray[Any]],
     envs: RimlessWheelVectorEnv,
@@ -117,7 +98,7 @@ def clean_walking(
         time += info["elapsed"]
     walks &= (steps >= FEWEST_STEPS) & (distance > 0.0)
     if not walks.any():
-        return CleanWalking(0.0, math.inf, 0.0)
+        return NO_WALK
     return CleanWalking(
         float(walks.mean()),
         float(energy[walks].sum() / (weight * distance)[walks].sum()),
@@ -197,7 +178,7 @@ class SelfPacedPrice(BaseCallback):
         self.price = paced_price(self.price, walking, floor, least_share)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
-        for name, value in dataclasses.asdict(walking).items():
+        for name, value in walking._asdict().items():
             self.logger.record(f"pacing/{name}", value)
 
     def _act(self, observations: NDArray[np.float32]) -> NDArray[Any]:

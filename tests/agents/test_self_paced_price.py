@@ -13,8 +13,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from agents import Sb3VecEnv, learners
 from agents.conditions import Conditions
+from agents.pacing import CleanWalking
 from agents.sb3 import pacing
-from agents.sb3.pacing import CleanWalking, Pacing, SelfPacedPrice, clean_walking, probe_of
+from agents.sb3.pacing import Pacing, SelfPacedPrice, clean_walking, probe_of
 from agents.session import Session
 from agents.train import train
 from agents.training import Training

@@ -12,7 +12,7 @@ from agents.evolution.contender import LOOKED_AT, Contender, Walking
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
-from agents.evolution.worth import Gait
+from agents.pacing import NO_WALK, CleanWalking
 
 SETTINGS = EvolutionSettings(screened=40, kept=5, contenders=2, trial=10, finalists=1, race=10)
 
@@ -24,7 +24,7 @@ def judged(request, wanted):
     known = apart.get(request.among, [request.among])
     worth = np.array([-off if group else -5.0 - off for group in known])
     cot = float(0.05 + off[0]) if known[0] else 0.9
-    return Answer(np.array(known, float), worth, Gait(1.0, cot, 0.5))
+    return Answer(np.array(known, float), worth, CleanWalking(1.0, cot, 0.5))
 
 
 @pytest.fixture
@@ -101,13 +101,13 @@ def test_a_policy_to_start_from_is_refined_in_its_own_family(wanted):
 def test_a_machine_on_which_nothing_walks_ends_the_campaign_with_a_remedy(wanted):
     search = campaign(SETTINGS, 0, 0.5, None)
     search.send(judged(next(search), wanted))
-    nothing = Answer(np.empty(0), np.empty((0, 40)), Gait(0.0, np.inf, 0.0))
+    nothing = Answer(np.empty(0), np.empty((0, 40)), NO_WALK)
     with pytest.raises(NothingWalksError, match=r"none of 40 random .* another seed"):
         search.send(nothing)
 
 
 def test_a_trial_that_nobody_survives_ends_the_campaign_with_a_remedy(wanted):
-    search, lost = campaign(SETTINGS, 0, 0.5, None), Gait(0.0, np.inf, 0.0)
+    search, lost = campaign(SETTINGS, 0, 0.5, None), NO_WALK
 
     def go_on(request):
         while True:
@@ -134,7 +134,7 @@ def test_settings_that_cannot_work_are_refused(changes, error, message):
 
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best(wanted):
     one = Contender(SETTINGS, -1, wanted, (0, 0), 0.5)
-    cheap, lost = Gait(1.0, 0.045, 0.6), Gait(0.0, np.inf, 0.0)
+    cheap, lost = CleanWalking(1.0, 0.045, 0.6), NO_WALK
     walks = [Walking(4, Duration(intervals, intervals // 2)) for intervals in (100, 1000)]
     for walking, gait in zip(walks, (cheap, lost), strict=True):
         search = one.evolve("race", 10, walking, None)

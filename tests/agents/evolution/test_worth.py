@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agents.evolution.walks import Duration, Walks
-from agents.evolution.worth import Gait, Worth, families, members, senses
-from agents.pacing import LEAST_SHARE, MULTIPLE, paced_price
+from agents.evolution.worth import Worth, families, members, senses
+from agents.pacing import LEAST_SHARE, MULTIPLE, NO_WALK, CleanWalking, paced_price
 from rimless_gym import BUILDABLE, Task
 
 DURATION = Duration(1000, 500)
@@ -81,7 +81,7 @@ def test_a_gait_is_that_of_the_walks_by_the_rules_in_its_family(worth):
     assert gait.share == 1.0
     assert gait.speed == pytest.approx(10 * STEP / 5.0)
     assert gait.cot == pytest.approx(energy / (BUILDABLE.weight * 10 * STEP))
-    nothing = Gait(0.0, np.inf, 0.0)
+    nothing = NO_WALK
     assert worth.gait(walks(), DURATION, 0) == nothing
     assert worth.gait(walks(slipping=1.0), DURATION, -1) == nothing
     assert worth.gait(walks(lasted=0.9), DURATION, -1) == nothing
@@ -100,8 +100,8 @@ def test_families_are_whole_turns_per_step_fewest_first():
 
 
 def test_the_paced_price_follows_the_cost_of_walking_and_never_rises():
-    assert paced_price(5.0, Gait(0.9, 0.8, 0.5), 0.5) == MULTIPLE * 0.8
-    assert paced_price(1.0, Gait(0.9, 0.8, 0.5), 0.5) == 1.0
-    assert paced_price(1.0, Gait(0.9, 0.05, 0.5), 0.5) == 0.5
-    assert paced_price(5.0, Gait(LEAST_SHARE - 0.01, 0.8, 0.5), 0.5) == 5.0
-    assert paced_price(5.0, Gait(0.0, np.inf, 0.0), 0.5) == 5.0
+    assert paced_price(5.0, CleanWalking(0.9, 0.8, 0.5), 0.5) == MULTIPLE * 0.8
+    assert paced_price(1.0, CleanWalking(0.9, 0.8, 0.5), 0.5) == 1.0
+    assert paced_price(1.0, CleanWalking(0.9, 0.05, 0.5), 0.5) == 0.5
+    assert paced_price(5.0, CleanWalking(LEAST_SHARE - 0.01, 0.8, 0.5), 0.5) == 5.0
+    assert paced_price(5.0, NO_WALK, 0.5) == 5.0
