@@ -79,8 +79,17 @@ class Learner(ABC):
 
     @classmethod
     @abstractmethod
-    def settings(cls, init: str) -> Settings:
-        """The hyperparameters of a training from scratch if `init` says so, else from a policy."""
+    def settings(cls, init: str, **changes: Any) -> Settings:
+        """The hyperparameters of a training from scratch if `init` says so, else from a policy.
+
+        Args:
+            init: what a training begins from.
+            changes: values that differ from the learner's own.
+
+        Raises:
+            TypeError: a value is of the wrong kind.
+            ValueError: there is no such hyperparameter, or a value is out of its range.
+        """
 
     @classmethod
     def advice(cls, training: Training) -> list[str]:

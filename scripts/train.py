@@ -11,13 +11,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents import learners
 from agents.conditions import Conditions
 from agents.train import EXPERT, train
-from agents.training import INITS
+from agents.training import INITS, Settings
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from scripts.commandline import (
@@ -70,9 +71,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=more_than_zero,
         help="how long an action is held (s); None: as in the environment",
     )
+    parser.add_argument(
+        "--settings",
+        type=json_object(dict),
+        default={},
+        help="""JSON: hyperparameters that differ from the learner's own, '{"gamma": 0.995}'""",
+    )
     options = parser.parse_args(arguments)
     params, speeds = parser.machine(options), tuple(options.speeds) if options.speeds else None
     with parser.refusing():
+        settings = chosen(options.algo, options.init, options.settings)
         Conditions.of(params, options.ranges, options.disturbances, speeds, options.control_period)
     parser.require_folder(options.out)
     try:
@@ -89,6 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 ranges=options.ranges,
                 disturbances=options.disturbances,
                 speeds=speeds,
+                settings=settings,
                 control_period=options.control_period,
             )
     except KeyboardInterrupt:
@@ -106,6 +115,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{options.out} holds this training, which is over")
     print(f"best policy: {result.best}; measure it with scripts/evaluate.py {result.best}")
     return 0
+
+
+def chosen(algo: str, init: str, changes: dict[str, Any]) -> Settings:
+    """The learner's own hyperparameters with some changes.
+
+    Raises:
+        ValueError: one is unknown, or its value is of the wrong kind or out of its range.
+    """
+    try:
+        return learners.learner(algo).settings(init, **changes)
+    except TypeError as error:
+        raise ValueError(f"--settings: {error}") from error
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ takes 600 million control intervals, which is five minutes of two cores or less.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -67,9 +68,13 @@ class Learner(learner.Learner):
         self._request = next(self._campaign)
 
     @classmethod
-    def settings(cls, init: str) -> Settings:
+    def settings(cls, init: str, **changes: Any) -> Settings:
         """The defaults, for every start."""
-        return EvolutionSettings()
+        names = [field.name for field in dataclasses.fields(EvolutionSettings)]
+        for name in changes:
+            if name not in names:
+                raise ValueError(f"settings: {name!r} is not known; choose from {names}")
+        return EvolutionSettings(**changes)
 
     @classmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import copy
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -17,6 +18,11 @@ from agents.training import Settings
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
+#: What is not the algorithm's.
+ENVIRONMENTS = ("n_envs", "n_timesteps", "vec_env_wrapper", "callback")
+
+NONE: Mapping[str, Any] = MappingProxyType({})
+
 _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
@@ -48,8 +54,16 @@ class Hyperparameters(Settings):
         return self.entry
 
 
-def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperparameters:
+def hyperparameters(
+    file: str, imitation: bool, changes: Mapping[str, Any] = NONE, folder: Path = FOLDER
+) -> Hyperparameters:
     """The entry of a file for a training from scratch, or from a policy.
+
+    Args:
+        file: its name.
+        imitation: whether the training begins from a policy.
+        changes: values that take the place of those in the file, or come beside them.
+        folder: of the file.
 
     Raises:
         ValueError: there is no such file or entry, or something in it is not as rl-zoo3 writes it.
@@ -60,7 +74,7 @@ def hyperparameters(file: str, imitation: bool, folder: Path = FOLDER) -> Hyperp
     entries = yaml.safe_load(path.read_text())
     if entry not in entries:
         raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
-    written = entries[entry]
+    written = entries[entry] | dict(changes)
     values = copy.deepcopy(written)
     n_envs, n_timesteps = int(values.pop("n_envs")), int(values.pop("n_timesteps"))
     wrappers = _classes(path, values, "vec_env_wrapper", (_HELD, _SCALED))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,7 +17,7 @@ from agents.policies import Policy
 from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
-from agents.sb3.hyperparameters import Hyperparameters, hyperparameters
+from agents.sb3.hyperparameters import ENVIRONMENTS, Hyperparameters, hyperparameters
 from agents.sb3.networks import (
     Actor,
     NetworkPolicy,
@@ -88,9 +89,14 @@ class Sb3Learner(Learner):
         """The part of a model of this algorithm that chooses actions."""
 
     @classmethod
-    def settings(cls, init: str) -> Settings:
-        """The entry of the algorithm's file in `agents/hyperparams`."""
-        return hyperparameters(cls.hyperparameter_file, imitation=init != SCRATCH)
+    def settings(cls, init: str, **changes: Any) -> Settings:
+        """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
+        taken = inspect.signature(cls.algorithm).parameters
+        names = [*ENVIRONMENTS, *(name for name in taken if name not in ("env", "seed", "device"))]
+        for name in changes:
+            if name not in names:
+                raise ValueError(f"settings: {name!r} is not known; choose from {names}")
+        return hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
 
     @classmethod
     def advice(cls, training: Training) -> list[str]:

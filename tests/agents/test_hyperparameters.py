@@ -4,6 +4,7 @@ import pytest
 import yaml
 from torch import nn
 
+from agents import learners
 from agents.sb3.hyperparameters import FOLDER, hyperparameters
 from agents.sb3.pacing import Pacing
 
@@ -12,7 +13,7 @@ ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
 
 def read(folder, **changes):
     (folder / "ppo.yml").write_text(yaml.safe_dump({"RimlessWheel-v0": ENTRY | changes}))
-    return hyperparameters("ppo.yml", False, folder)
+    return hyperparameters("ppo.yml", False, folder=folder)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
@@ -60,3 +61,13 @@ def test_other_wrappers_and_schedules_are_refused(tmp_path):
     with pytest.raises(ValueError, match="schedule 'cos_1': write a number"):
         read(tmp_path, learning_rate="cos_1")
     assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}
+
+
+def test_some_values_of_an_entry_can_be_changed():
+    kind = learners.learner("ppo")
+    usual, other = kind.settings("scratch"), kind.settings("scratch", gamma=0.5, n_envs=3)
+    assert (other.n_envs, other.algorithm["gamma"]) == (3, 0.5)
+    assert other.algorithm["n_steps"] == usual.algorithm["n_steps"]
+    assert other.written["gamma"] == 0.5  # so that a folder is known by it
+    with pytest.raises(ValueError, match="'gama' is not known; choose from"):
+        kind.settings("scratch", gama=0.5)
