@@ -7,10 +7,10 @@ from pathlib import Path
 
 from scripts.documents import marked
 from scripts.documents.tables import table
-from scripts.studies.rows import FIRST_EVENING, FRONT, LEARNED
+from scripts.studies.rows import DISTURBED, FIRST_EVENING, FRONT, LEARNED
 from scripts.studies.summary import Average, Everywhere, Line
 
-SECTIONS = (LEARNED, FRONT, FIRST_EVENING)
+SECTIONS = (LEARNED, FRONT, DISTURBED, FIRST_EVENING)
 MARKS, WANTED = marked.marks("study", SECTIONS), marked.wanted("study", SECTIONS)
 
 NONE = "-"
@@ -28,7 +28,9 @@ def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, st
         own = [line for line in lines if line.row.table == section]
         if own:
             found[section] = (
-                learned_table(own) if section == LEARNED else commanded_table(own, whole)
+                commanded_table(own, whole)
+                if section in (FRONT, FIRST_EVENING)
+                else learned_table(own)
             )
     return found
 

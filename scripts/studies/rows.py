@@ -8,11 +8,17 @@ from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.first_evening import FirstEvening
-from scripts.studies.trials import Distilled, Following, Trained, Trial
+from scripts.studies.trials import Distilled, Disturbed, Following, Trained, Trial
 
 #: The tables of the page: policies for `RimlessWheel-v0`, those of plain stable-baselines3 for
 #: commanded speeds, and those that follow commands as cheaply as the front allows.
 LEARNED, FIRST_EVENING, FRONT = "learned", "first_evening", "front"
+
+#: And those that learned under disturbances.
+DISTURBED = "disturbed"
+
+#: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
+NOISE = {"leg_angle": 1e-3, "pendulum_angle": 1e-3, "leg_rate": 1e-2, "pendulum_rate": 2e-2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +28,8 @@ class Row:
     Attributes:
         name: of its files, and on the command line.
         title: in the table.
-        table: in which it stands, `LEARNED`, `FIRST_EVENING` or `FRONT`.
+        table: in which it stands, `LEARNED`, `FIRST_EVENING`, `FRONT` or
+            `DISTURBED`.
         trial: how a seed is trained and judged.
         enough: a seed walks if this share of its starts does.
         minutes: that a seed takes, about, before one has been timed.
@@ -86,6 +93,22 @@ ROWS = (
             commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
             changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
         ),
+        minutes=6.0,
+    ),
+    Row(
+        "disturbed",
+        "fine-tuned under delay and noise",
+        DISTURBED,
+        Disturbed(
+            "ppo",
+            IMITATION,
+            6_000_000,
+            (("clone", CLONE), ("best kept", BEST), ("last", LAST)),
+            disturbances={"actuator_delay": 2, "sensor_noise": NOISE},
+            task={"value_of_distance": 0.1, "target_speed": 0.6},
+            changes={"n_envs": 512, "n_steps": 128, "batch_size": 16384, "learning_rate": 5e-5},
+        ),
+        enough=0.9,
         minutes=6.0,
     ),
     Row(

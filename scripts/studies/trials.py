@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -149,6 +150,40 @@ class Following(Trained):
         legs = walk_through(policy, self.changes, params, by, control_period=period)
         for before, leg in itertools.pairwise(legs):
             found[f"{leg.command:g} m/s after {before.command:g}"] = Figures.of_leg(leg)
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Disturbed(Trained):
+    """A training under disturbances, judged with them and without.
+
+    Attributes:
+        disturbances: of the training, as the environment takes them.
+        task: prices in training that differ from the environment's.
+        changes: hyperparameters that differ from the learner's own.
+    """
+
+    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
+    changes: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Disturbances, task and hyperparameters."""
+        settings = learners.learner(self.algo).settings(self.init, **self.changes)
+        return {"disturbances": self.disturbances, "task": self.task, "settings": settings}
+
+    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+        """Every policy, undisturbed, with each of the disturbances, and with all of them."""
+        each = {name: {name: value} for name, value in self.disturbances.items()}
+        judged: dict[str, Mapping[str, Any]] = {"undisturbed": {}, **each}
+        judged["all disturbances"] = self.disturbances
+        found = {}
+        for which, file in self.judged:
+            policy = learned_policy(load_policy(folder / file, params).act)
+            for name, disturbances in judged.items():
+                walk = evaluate(policy, params, by, disturbances=disturbances)
+                found[f"{which}: {name.replace('_', ' ')}"] = Figures.of(walk)
         return found
 
 

@@ -100,6 +100,7 @@ def test_an_unknown_preset_is_refused_by_name(tmp_path: Path) -> None:
         Comparison(Study(preset="THESIS"), tmp_path, progress=False)
 
 
+@pytest.mark.slow
 def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "at_rest.py").write_text(
         "from rimless_gym.jit import inner\n"

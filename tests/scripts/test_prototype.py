@@ -136,6 +136,7 @@ def test_a_supply_that_admits_more_costs_no_more(published: dict) -> None:
                 assert cost[richer.name, scale] <= 1.002 * stock
 
 
+@pytest.mark.slow
 def test_the_machine_as_built_walks_with_another_gear(published: dict) -> None:
     """Its gait is played back by the reference simulator, which knows nothing of the study."""
     gait = Solution.load(DOCS / "figures" / "prototype" / "as_built_20_V_gear_ratio_free.npz")

@@ -15,7 +15,7 @@ import pytest
 
 from agents import learners
 from agents.folder import BEST, CLONE, LAST
-from agents.policy_files import PRETRAINED
+from agents.policy_files import PRETRAINED, read_record
 from agents.protocol import PROTOCOL
 from agents.statistics import interquartile_mean
 from agents.train import TrainResult, train
@@ -26,12 +26,12 @@ from scripts.studies.cells import RESULT, Cell, Result, kept
 from scripts.studies.estimate import Estimate
 from scripts.studies.figures import Figures
 from scripts.studies.first_evening import POLICY, FirstEvening
-from scripts.studies.rows import FIRST_EVENING, FRONT, LEARNED, ROWS, Row
+from scripts.studies.rows import DISTURBED, FIRST_EVENING, FRONT, LEARNED, ROWS, Row
 from scripts.studies.running import completed, ran
 from scripts.studies.stopwatch import forget, minutes, timed
 from scripts.studies.study import Study, run
 from scripts.studies.summary import lines
-from scripts.studies.trials import Distilled, Following, Trained
+from scripts.studies.trials import Distilled, Disturbed, Following, Trained
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "learning.md"
 
@@ -391,6 +391,33 @@ def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
         *("0.4 m/s after 0.5", "0.6 m/s after 0.4"),
     ]
     assert found.policies["0.45 m/s"].share == 0.0
+
+
+def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_without(
+    tmp_path: Path,
+) -> None:
+    few = dataclasses.replace(PROTOCOL, starts=2, duration=1.0, window=0.5, alive=0.5)
+    trial = Disturbed(
+        "ppo",
+        SCRATCH,
+        64,
+        (("last", LAST),),
+        disturbances={"actuator_delay": 1, "sensor_noise": {"leg_rate": 0.1}},
+        task={"value_of_distance": 3.0},
+        changes={"n_envs": 2, "n_steps": 32, "batch_size": 32},
+    )
+    cell = Cell(Row("rough", "rough", DISTURBED, trial), 0, protocol=few)
+    found = cell.run(tmp_path)
+    assert list(found.policies) == [
+        *("last: undisturbed", "last: actuator delay", "last: sensor noise"),
+        "last: all disturbances",
+    ]
+    record = read_record(tmp_path / "rough_0" / LAST)
+    assert record["disturbances"]["actuator_delay"] == 1
+    assert record["task"]["value_of_distance"] == 3.0
+    other = dataclasses.replace(trial, task={"value_of_distance": 4.0})
+    assert other.settings != trial.settings
+    assert {cell.row: 1}[cell.row] == 1  # rows are told apart in tables by their hash
 
 
 def test_a_page_is_filled_the_same_way_twice(tmp_path: Path) -> None:

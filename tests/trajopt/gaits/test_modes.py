@@ -100,6 +100,7 @@ def test_the_reference_simulator_lifts_off_and_touches_down_where_the_solution_d
     assert run.ledger.energy_with_regeneration == pytest.approx(one_step.cost, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_step_from_rest_to_rest_arrives_so_slowly_that_nothing_collides() -> None:
     found = solved(from_rest_to_rest(), (-0.35, 0.43, 1.19), 0.0, 1.0, 0.0)
     assert found.converged, found.report()
@@ -127,6 +128,7 @@ def test_a_design_variable_is_the_field_that_it_stands_for() -> None:
         assert np.asarray(found) == pytest.approx(np.asarray(wanted), rel=1e-13, abs=1e-13), name
 
 
+@pytest.mark.slow
 def test_a_heavier_pendulum_is_found_where_it_is_cheaper() -> None:
     wheel = WheelPhases(P, Design.of("pendulum_mass"))
     step = dataclasses.replace(wheel.single_stance(), duration=P.step_length / 0.58)

@@ -126,6 +126,7 @@ def test_a_gait_is_led_to_a_far_speed_in_several_steps(one_step):
     assert slower.cot > one_step.cot
 
 
+@pytest.mark.slow
 def test_leading_a_gait_too_far_reports_the_speed_that_was_reached(one_step):
     with pytest.raises(NoGaitError, match=r"; 0\.60\d m/s was reached"):
         periodic_gait(THESIS_PHYSICAL, 0.63, 1, guess=one_step)
@@ -149,7 +150,10 @@ def test_regeneration_never_costs_more(one_step):
     assert solved.cot_with_regeneration <= one_step.cot_with_regeneration + 1e-6
 
 
-@pytest.mark.parametrize("coordinate", [0, 1, 2, 3])
+OTHERS = [pytest.param(k, marks=pytest.mark.slow) for k in (0, 1, 3)]
+
+
+@pytest.mark.parametrize("coordinate", [2, *OTHERS])
 def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step, coordinate):
     column = monodromy(THESIS_PHYSICAL, one_step.phases)[:, coordinate]
     T, spare, size = one_step.duration, 0.002, 1e-6
