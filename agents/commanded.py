@@ -77,7 +77,7 @@ class Commanded:
 
 @dataclasses.dataclass(frozen=True)
 class Leg:
-    """The part of a walk under one of several commands, in its second half.
+    """The end of a walk under one of several commands: as long as half a command lasts.
 
     Attributes:
         command: the speed that is commanded (m/s).
@@ -117,12 +117,18 @@ def walk_through(
 
     Raises:
         TypeError: an argument is of the wrong kind.
-        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
+        ValueError: no speed is given or one is out of its range, the time is shorter than two
+            control periods, or as `evaluate` says.
         RuntimeError: as `evaluate` says.
     """
     speeds = _speeds(commands)
     conditions = Conditions.of(params, None, None, SPEEDS, control_period)
     each = round(positive("seconds", seconds) / conditions.control.period)
+    if each < 2:
+        raise ValueError(
+            f"seconds = {seconds}: must be at least two control periods, "
+            f"{2 * conditions.control.period} s"
+        )
     starts = draw_starts(conditions.params, protocol.starts, protocol.seed)
     n_intervals = (len(speeds) + 1) * each
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, command=speeds[0])
@@ -151,7 +157,7 @@ def _leg(command: float, found: Sequence[str], window: Window) -> Leg:
     if walking.any():
         ledger, weighted = window.total(walking, window.machines[0])
         speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
-    fallen, slipping = (float(np.isin(found, verdicts).mean()) for verdicts in ((FALLS,), SLIPS))
+    fallen, slipping = (float(np.isin(found, kinds).mean()) for kinds in ((FALLS,), SLIPS))
     return Leg(command, float(walking.mean()), fallen, slipping, speed, cot)
 
 

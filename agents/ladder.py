@@ -65,10 +65,11 @@ def ladder_of_laws(
         progress: whether to show progress bars.
 
     Raises:
-        ValueError: there is no such law.
+        ValueError: there is no such law, or no speed is commanded.
         NoGaitError: there is no gait at any of the speeds.
     """
-    assert conditions.control.speeds is not None
+    if conditions.control.speeds is None:
+        raise ValueError("conditions: no speed is commanded; give speeds")
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
     front = cot_front(params, speeds, steps, hold=period, progress=progress)

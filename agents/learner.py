@@ -7,8 +7,11 @@ evaluation, policy files, resumption and the command lines need nothing else of 
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
@@ -63,6 +66,23 @@ class Watch(Protocol):
         """To be called whenever `steps` has grown, to move the progress bar."""
 
 
+#: Hyperparameters as a learner has them.
+NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
+
+
+def require_known(changes: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Refuse hyperparameters that a learner does not have, and numbers that are not finite.
+
+    Raises:
+        ValueError: there is one.
+    """
+    for name, value in changes.items():
+        if name not in names:
+            raise ValueError(f"settings: {name!r} is not known; choose from {list(names)}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"settings: {name} = {value}: must be finite")
+
+
 class Learner(ABC):
     """Learns a policy. The constructor begins a training.
 
@@ -79,7 +99,7 @@ class Learner(ABC):
 
     @classmethod
     @abstractmethod
-    def settings(cls, init: str, **changes: Any) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The hyperparameters of a training from scratch if `init` says so, else from a policy.
 
         Args:

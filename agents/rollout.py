@@ -62,14 +62,14 @@ class Rollout:
     angles and rates in the noisy observation.
 
     Args:
-        conditions: machine, ranges and disturbances.
+        conditions: machine, control, ranges and disturbances.
         policy: see `agents.policies`.
         starts: (N, STATE_SIZE); every walk counts its legs from the foot it begins on.
         n_intervals: length of the walks in control intervals.
         seed: walk i draws its machine and its disturbances from `seed + i`.
         task: whose rewards are in `info`, default: that of the environment.
-        command: the speed that is commanded all the time (m/s), one or one for each walk; None
-            where none is commanded.
+        command: the speed that is commanded all the time (m/s), one or one for each walk; None:
+            none is, or each walk draws its own where the conditions have speeds.
 
     Attributes:
         machines: of each walk, as drawn, N of them.

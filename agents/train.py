@@ -155,14 +155,17 @@ def train(
     score = score or (reward_per_second if conditions.commanded else walking_economy)
     plan = Plan(training, out, total, score, protocol, progress)
     with sole_user(out):
-        claim(out, training.identity)
         if (out / STATE).exists():
+            claim(out, training.identity)
             learner, standing = _resumed(training, out)
         else:
             for reason in learners.learner(algo).advice(training):
                 warnings.warn(reason, stacklevel=2)
-            learner, standing = _begun(plan, init, expert, cloning or Cloning()), Standing()
+            learner, standing = _new(init, training), Standing()  # what it refuses claims no folder
         try:
+            claim(out, training.identity)
+            if init == IMITATION and not (out / STATE).exists():
+                _imitate(learner, plan, expert, cloning or Cloning())
             return _learned(plan, learner, standing)
         finally:
             learner.close()
@@ -199,30 +202,36 @@ def _fitting(path: str, conditions: Conditions) -> Checkpoint:
     """
     found = load_policy(path, conditions.params)
     if found.conditions.commanded != conditions.commanded:
-        wanted = ("without", "with")[found.conditions.commanded]
+        how = ("without", "with")[found.conditions.commanded]
         raise CheckpointError(
-            f"{path}: a policy that walks {wanted} a commanded speed; train {wanted} speeds "
+            f"{path}: a policy that walks {how} a commanded speed; train {how} speeds "
             "(--speeds), or give another policy"
+        )
+    period, wanted = found.conditions.control.period, conditions.control.period
+    if period != wanted:
+        raise CheckpointError(
+            f"{path}: a policy that decides every {period:g} s, not every {wanted:g} s; train with "
+            "its control period (--control-period), or give another policy"
         )
     return found
 
 
-def _begun(plan: Plan, init: str, expert: Controller | str, cloning: Cloning) -> Learner:
+def _new(init: str, training: Training) -> Learner:
     """The learner with which a training begins."""
+    if init in INITS:
+        return learners.learner(training.algo)(training)
+    return _started_from(init, training)
+
+
+def _imitate(learner: Learner, plan: Plan, expert: Controller | str, cloning: Cloning) -> None:
+    """Clone an expert into the learner."""
     training, out = plan.training, plan.out
-    kind = learners.learner(training.algo)
-    if init == SCRATCH:
-        return kind(training)
-    if init != IMITATION:
-        return _started_from(init, training)
-    learner = kind(training)
     if isinstance(expert, str):
         whom = _named(expert, plan)
     else:
         whom = controller_policy(training.conditions.params, expert)
     report = learner.imitate(whom, cloning, out / CLONING, plan.progress)
     save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
-    return learner
 
 
 def _started_from(path: str, training: Training) -> Learner:

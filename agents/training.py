@@ -40,7 +40,7 @@ class Training:
         algo: the learner's name.
         init: "scratch", "imitation", or a description of the policy to start from.
         seed: of everything random.
-        conditions: machine, ranges and disturbances.
+        conditions: machine, control, ranges and disturbances.
         task: the reward.
         settings: hyperparameters.
     """

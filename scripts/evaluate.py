@@ -29,6 +29,7 @@ from agents.evaluate import Evaluation, evaluate
 from agents.policies import Policy, controller_policy, learned_policy
 from agents.policy_files import PRETRAINED, load_policy
 from agents.statistics import bootstrap_interval, interquartile_mean
+from rimless_gym.envs.control import as_speeds
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -140,8 +141,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     params = parser.machine(options) if options.preset or options.params else None
     with parser.refusing():  # all of them, before the first is measured
         walkers = [w for name in options.policies for w in walkers_of(name, params, options)]
-        if options.seeds and any(w.command is not None for w in walkers):
+        commanded = any(w.command is not None for w in walkers)
+        if options.seeds and commanded:
             parser.error("--seeds: policies that are commanded a speed are not summarised")
+        if options.commands and not commanded:
+            parser.error("--commands: none of these policies is commanded a speed")
+        if options.commands:
+            as_speeds("--commands", options.commands, len(options.commands))
         conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
         for w in walkers:
             Conditions.of(w.params, **conditions)
@@ -160,13 +166,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = [w.name for w in walkers]
     wanted = [options.gap if options.gap is not None else has_gaits(w.params) for w in walkers]
     figures = [
-        {**e.to_dict(), "gap": gap(e, w.params) if asked else None}
+        {
+            **e.to_dict(),
+            "gap": gap(e, w.params) if asked and w.period == CONTROL_PERIOD else None,
+            "command": w.command,
+            "control_period": w.period,
+        }
         for e, w, asked in zip(evaluations, walkers, wanted, strict=True)
     ]
     summary = over_seeds(figures) if options.seeds else {}
     if options.json:
         of = Conditions.of(walkers[0].params, **conditions).to_dict()
-        del of["params"]  # each policy has its own machine
+        for own in ("params", "speeds", "control_period"):  # each policy has its own
+            del of[own]
         results = dict(zip(names, figures, strict=True))
         report = {"policies": results, "over_seeds": summary, **of, **provenance()}
         print(json.dumps(report, indent=1))
@@ -189,10 +201,10 @@ def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespac
         policy, control = learned_policy(p.act), p.conditions.control
         if control.speeds is None:
             return [Walker(name, policy, p.params, p.task, None, control.period)]
-        commands = options.commands or np.linspace(*control.speeds, COMMANDS).tolist()
+        commands = options.commands or np.linspace(*control.speeds, COMMANDS).round(6).tolist()
         return [
-            Walker(f"{name} at {speed:g} m/s", policy, p.params, p.task, speed, control.period)
-            for speed in commands
+            Walker(f"{name} at {speed} m/s", policy, p.params, p.task, speed, control.period)
+            for speed in dict.fromkeys(commands)
         ]
     if options.gait is None:
         of = params if params is not None else preset(DEFAULT_PRESET)
@@ -216,6 +228,7 @@ def has_gaits(params: WheelParams) -> bool:
 def gap(evaluation: Evaluation, params: WheelParams) -> float | None:
     """CoT over the environment's own optimum at the walked speed, minus 1; None without one.
 
+    The policy must decide every 10 ms, as the optimum may change its voltage.
     That is interpolated between the two nearest speeds at which a step lasts a whole number of
     control intervals.
     """

@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="time steps in all; None: as the learner says",
     )
     parser.add_machine(DEFAULT_PRESET)
-    parser.add_argument("--task", type=json_object(as_task), help=TASK)
+    parser.add_argument("--task", type=json_object(dict), help=TASK)
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     parser.add_argument(
@@ -81,7 +81,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     params, speeds = parser.machine(options), tuple(options.speeds) if options.speeds else None
     with parser.refusing():
         settings = chosen(options.algo, options.init, options.settings)
-        Conditions.of(params, options.ranges, options.disturbances, speeds, options.control_period)
+        rough = options.ranges, options.disturbances
+        conditions = Conditions.of(params, *rough, speeds, options.control_period)
+        task = as_task(options.task, conditions.default_task)
     parser.require_folder(options.out)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
@@ -93,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 timesteps=options.timesteps,
                 params=params,
                 expert=options.expert,
-                task=options.task,
+                task=task,
                 ranges=options.ranges,
                 disturbances=options.disturbances,
                 speeds=speeds,
@@ -124,7 +126,7 @@ def chosen(algo: str, init: str, changes: dict[str, Any]) -> Settings:
         ValueError: one is unknown, or its value is of the wrong kind or out of its range.
     """
     try:
-        return learners.learner(algo).settings(init, **changes)
+        return learners.learner(algo).settings(init, changes)
     except TypeError as error:
         raise ValueError(f"--settings: {error}") from error
 

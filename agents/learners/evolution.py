@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from agents.evolution.campaign import campaign
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Walks, World
 from agents.evolution.worth import Worth, families, members, senses
-from agents.learner import PolicyParts, Watch
+from agents.learner import NO_CHANGES, PolicyParts, Watch, require_known
 from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import Act
 from agents.rollout import draw_starts
@@ -68,12 +69,9 @@ class Learner(learner.Learner):
         self._request = next(self._campaign)
 
     @classmethod
-    def settings(cls, init: str, **changes: Any) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The defaults, for every start."""
-        names = [field.name for field in dataclasses.fields(EvolutionSettings)]
-        for name in changes:
-            if name not in names:
-                raise ValueError(f"settings: {name!r} is not known; choose from {names}")
+        require_known(changes, [field.name for field in dataclasses.fields(EvolutionSettings)])
         return EvolutionSettings(**changes)
 
     @classmethod

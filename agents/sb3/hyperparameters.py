@@ -7,21 +7,20 @@ import copy
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import yaml
 from torch import nn
 
+from agents.learner import NO_CHANGES
 from agents.sb3.pacing import Pacing
 from agents.training import Settings
+from rimless_gym.checks import integer
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "vec_env_wrapper", "callback")
-
-NONE: Mapping[str, Any] = MappingProxyType({})
 
 _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
@@ -55,7 +54,7 @@ class Hyperparameters(Settings):
 
 
 def hyperparameters(
-    file: str, imitation: bool, changes: Mapping[str, Any] = NONE, folder: Path = FOLDER
+    file: str, imitation: bool, changes: Mapping[str, Any] = NO_CHANGES, folder: Path = FOLDER
 ) -> Hyperparameters:
     """The entry of a file for a training from scratch, or from a policy.
 
@@ -66,6 +65,7 @@ def hyperparameters(
         folder: of the file.
 
     Raises:
+        TypeError: a number is of the wrong kind.
         ValueError: there is no such file or entry, or something in it is not as rl-zoo3 writes it.
     """
     path, entry = folder / file, "RimlessWheel-v0" + "-imitation" * imitation
@@ -76,7 +76,8 @@ def hyperparameters(
         raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
     written = entries[entry] | dict(changes)
     values = copy.deepcopy(written)
-    n_envs, n_timesteps = int(values.pop("n_envs")), int(values.pop("n_timesteps"))
+    n_envs = integer("n_envs", values.pop("n_envs"), 1)
+    n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
     wrappers = _classes(path, values, "vec_env_wrapper", (_HELD, _SCALED))
     callbacks = _classes(path, values, "callback", (_PACED,))
     for name in ("learning_rate", "clip_range"):

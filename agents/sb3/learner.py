@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from abc import abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching
-from agents.learner import Learner, PolicyParts, Watch
+from agents.learner import NO_CHANGES, Learner, PolicyParts, Watch, require_known
 from agents.policies import Policy
 from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
@@ -34,6 +35,10 @@ from rimless_gym.envs.task import Task
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
+
+
+#: Arguments of stable-baselines3's algorithms that are no hyperparameters.
+OURS = ("env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model")
 
 
 class Sb3Learner(Learner):
@@ -81,7 +86,10 @@ class Sb3Learner(Learner):
         arguments = {"env": self._env, "seed": self.training.seed, **self._arguments}
         if "policy_kwargs" in described:
             arguments["policy_kwargs"] = policy_kwargs(described["policy_kwargs"])
-        return self.algorithm(device="cpu", **arguments)
+        try:
+            return self.algorithm(device="cpu", **arguments)
+        except Exception as error:  # stable-baselines3 refuses arguments in many ways
+            raise ValueError(f"hyperparameters {self._arguments}: {error!r}") from error
 
     @staticmethod
     @abstractmethod
@@ -89,13 +97,10 @@ class Sb3Learner(Learner):
         """The part of a model of this algorithm that chooses actions."""
 
     @classmethod
-    def settings(cls, init: str, **changes: Any) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         taken = inspect.signature(cls.algorithm).parameters
-        names = [*ENVIRONMENTS, *(name for name in taken if name not in ("env", "seed", "device"))]
-        for name in changes:
-            if name not in names:
-                raise ValueError(f"settings: {name!r} is not known; choose from {names}")
+        require_known(changes, [*ENVIRONMENTS, *(name for name in taken if name not in OURS)])
         return hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
 
     @classmethod

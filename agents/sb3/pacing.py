@@ -140,15 +140,16 @@ class SelfPacedPrice(BaseCallback):
         self.pacing = pacing or Pacing(**settings)
         self.price: float | None = None
         self._due = self.pacing.every
-        self._task: Task | None = None
+        self._envs: VecEnv | None = None
+        self._task: Task | None = None  # theirs; after a stop they may still pay another one
         self._probe: RimlessWheelVectorEnv | None = None
 
     def _init_callback(self) -> None:
         envs = self.training_env
         if self.model.num_timesteps == 0:
-            self.price, self._due, self._task = None, self.pacing.every, None
-        if self._task is None:
-            self._task = envs.get_attr("task")[0]
+            self.price, self._due = None, self.pacing.every
+        if self._task is None or envs.unwrapped is not self._envs:
+            self._envs, self._task = envs.unwrapped, envs.get_attr("task")[0]
             self._probe = probe_of(envs, self.pacing.starts)
         if self.price is None:
             self.price = max(self.pacing.first_price, self._task.value_of_distance)

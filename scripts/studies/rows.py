@@ -11,11 +11,9 @@ from scripts.studies.first_evening import FirstEvening
 from scripts.studies.trials import Distilled, Disturbed, Following, Trained, Trial
 
 #: The tables of the page: policies for `RimlessWheel-v0`, those of plain stable-baselines3 for
-#: commanded speeds, and those that follow commands as cheaply as the front allows.
-LEARNED, FIRST_EVENING, FRONT = "learned", "first_evening", "front"
-
-#: And those that learned under disturbances.
-DISTURBED = "disturbed"
+#: commanded speeds, those that follow commands as cheaply as the front allows, and those that
+#: learned under disturbances.
+LEARNED, FIRST_EVENING, FRONT, DISTURBED = "learned", "first_evening", "front", "disturbed"
 
 #: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
 NOISE = {"leg_angle": 1e-3, "pendulum_angle": 1e-3, "leg_rate": 1e-2, "pendulum_rate": 2e-2}

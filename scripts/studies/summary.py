@@ -12,7 +12,7 @@ from scripts.studies.figures import Figures
 from scripts.studies.rows import Row
 
 #: CoT over the optimum at the same speed, minus 1; None without one.
-Gap = Callable[[Figures], float | None]
+Gap = Callable[[Row, Figures], float | None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _line(row: Row, which: str, results: Sequence[Result], gap: Gap) -> Line:
     policies = [result.policies[which] for result in results]
     walking = [each for each in policies if walks(row, each)]
     shares = [each.share for each in policies]
-    gaps = [value for each in walking if (value := gap(each)) is not None]
+    gaps = [value for each in walking if (value := gap(row, each)) is not None]
     return Line(
         row=row,
         which=which,

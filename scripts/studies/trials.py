@@ -170,7 +170,7 @@ class Disturbed(Trained):
     @property
     def environment(self) -> dict[str, Any]:
         """Disturbances, task and hyperparameters."""
-        settings = learners.learner(self.algo).settings(self.init, **self.changes)
+        settings = learners.learner(self.algo).settings(self.init, self.changes)
         return {"disturbances": self.disturbances, "task": self.task, "settings": settings}
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:

@@ -118,6 +118,11 @@ def test_all_legs_are_told_of_where_all_walks_fall():
     assert all(np.isnan(leg.cot) for leg in legs if leg.walking_share == 0.0)
 
 
+def test_a_command_lasts_for_two_control_periods_at_least():
+    with pytest.raises(ValueError, match=r"seconds = 0.05: must be at least two"):
+        walk_through(standing, (0.5,), seconds=0.05)
+
+
 def test_a_speed_is_commanded_only_where_it_is_observed():
     walks = Rollout(Conditions(BUILDABLE), standing, draw_starts(BUILDABLE, 2, 0), 5)
     with pytest.raises(ValueError, match="none is commanded"):

@@ -65,9 +65,9 @@ def test_other_wrappers_and_schedules_are_refused(tmp_path):
 
 def test_some_values_of_an_entry_can_be_changed():
     kind = learners.learner("ppo")
-    usual, other = kind.settings("scratch"), kind.settings("scratch", gamma=0.5, n_envs=3)
+    usual, other = kind.settings("scratch"), kind.settings("scratch", {"gamma": 0.5, "n_envs": 3})
     assert (other.n_envs, other.algorithm["gamma"]) == (3, 0.5)
     assert other.algorithm["n_steps"] == usual.algorithm["n_steps"]
     assert other.written["gamma"] == 0.5  # so that a folder is known by it
     with pytest.raises(ValueError, match="'gama' is not known; choose from"):
-        kind.settings("scratch", gama=0.5)
+        kind.settings("scratch", {"gama": 0.5})

@@ -82,6 +82,27 @@ def test_it_begins_anew_with_every_new_training_and_goes_on_with_an_old_one(walk
     assert price.price == 9.0
 
 
+def test_after_a_stop_the_task_is_still_that_of_the_environments(walks):
+    walks(*[CleanWalking(1.0, 0.1, 0.5)] * 2)
+    envs = VecMonitor(Sb3VecEnv(native(2)))
+    own = paid(envs)
+
+    class Stopped(SelfPacedPrice):
+        def _on_step(self):
+            if self.num_timesteps > EVERY and not stopped:
+                stopped.append(True)
+                raise KeyboardInterrupt
+            return True
+
+    stopped = []
+    price = Stopped(first_price=9.0, every=EVERY)
+    with pytest.raises(KeyboardInterrupt):
+        learned(price, envs)
+    assert paid(envs) != own
+    learned(price, envs, looks=1)
+    assert paid(envs) == own
+
+
 def test_the_share_that_must_walk_before_the_price_falls_can_be_chosen(walks):
     walks(CleanWalking(0.7, 1.0, 0.5), CleanWalking(0.8, 1.5, 0.5))
     prices = []

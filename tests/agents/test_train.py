@@ -15,6 +15,7 @@ from agents.sb3 import learner as sb3
 from agents.train import train, walking_economy
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.observation import observe
+from scripts import train as command
 from tests.agents.runs import QUICK, run, weights
 
 
@@ -148,6 +149,32 @@ def test_a_policy_for_commanded_speeds_starts_no_training_without_them(tmp_path,
         run(tmp_path / "b", init=str(finished / "last.zip"), speeds=(0.4, 0.6))
     with pytest.raises(CheckpointError, match="without a commanded speed"):
         run(tmp_path / "c", init="imitation", expert=str(finished / "last.zip"), speeds=(0.4, 0.6))
+
+
+def test_a_policy_is_neither_distilled_nor_started_from_across_control_periods(tmp_path, finished):
+    path = str(finished / "last.zip")
+    with pytest.raises(CheckpointError, match=r"every 0.01 s, not every 0.04 s"):
+        run(tmp_path / "a", init=path, control_period=0.04)
+    with pytest.raises(CheckpointError, match=r"every 0.01 s, not every 0.04 s"):
+        run(tmp_path / "b", init="imitation", expert=path, control_period=0.04)
+
+
+def test_hyperparameters_that_the_library_refuses_leave_the_folder_free(tmp_path):
+    usual = learners.learner("ppo").settings("scratch")
+    wrong = dataclasses.replace(usual, algorithm=usual.algorithm | {"n_steps": 16.5})
+    with pytest.raises(ValueError, match=r"hyperparameters.*16\.5"):
+        train("ppo", out=tmp_path, settings=wrong, timesteps=64, progress=False)
+    assert run(tmp_path, timesteps=64).timesteps >= 64
+
+
+def test_the_command_line_trains_for_the_prices_of_the_environment_with_commands(tmp_path):
+    task = {"value_of_distance": 0.8}
+    train("ppo", out=tmp_path / "a", task=task, speeds=(0.4, 0.6), timesteps=0, progress=False)
+    line = ["--task", json.dumps(task), "--speeds", "0.4", "0.6", "--timesteps", "0"]
+    assert command.main([*line, "--out", str(tmp_path / "b")]) == 0
+    one, other = (read_record(tmp_path / name / "last.zip")["task"] for name in "ab")
+    assert one == other
+    assert one["fall_distance"] == 0.5
 
 
 def test_evolution_takes_no_commanded_speeds(tmp_path):

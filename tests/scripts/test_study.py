@@ -194,7 +194,7 @@ def test_the_table_counts_the_seeds_that_do_not_walk_and_averages_over_the_other
 ) -> None:
     results, _ = completed(tmp_path, cells_of(toy(standing=(1, 3)), 10), 1)
     best, last = lines(
-        results, lambda policy: None if policy.cot is None else policy.cot / 0.05 - 1
+        results, lambda row, policy: None if policy.cot is None else policy.cot / 0.05 - 1
     )
     assert (best.walking, best.seeds, last.walking) == (8, 10, 10)
     walking = [0.06 + 0.001 * seed for seed in range(10) if seed not in (1, 3)]
@@ -210,7 +210,7 @@ def test_the_table_counts_the_seeds_that_do_not_walk_and_averages_over_the_other
 
 def test_a_row_of_which_no_seed_walks_has_no_averages(tmp_path: Path) -> None:
     results, _ = completed(tmp_path, cells_of(toy(standing=(0, 1)), 2), 1)
-    best, _ = lines(results, lambda policy: 0.1)
+    best, _ = lines(results, lambda row, policy: 0.1)
     assert (best.gap, best.cot, best.speed, best.walking) == (None, None, None, 0)
     assert "| a toy, best | 0 of 2 | 0 % (0 to 0) | - | - | - |" in page.learned_table([best])
 

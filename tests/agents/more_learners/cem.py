@@ -39,7 +39,7 @@ class Learner(learner.Learner):
         self._spread, self._steps = np.full(SIZE, self._settings.spread), 0
 
     @classmethod
-    def settings(cls, init, **changes):
+    def settings(cls, init, changes=None):
         return CemSettings()
 
     @classmethod
