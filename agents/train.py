@@ -155,16 +155,17 @@ def train(
     score = score or (reward_per_second if conditions.commanded else walking_economy)
     plan = Plan(training, out, total, score, protocol, progress)
     with sole_user(out):
-        if (out / STATE).exists():
+        begun = (out / STATE).exists()
+        if begun:
             claim(out, training.identity)
             learner, standing = _resumed(training, out)
         else:
             for reason in learners.learner(algo).advice(training):
                 warnings.warn(reason, stacklevel=2)
             learner, standing = _new(init, training), Standing()  # what it refuses claims no folder
-        try:
             claim(out, training.identity)
-            if init == IMITATION and not (out / STATE).exists():
+        try:
+            if init == IMITATION and not begun:
                 _imitate(learner, plan, expert, cloning or Cloning())
             return _learned(plan, learner, standing)
         finally:

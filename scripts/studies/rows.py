@@ -7,6 +7,7 @@ import dataclasses
 from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION
 from rimless_gym.hybrid import CONTROL_PERIOD
+from scripts.feedback_laws.columns.changes import NOISE
 from scripts.studies.first_evening import FirstEvening
 from scripts.studies.trials import Distilled, Disturbed, Following, Trained, Trial
 
@@ -16,7 +17,7 @@ from scripts.studies.trials import Distilled, Disturbed, Following, Trained, Tri
 LEARNED, FIRST_EVENING, FRONT, DISTURBED = "learned", "first_evening", "front", "disturbed"
 
 #: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
-NOISE = {"leg_angle": 1e-3, "pendulum_angle": 1e-3, "leg_rate": 1e-2, "pendulum_rate": 2e-2}
+TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,8 +27,7 @@ class Row:
     Attributes:
         name: of its files, and on the command line.
         title: in the table.
-        table: in which it stands, `LEARNED`, `FIRST_EVENING`, `FRONT` or
-            `DISTURBED`.
+        table: in which it stands, one of the names above.
         trial: how a seed is trained and judged.
         enough: a seed walks if this share of its starts does.
         minutes: that a seed takes, about, before one has been timed.
@@ -102,7 +102,7 @@ ROWS = (
             IMITATION,
             6_000_000,
             (("clone", CLONE), ("best kept", BEST), ("last", LAST)),
-            disturbances={"actuator_delay": 2, "sensor_noise": NOISE},
+            disturbances={"actuator_delay": 2, "sensor_noise": TWICE_THE_NOISE},
             task={"value_of_distance": 0.1, "target_speed": 0.6},
             changes={"n_envs": 512, "n_steps": 128, "batch_size": 16384, "learning_rate": 5e-5},
         ),

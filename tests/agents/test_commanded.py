@@ -115,7 +115,8 @@ def test_all_legs_are_told_of_where_all_walks_fall():
 
     legs = walk_through(toppling, (0.5, 0.6, 0.4), BUILDABLE, BRIEF, seconds=2.0)
     assert [leg.command for leg in legs] == [0.5, 0.6, 0.4]
-    assert all(np.isnan(leg.cot) for leg in legs if leg.walking_share == 0.0)
+    assert [leg.fallen_share for leg in legs] == [1.0] * 3
+    assert all(np.isnan(leg.cot) for leg in legs)
 
 
 def test_a_command_lasts_for_two_control_periods_at_least():
