@@ -1,0 +1,126 @@
+"""The trials of the study: what is trained, and how it is judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents import learners
+from agents.folder import BEST, CLONE, LAST
+from agents.policy_files import PRETRAINED, read_record
+from agents.protocol import PROTOCOL
+from agents.train import TrainResult, train
+from agents.training import IMITATION, SCRATCH
+from rimless_gym import BUILDABLE
+from scripts.studies import trials
+from scripts.studies.cells import RESULT, Cell
+from scripts.studies.rows import DISTURBED, FRONT, LEARNED, Row
+from scripts.studies.trials import Distilled, Disturbed, Following, Trained
+from tests.scripts.studies.toys import FEW
+
+
+def test_a_training_by_agents_train_is_judged_from_its_own_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trained(algo: str, init: str, seed: int, out: Path, **others: Any) -> TrainResult:
+        for shipped, file in (("imitation", CLONE), ("evolution", BEST)):
+            shutil.copy(PRETRAINED[shipped], out / file)
+        stopped = others["timesteps"] == 1
+        return TrainResult(out / BEST, out / LAST, out / CLONE, 4096, stopped, ())
+
+    monkeypatch.setattr(trials, "train", trained)
+    few = dataclasses.replace(PROTOCOL, starts=2, duration=12.0, window=4.0, alive=2.0)
+    trial = Trained("ppo", IMITATION, 4096, (("clone", CLONE), ("best kept", BEST)))
+    cell = Cell(Row("learner", "learner", LEARNED, trial), 0, protocol=few)
+    result = cell.run(tmp_path)
+    clone, best = result.policies["clone"], result.policies["best kept"]
+    assert (clone.share, best.share, result.steps) == (1.0, 1.0, 4096)
+    assert clone.cot is not None
+    assert best.cot is not None
+    assert clone.cot < best.cot
+    row = dataclasses.replace(cell.row, trial=dataclasses.replace(trial, timesteps=1))
+    with pytest.raises(KeyboardInterrupt):
+        dataclasses.replace(cell, row=row).run(tmp_path)
+
+
+def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def trained(algo: str, init: str, seed: int, out: Path, **others: Any) -> TrainResult:
+        asked.append(others)
+        return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, ())
+
+    monkeypatch.setattr(trials, "train", trained)
+    trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
+    (own := tmp_path / "distilled_3").mkdir()
+    with pytest.raises(ValueError, match=r"evolution_3 is not finished.*--rows evolution"):
+        trial.train(3, own, BUILDABLE)
+    (tmp_path / "evolution_3").mkdir()
+    (tmp_path / "evolution_3" / RESULT).touch()
+    trial.train(3, own, BUILDABLE)
+    assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
+
+
+def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def trained(*given: Any, **arguments: Any) -> TrainResult:
+        asked.append(arguments)
+        return train(*given, **arguments, settings=small)
+
+    full = learners.learner("ppo").settings(SCRATCH)
+    small = dataclasses.replace(
+        full, n_envs=2, algorithm=full.algorithm | {"n_steps": 64, "batch_size": 64}
+    )
+    monkeypatch.setattr(trials, "train", trained)
+    trial = Following(
+        "ppo",
+        SCRATCH,
+        128,
+        (("", LAST),),
+        speeds=(0.4, 0.6),
+        control_period=0.02,
+        commands=(0.45, 0.55),
+        changes=(0.5, 0.4, 0.6),
+    )
+    found = Cell(Row("front", "front", FRONT, trial), 0, protocol=FEW).run(tmp_path)
+    assert (asked[0]["speeds"], asked[0]["control_period"]) == ((0.4, 0.6), 0.02)
+    assert list(found.policies) == [
+        *("0.45 m/s", "0.55 m/s"),
+        *("0.4 m/s after 0.5", "0.6 m/s after 0.4"),
+    ]
+    assert found.policies["0.45 m/s"].share == 0.0
+
+
+def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_without(
+    tmp_path: Path,
+) -> None:
+    trial = Disturbed(
+        "ppo",
+        SCRATCH,
+        64,
+        (("last", LAST),),
+        disturbances={"actuator_delay": 1, "sensor_noise": {"leg_rate": 0.1}},
+        task={"value_of_distance": 3.0},
+        changes={"n_envs": 2, "n_steps": 32, "batch_size": 32},
+    )
+    cell = Cell(Row("rough", "rough", DISTURBED, trial), 0, protocol=FEW)
+    found = cell.run(tmp_path)
+    assert list(found.policies) == [
+        *("last: undisturbed", "last: actuator delay", "last: sensor noise"),
+        "last: all disturbances",
+    ]
+    record = read_record(tmp_path / "rough_0" / LAST)
+    assert record["disturbances"]["actuator_delay"] == 1
+    assert record["task"]["value_of_distance"] == 3.0
+    other = dataclasses.replace(trial, task={"value_of_distance": 4.0})
+    assert other.settings != trial.settings
+    assert hash(cell.row) == hash(dataclasses.replace(cell.row))  # rows are keys of the tables
