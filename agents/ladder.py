@@ -54,7 +54,7 @@ class Ladder:
 
 
 def ladder_of_laws(
-    name: str, conditions: Conditions, steps: Sequence[int] = (1, 2, 3), progress: bool = False
+    name: str, conditions: Conditions, steps: Sequence[int], progress: bool = False
 ) -> Ladder:
     """Feedback laws about the cheapest held gaits of all speeds that may be commanded.
 

@@ -109,8 +109,8 @@ def train(
         task: the reward, default: that of the environment; or a dictionary of some of its fields.
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
-        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`; None: no
-            speed is commanded, as in `RimlessWheel-v0`.
+        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`, two
+            different ones; None: no speed is commanded, as in `RimlessWheel-v0`.
         control_period: how long an action is held (s), default: that of the environment.
         settings: hyperparameters; default: the learner's own.
         expert: to imitate. A name is that of a feedback law, about the optimal gait at

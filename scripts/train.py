@@ -127,8 +127,8 @@ def chosen(algo: str, init: str, changes: dict[str, Any]) -> Settings:
     """
     try:
         return learners.learner(algo).settings(init, changes)
-    except TypeError as error:
-        raise ValueError(f"--settings: {error}") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"--settings: {str(error).removeprefix('settings: ')}") from error
 
 
 if __name__ == "__main__":

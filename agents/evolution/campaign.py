@@ -56,7 +56,7 @@ def campaign(
 
 def walking(starts: int, intervals: int) -> Walking:
     """Walks whose second half is judged."""
-    return Walking(starts, Duration(intervals, intervals // 2))
+    return Walking(starts, Duration.judged_in_second_half(intervals))
 
 
 def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]:
@@ -97,7 +97,7 @@ def _ranked(contenders: list[Contender], most: int) -> list[Contender]:
 
 def _family_of(ask: EvolutionSettings, seed: int, start: Floats) -> Search[int]:
     """The family in which a policy earns most; 0 if it does not walk."""
-    duration = Duration(ask.intervals, ask.intervals // 2)
+    duration = Duration.judged_in_second_half(ask.intervals)
     asked = duration, Among.FAMILIES, 1.0, ask.first_price, start
     answer = yield Request("look", start[None], LOOKED_AT, (seed, 2), *asked)
     if not len(answer.groups):

@@ -50,7 +50,7 @@ def _walks(
         weights=weights,
         starts=ask.screen_starts,
         seed=(seed, 2),
-        duration=Duration(intervals, intervals // 2),
+        duration=Duration.judged_in_second_half(intervals),
         among=among,
         judged=1.0 / ask.screen_starts,
         price=ask.first_price,

@@ -77,6 +77,11 @@ class Duration(NamedTuple):
     intervals: int
     window: int
 
+    @classmethod
+    def judged_in_second_half(cls, intervals: int) -> Duration:
+        """Walks of so many intervals (at least 2), of which the first half is for getting going."""
+        return cls(intervals, intervals // 2)
+
 
 @dataclasses.dataclass(frozen=True)
 class World:

@@ -15,7 +15,7 @@ from torch import nn
 from agents.learner import NO_CHANGES
 from agents.sb3.pacing import Pacing
 from agents.training import Settings
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, positive, real
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
@@ -25,6 +25,9 @@ ENVIRONMENTS = ("n_envs", "n_timesteps", "vec_env_wrapper", "callback")
 _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
+#: The arguments of the classes that may be listed under each key.
+WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"]}
+CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,26 +81,26 @@ def hyperparameters(
     values = copy.deepcopy(written)
     n_envs = integer("n_envs", values.pop("n_envs"), 1)
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
-    wrappers = _classes(path, values, "vec_env_wrapper", (_HELD, _SCALED))
-    callbacks = _classes(path, values, "callback", (_PACED,))
+    wrappers = _classes(values, "vec_env_wrapper", WRAPPERS)
+    callbacks = _classes(values, "callback", CALLBACKS)
     for name in ("learning_rate", "clip_range"):
-        if isinstance(values.get(name), str):
-            values[name] = _linear(values[name])
+        if name in values:
+            values[name] = _schedule(name, values[name])
     if "policy_kwargs" in values:
         text = values["policy_kwargs"]
         try:
             values["policy_kwargs"] = _written(ast.parse(text, mode="eval").body)
         except (SyntaxError, TypeError, ValueError) as error:
             raise ValueError(
-                f"{path}: policy_kwargs {text!r}: write dict(name=value, ...) of plain values and "
+                f"policy_kwargs = {text!r}: write dict(name=value, ...) of plain values and "
                 f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"
             ) from error
     return Hyperparameters(
         n_timesteps=n_timesteps,
-        silent=int(values.get("learning_starts", 0)),
+        silent=integer("learning_starts", values.get("learning_starts", 0), 0),
         n_envs=n_envs,
-        reward_scale=float(wrappers.get(_SCALED, {}).get("scale", 1.0)),
-        held=int(wrappers.get(_HELD, {}).get("intervals", 1)),
+        reward_scale=positive("scale", wrappers.get(_SCALED, {}).get("scale", 1.0)),
+        held=integer("intervals", wrappers.get(_HELD, {}).get("intervals", 1), 1),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,
         algorithm=values,
         entry=written,
@@ -105,17 +108,26 @@ def hyperparameters(
 
 
 def _classes(
-    path: Path, values: dict[str, Any], key: str, known: tuple[str, ...]
+    values: dict[str, Any], key: str, known: Mapping[str, list[str]]
 ) -> dict[str, dict[str, Any]]:
-    """The arguments of the classes that are listed under a key, which is taken out of `values`."""
+    """The arguments of the classes that are listed under a key, which is taken out of `values`.
+
+    Raises:
+        ValueError: a class or one of its arguments is not known.
+    """
     found: dict[str, dict[str, Any]] = {}
     entries = values.pop(key, [])
     for entry in entries if isinstance(entries, list) else [entries]:
-        classes = entry if isinstance(entry, dict) else {entry: {}}
-        for name, arguments in classes.items():
+        for name, arguments in (entry if isinstance(entry, dict) else {entry: {}}).items():
             if name not in known:
-                raise ValueError(f"{path}: {key} [{name!r}]: only {' and '.join(known)} are known")
-            found[name] = arguments or {}
+                raise ValueError(f"{key} = {entries!r}: {name!r} is not known; list {list(known)}")
+            arguments = {} if arguments is None else arguments
+            if not isinstance(arguments, dict) or not arguments.keys() <= set(known[name]):
+                raise ValueError(
+                    f"{key} = {entries!r}: the arguments of {name} must be some of {known[name]}; "
+                    f'write {{"{name}": {{"{known[name][0]}": ...}}}}'
+                )
+            found[name] = arguments
     return found
 
 
@@ -131,10 +143,23 @@ def _written(node: ast.expr) -> Any:
     return ast.literal_eval(node)
 
 
-def _linear(text: str) -> Callable[[float], float]:
-    """rl-zoo3's "lin_x": falls from x to 0 during the training."""
-    prefix, _, start = text.partition("_")
-    if prefix != "lin":
-        raise ValueError(f"schedule {text!r}: write a number, or lin_ and a number")
+def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
+    """A number, or rl-zoo3's "lin_x": falls from x to 0 during the training.
+
+    Raises:
+        TypeError: it is neither a number nor text.
+        ValueError: it is written in another way.
+    """
+    if not isinstance(value, str):
+        return real(name, value)
+    prefix, _, number = value.partition("_")
+    try:
+        if prefix != "lin":
+            raise ValueError("another schedule")
+        start = positive(name, float(number))
+    except ValueError as error:
+        raise ValueError(
+            f"{name} = {value!r}: write a number, or lin_ and a number greater than 0"
+        ) from error
     # The last roll-out may end after the last time step; `remaining` is negative then.
-    return lambda remaining: float(start) * max(remaining, 0.0)
+    return lambda remaining: start * max(remaining, 0.0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -31,6 +32,7 @@ from agents.sb3.pacing import SelfPacedPrice
 from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import native_of, training_env
 from agents.training import SCRATCH, Settings, Training
+from rimless_gym.checks import flag, integer, real
 from rimless_gym.envs.task import Task
 
 #: Share of a fine-tuning in which only the critic learns.
@@ -39,6 +41,14 @@ CRITIC_WARM_UP = 0.15
 
 #: Arguments of stable-baselines3's algorithms that are no hyperparameters.
 OURS = ("env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model")
+
+#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
+#: writes -1 where a number follows from others.
+PLAIN: dict[Any, Callable[[str, Any], Any]] = {
+    int: functools.partial(integer, least=-1),
+    float: real,
+    bool: flag,
+}
 
 
 class Sb3Learner(Learner):
@@ -101,7 +111,11 @@ class Sb3Learner(Learner):
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         taken = inspect.signature(cls.algorithm).parameters
         require_known(changes, [*ENVIRONMENTS, *(name for name in taken if name not in OURS)])
-        return hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
+        found = hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
+        for name, value in found.algorithm.items():
+            if name in taken and taken[name].annotation in PLAIN:
+                PLAIN[taken[name].annotation](name, value)
+        return found
 
     @classmethod
     def advice(cls, training: Training) -> list[str]:

@@ -23,7 +23,7 @@ STEADY, STEADY_STARTS = np.round(np.linspace(-0.8, 0.8, 17), 2), 64
 RANDOM, RANDOM_STARTS = 10_000, 4
 
 #: Walks of steady voltages and of random policies.
-LONG, SHORT = Duration(2000, 1000), Duration(600, 300)
+LONG, SHORT = Duration.judged_in_second_half(2000), Duration.judged_in_second_half(600)
 
 
 class Steady(NamedTuple):

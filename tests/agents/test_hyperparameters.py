@@ -8,6 +8,8 @@ from agents import learners
 from agents.sb3.hyperparameters import FOLDER, hyperparameters
 from agents.sb3.pacing import Pacing
 
+HELD = "agents.sb3.training_env.HeldActions"
+PACED = "agents.sb3.pacing.SelfPacedPrice"
 ENTRY = {"n_envs": 2, "n_timesteps": 100, "policy": "MlpPolicy"}
 
 
@@ -49,18 +51,46 @@ def test_policy_kwargs_may_nest_plain_values(tmp_path):
     ],
 )
 def test_other_expressions_in_policy_kwargs_are_refused(tmp_path, text):
-    with pytest.raises(ValueError, match=r"ppo\.yml: policy_kwargs .*write dict.*nn\.Tanh"):
+    with pytest.raises(ValueError, match=r"policy_kwargs = .*write dict.*nn\.Tanh"):
         read(tmp_path, policy_kwargs=text)
 
 
 def test_other_wrappers_and_schedules_are_refused(tmp_path):
     for key in ("vec_env_wrapper", "callback"):
-        with pytest.raises(ValueError, match=rf"{key} \['gym\.Other'\]: only"):
+        with pytest.raises(ValueError, match=rf"{key} = .*'gym\.Other' is not known; list .*sb3"):
             read(tmp_path, **{key: [{"gym.Other": {}}]})
     assert read(tmp_path, callback=["agents.sb3.pacing.SelfPacedPrice"]).pacing == Pacing()
-    with pytest.raises(ValueError, match="schedule 'cos_1': write a number"):
+    with pytest.raises(ValueError, match="learning_rate = 'cos_1': write a number"):
         read(tmp_path, learning_rate="cos_1")
     assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"n_envs": "x"}, TypeError, "n_envs = 'x': must be an integer of at least 1"),
+        ({"gamma": "x"}, TypeError, "gamma = 'x': must be a real number"),
+        ({"batch_size": 7.5}, TypeError, r"batch_size = 7\.5: must be an integer"),
+        ({"normalize_advantage": 3}, TypeError, "normalize_advantage = 3: must be True or False"),
+        ({"learning_rate": [1]}, TypeError, r"learning_rate = \[1\]: must be a real number"),
+        (
+            {"learning_rate": "lin_x"},
+            ValueError,
+            "learning_rate = 'lin_x': write a number, or lin_",
+        ),
+        ({"vec_env_wrapper": [3]}, ValueError, r"vec_env_wrapper = \[3\]: 3 is not known; list"),
+        ({"vec_env_wrapper": {HELD: 3}}, ValueError, r"must be some of \['intervals'\]; write"),
+        (
+            {"vec_env_wrapper": [{HELD: {"intervals": 2.5}}]},
+            TypeError,
+            r"intervals = 2\.5: must be",
+        ),
+        ({"callback": [{PACED: {"evry": 3}}]}, ValueError, r"must be some of .*'every'.*; write"),
+    ],
+)
+def test_values_of_the_wrong_kind_are_refused_with_what_they_must_be(changes, error, message):
+    with pytest.raises(error, match=message):
+        learners.learner("ppo").settings("scratch", changes)
 
 
 def test_some_values_of_an_entry_can_be_changed():

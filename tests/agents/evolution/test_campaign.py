@@ -135,7 +135,7 @@ def test_settings_that_cannot_work_are_refused(changes, error, message):
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best(wanted):
     one = Contender(SETTINGS, -1, wanted, (0, 0), 0.5)
     cheap, lost = CleanWalking(1.0, 0.045, 0.6), NO_WALK
-    walks = [Walking(4, Duration(intervals, intervals // 2)) for intervals in (100, 1000)]
+    walks = [Walking(4, Duration.judged_in_second_half(intervals)) for intervals in (100, 1000)]
     for walking, gait in zip(walks, (cheap, lost), strict=True):
         search = one.evolve("race", 10, walking, None)
         request = next(search)
