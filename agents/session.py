@@ -161,7 +161,7 @@ class Session:
         )
         self.evaluations.append((steps, result))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
-            self.log.record(f"eval/{name}", getattr(result, name))
+            self._record(f"eval/{name}", getattr(result, name))
         score = float(plan.score(result))
         if math.isnan(score):  # such as the cost of transport of a policy that does not walk
             score = -math.inf
@@ -169,7 +169,12 @@ class Session:
             self._standing.best = score
             notes = {"score": score, "evaluation": result.to_dict()}
             save_policy(plan.out / BEST, plan.training, self._learner, **notes)
-        self.log.record("eval/best_score", self._standing.best)
+        self._record("eval/best_score", self._standing.best)
+
+    def _record(self, name: str, value: float) -> None:
+        """Log a figure, unless there is none, such as the speed where nothing walks."""
+        if math.isfinite(value):
+            self.log.record(name, value)
 
     def _save(self) -> None:
         """Write the training as it is now."""

@@ -10,6 +10,7 @@ Why a price must be paced is said in `agents.pacing` and in docs/learning.md.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -180,7 +181,8 @@ class SelfPacedPrice(BaseCallback):
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():
-            self.logger.record(f"pacing/{name}", value)
+            if math.isfinite(value):  # what does not walk has no cost of transport
+                self.logger.record(f"pacing/{name}", value)
 
     def _act(self, observations: NDArray[np.float32]) -> NDArray[Any]:
         normalizer = self.model.get_vec_normalize_env()

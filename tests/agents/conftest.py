@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents import learners
+from agents import learners, session
 from agents.conditions import Conditions
 from agents.training import Training
 from rimless_gym import THESIS_PHYSICAL, Task
@@ -17,6 +17,12 @@ from tests.agents.runs import run
 @pytest.fixture(autouse=True)
 def one_thread():
     torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch):
+    """Evaluations and the states that are saved with them take half of a short training."""
+    monkeypatch.setattr(session, "EVALUATIONS", 4)
 
 
 @pytest.fixture

@@ -12,11 +12,13 @@ from agents.policy_files import load_policy
 from agents.protocol import Protocol
 from agents.train import train
 
-BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
+BRIEF = Protocol(starts=4, seed=1, duration=0.5, window=0.25, alive=0.25)
+#: So long that nothing walks on its first momentum any more.
+SETTLED = Protocol(starts=4, seed=1, duration=4.0, window=1.0, alive=1.0)
 QUICK = Cloning(
     rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
 )
-STEPS = {"ppo": 512, "sac": 160, "evolution": 2_500_000}
+STEPS = {"ppo": 512, "sac": 160, "evolution": 1_000_000}
 SHORT_SEARCH = {
     "screened": 400,
     "kept": 20,

@@ -13,10 +13,10 @@ from agents.policy_files import CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
 from agents.train import train, walking_economy
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from rimless_gym.envs.observation import observe
 from scripts import train as command
-from tests.agents.runs import QUICK, run, weights
+from tests.agents.runs import QUICK, SETTLED, STEPS, run, scalars, small, weights
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
@@ -50,6 +50,22 @@ def test_a_score_that_is_undefined_or_an_integer_does_not_stop_a_training(tmp_pa
         first = run(tmp_path / name, timesteps=256, score=score)
         assert first.best.exists()
         assert run(tmp_path / name, timesteps=512, score=score).timesteps == 512
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, algo):
+    settings = small(algo)
+    looks = dataclasses.replace(settings.pacing, every=STEPS[algo] // 4, starts=4, seconds=0.5)
+    settings = dataclasses.replace(settings, pacing=looks)
+    uphill = BUILDABLE.replace(slope=-0.3)
+    result = run(tmp_path, algo, settings=settings, params=uphill, protocol=SETTLED)
+    assert result.timesteps == STEPS[algo]
+    assert result.best.exists()
+    assert {evaluation.walking_share for _, evaluation in result.evaluations} == {0.0}
+    shown = scalars(tmp_path)
+    assert {event.value for event in shown["pacing/share"]} == {0.0}
+    assert not {"eval/cot", "eval/speed", "pacing/cot"} & set(shown)
+    assert all(np.isfinite(event.value) for events in shown.values() for event in events)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
