@@ -1,0 +1,88 @@
+"""A finished comparison comes into the README and the package as a whole."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from agents.comparison.entrants import entrants
+from agents.comparison.learned import Learned
+from agents.policy_files import PRETRAINED
+from scripts import publish
+
+ROW = {
+    "walking_share": 1.0,
+    "cot": 0.05,
+    "speed": 0.6,
+    "gap": 0.1,
+    "friction_demand": 0.7,
+    "min_normal_force_over_weight": 0.1,
+}
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """What `make compare` leaves, of the policies that are shipped."""
+    folder = tmp_path / "study"
+    for name, source in publish.POLICIES.items():
+        (folder / source).parent.mkdir(parents=True)
+        shutil.copy(PRETRAINED[name], folder / source)
+        (folder / source).with_name("train.json").write_text('{"init": "scratch"}')
+    for source in publish.COPIES:
+        (folder / source).write_text(f"picture {source}")
+    (folder / "table.md").write_text("| new table |\n")
+    titles = [title for one in entrants() if isinstance(one, Learned) for title in one.shown]
+    table = [ROW | {"policy": title} for title in titles]
+    of = {"preset": "BUILDABLE", "changes": {"drag": 0.1}}
+    (folder / "results.json").write_text(json.dumps({"study": of, "table": table}))
+    return folder
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with what is to be replaced."""
+    root = tmp_path / "root"
+    for folder in ("docs", "agents/pretrained"):
+        (root / folder).mkdir(parents=True)
+    marked = "before\n<!-- table: make compare -->\n| old |\n<!-- end of table -->\nafter\n"
+    (root / "README.md").write_text(marked)
+    monkeypatch.setattr(publish, "ROOT", root)
+    monkeypatch.setattr(publish, "PRETRAINED", root / "agents" / "pretrained")
+    return root
+
+
+def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
+    study: Path, root: Path
+) -> None:
+    assert publish.main(["--study", str(study)]) == 0
+    marked = "before\n<!-- table: make compare -->\n| new table |\n<!-- end of table -->\nafter\n"
+    assert (root / "README.md").read_text() == marked
+    for source, target in publish.COPIES.items():
+        assert (root / target).read_text() == f"picture {source}"
+    for name in publish.POLICIES:
+        path = root / "agents" / "pretrained" / f"{name}.zip"
+        assert path.read_bytes() == PRETRAINED[name].read_bytes()
+        text = path.with_suffix(".md").read_text()
+        assert text.startswith(f"# `{name}`: ")
+        assert '| machine | `BUILDABLE with {"drag": 0.1}` |' in text
+        assert "| CoT | 0.0500 |" in text
+
+
+def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
+    publish.main(["--study", str(study)])
+    once = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    publish.main(["--study", str(study)])
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == once
+
+
+def test_a_readme_without_marks_is_refused_before_anything_is_copied(
+    study: Path, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (root / "README.md").write_text("no table\n")
+    with pytest.raises(SystemExit):
+        publish.main(["--study", str(study)])
+    assert "<!-- table: ... -->" in capsys.readouterr().err
+    assert [path.name for path in root.rglob("*") if path.is_file()] == ["README.md"]
