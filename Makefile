@@ -9,7 +9,8 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
 CHECKED := rimless_gym trajopt agents scripts
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+# Reordered by number of tests, files with one long test would come last, on one worker.
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # Of `make front`: the machine, and the budget of time in minutes.
 PRESET ?= BUILDABLE
 MINUTES ?= 120

@@ -31,9 +31,9 @@ HELD = GAITS[2]
 
 
 @pytest.mark.slow
-def test_a_trial_measures_every_column_and_the_law_holds_its_gait(trial: dict[str, Any]) -> None:
-    row = trial["results"][HELD.key]["lqr"]
-    assert trial["errors"] == {}
+def test_a_trial_measures_every_column_and_the_law_holds_its_gait(measured: dict[str, Any]) -> None:
+    row = measured["results"][HELD.key]["lqr"]
+    assert measured["errors"] == {}
     assert set(row) == set(COLUMNS)
     assert row["slopes"]["tried"]["0"]["share"] == 1.0
     assert 0 < row[TIMING]["batch"] < row[TIMING]["single"]
@@ -41,8 +41,8 @@ def test_a_trial_measures_every_column_and_the_law_holds_its_gait(trial: dict[st
 
 
 @pytest.mark.slow
-def test_small_deviations_decay_by_the_largest_multiplier(trial: dict[str, Any]) -> None:
-    found = trial["results"][HELD.key]["lqr"]["multipliers"]
+def test_small_deviations_decay_by_the_largest_multiplier(measured: dict[str, Any]) -> None:
+    found = measured["results"][HELD.key]["lqr"]["multipliers"]
     assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
     assert found["decay"] == pytest.approx(found["closed_loop"][0], rel=0.2)
 
@@ -79,8 +79,8 @@ def test_a_push_is_that_of_the_environment() -> None:
 
 
 @pytest.mark.slow
-def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(trial: dict[str, Any]) -> None:
-    found = trial["results"][HELD.key]["lqr"]["pushes"]
+def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(measured: dict[str, Any]) -> None:
+    found = measured["results"][HELD.key]["lqr"]["pushes"]
     for side in ("backward", "forward"):
         walking, stepping = (np.array(found[f"{side}_{kind}"]) for kind in ("walking", "stepping"))
         assert (walking <= stepping).all()
@@ -124,8 +124,8 @@ def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice
 
 
 @pytest.mark.slow
-def test_there_are_two_pictures_of_every_gait(trial: dict[str, Any]) -> None:
-    drawn = drawing.figures(trial)
+def test_there_are_two_pictures_of_every_gait(measured: dict[str, Any]) -> None:
+    drawn = drawing.figures(measured)
     assert set(drawn) == {drawing.attraction_file(HELD.key), drawing.pushes_file(HELD.key)}
     assert all(figure.axes for figure in drawn.values())
 

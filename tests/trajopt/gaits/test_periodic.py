@@ -304,9 +304,9 @@ def test_the_plot_of_a_gait_shows_its_states_and_voltage(one_step, tmp_path):
 
 def test_random_starts_are_the_same_in_other_processes():
     family = GaitFamily.of(THESIS_PHYSICAL, 0.5, 1, regeneration=True)
-    alone, shared = (search_gaits(family, 3, workers=workers) for workers in (1, 2))
+    alone, shared = (search_gaits(family, 2, workers=workers) for workers in (1, 2))
     assert [o.cost for o in alone.outcomes] == [o.cost for o in shared.outcomes]
-    assert [o.index for o in shared.outcomes] == [0, 1, 2]
+    assert [o.index for o in shared.outcomes] == [0, 1]
 
 
 def test_at_a_shipped_speed_the_gait_is_verified_and_costs_no_more_than_the_shipped_one():
