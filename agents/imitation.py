@@ -51,7 +51,7 @@ class Cloning:
     expert_starts: int = 64
     seconds: float = 6.0
     starts: int = 256
-    labels: int = 8_000
+    labels: int = 60_000
     gait_starts: int = 64
     gait_labels: int = 24_000
     gradient_steps: int = 1500

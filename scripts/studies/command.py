@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return INTERRUPTED
     if options.docs:
-        page.refresh(options.docs, found.sections)
+        page.refresh(options.docs, found.sections, [row.title for row in ROWS])
     print("\n\n".join(found.sections.values()))
     if found.unfinished:
         print(f"unfinished: {', '.join(found.unfinished)}", file=sys.stderr)

@@ -16,9 +16,43 @@ MARKS, WANTED = marked.marks("study", SECTIONS), marked.wanted("study", SECTIONS
 NONE = "-"
 
 
-def refresh(page: Path, sections: dict[str, str]) -> None:
-    """Put sections between their marks; others stay as they are."""
-    marked.refresh(page, MARKS, {name: f"{text}\n" for name, text in sections.items()})
+def refresh(page: Path, sections: dict[str, str], titles: Sequence[str]) -> None:
+    """Put sections between their marks; others stay, and so do lines of rows that have no new ones.
+
+    Args:
+        page: to write into.
+        sections: name -> table.
+        titles: of all rows, in the order of the tables.
+    """
+    published = page.read_text()
+    merged = {}
+    for name, new in sections.items():
+        found = MARKS[name].search(published)
+        old = found[0].splitlines()[1:-1] if found else []
+        merged[name] = "\n".join(with_kept(new.splitlines(), old, titles)) + "\n"
+    marked.refresh(page, MARKS, merged)
+
+
+def with_kept(new: Sequence[str], old: Sequence[str], titles: Sequence[str]) -> list[str]:
+    """The lines of a new table, and those of an old one for rows that the new one lacks.
+
+    Args:
+        new: lines of the new table, with its head of two lines.
+        old: those of the old one; of no use if its head is another.
+        titles: of all rows, in the order of the table.
+    """
+    kept = old if list(old[:2]) == list(new[:2]) else ()
+    lines = list(new[:2])
+    for title in titles:
+        lines += _of_row(title, new) or _of_row(title, kept)
+    return lines
+
+
+def _of_row(title: str, lines: Sequence[str]) -> list[str]:
+    """A row's lines: their first column is its title, or its title and which of its policies."""
+    return [
+        line for line in lines if line.startswith((f"| {title} |", f"| {title}, ", f"| {title}: "))
+    ]
 
 
 def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:

@@ -9,12 +9,15 @@ from agents.training import IMITATION
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.feedback_laws.columns.changes import NOISE
 from scripts.studies.first_evening import FirstEvening
-from scripts.studies.trials import Distilled, Disturbed, Following, Trained, Trial
+from scripts.studies.trials import Continued, Distilled, Disturbed, Following, Trained, Trial
 
 #: The tables of the page: policies for `RimlessWheel-v0`, those of plain stable-baselines3 for
 #: commanded speeds, those that follow commands as cheaply as the front allows, and those that
 #: learned under disturbances.
 LEARNED, FIRST_EVENING, FRONT, DISTURBED = "learned", "first_evening", "front", "disturbed"
+
+#: Control intervals of a fine-tuning, as in the comparison.
+FINE_TUNING = 600_000
 
 #: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
 TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
@@ -51,10 +54,12 @@ ROWS = (
     ),
     Row(
         "fine_tuned",
-        "fine-tuned by PPO",
+        "imitation, fine-tuned by PPO",
         LEARNED,
-        Trained("ppo", IMITATION, 600_000, (("best kept", BEST), ("last", LAST))),
-        minutes=4.0,
+        Continued(
+            "ppo", IMITATION, FINE_TUNING, (("best kept", BEST), ("last", LAST)), "imitation"
+        ),
+        minutes=3.0,
     ),
     Row(
         "ppo",
@@ -76,6 +81,15 @@ ROWS = (
         LEARNED,
         Distilled("ppo", IMITATION, 0, (("", CLONE),), teacher="evolution"),
         minutes=2.0,
+    ),
+    Row(
+        "distilled_tuned",
+        "distilled evolution, fine-tuned by PPO",
+        LEARNED,
+        Continued(
+            "ppo", IMITATION, FINE_TUNING, (("best kept", BEST), ("last", LAST)), "distilled"
+        ),
+        minutes=3.0,
     ),
     Row(
         "front",

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from agents import learners, protocol
 from agents.commanded import evaluate_commanded, walk_through
 from agents.evaluate import evaluate
-from agents.folder import BEST
+from agents.folder import BEST, CLONE
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
@@ -58,7 +58,7 @@ class Trained:
 
     Attributes:
         algo: name of the learner.
-        init: "scratch" or "imitation".
+        init: "scratch" or "imitation", which also says whose settings are used.
         timesteps: control intervals; None: as many as the learner says.
         judged: what distinguishes a policy -> its file in the training's folder.
     """
@@ -80,7 +80,7 @@ class Trained:
         with timed(folder):
             trained = train(
                 self.algo,
-                self.init,
+                self.start(seed, folder),
                 seed,
                 folder,
                 timesteps=self.timesteps,
@@ -97,6 +97,10 @@ class Trained:
     def environment(self) -> dict[str, Any]:
         """Arguments of `agents.train` that choose the environment."""
         return {}
+
+    def start(self, seed: int, folder: Path) -> str:
+        """What it begins from: the name of a way to begin, or a policy's file."""
+        return self.init
 
     def expert(self, seed: int, folder: Path) -> str:
         """Whom it imitates, if it does."""
@@ -204,15 +208,35 @@ class Distilled(Trained):
         return super().settings | {"taught_by": dict(jsonable(taught))}
 
     def expert(self, seed: int, folder: Path) -> str:
-        """The policy's file, in the folder beside this one's.
+        """The policy's file, in the folder beside this one's."""
+        return str(_of_another(self.teacher, seed, folder, BEST))
 
-        Raises:
-            ValueError: the other row's seed is not finished.
-        """
-        other = folder.with_name(f"{self.teacher}_{seed}")
-        if not (other / RESULT).exists():
-            raise ValueError(
-                f"{other.name} is not finished, and {folder.name} learns from it: run --rows "
-                f"{self.teacher} to its end first"
-            )
-        return str(other / BEST)
+
+@dataclasses.dataclass(frozen=True)
+class Continued(Trained):
+    """A training that begins with the clone of another row, of the same seed, made before.
+
+    Attributes:
+        begun: the other row.
+    """
+
+    begun: str = ""
+
+    def start(self, seed: int, folder: Path) -> str:
+        """The clone's file, in the folder beside this one's."""
+        return str(_of_another(self.begun, seed, folder, CLONE))
+
+
+def _of_another(row: str, seed: int, folder: Path, file: str) -> Path:
+    """A policy of another row's seed.
+
+    Raises:
+        ValueError: that seed is not finished.
+    """
+    other = folder.with_name(f"{row}_{seed}")
+    if not (other / RESULT).exists():
+        raise ValueError(
+            f"{other.name} is not finished, and {folder.name} needs its policy: run --rows {row} "
+            "to its end first"
+        )
+    return other / file
