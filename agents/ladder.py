@@ -1,13 +1,16 @@
 """Feedback laws for many speeds as one expert, which follows the speed that is commanded.
 
 A law holds one gait. A ladder has one for every speed at which a step lasts a whole number of
-control intervals; the law nearest to the command acts. A network that imitates it fills in the
-speeds between them.
+control intervals. Near one of its gaits the law of the next rung towards the command acts, so that
+a change of command climbs from rung to rung: a law that is far from its gait may lose the foot.
+Elsewhere the law nearest to the command acts. A network that imitates the ladder fills in the
+speeds between its rungs.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,40 +20,72 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Policy, controller_policy
 from rimless_gym.envs.observation import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback import laws
+from trajopt.feedback.joined import NEAR
 from trajopt.feedback.law import Floats
+from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held.clock import held_speeds
 
 
 @dataclasses.dataclass(frozen=True)
-class Ladder:
-    """A policy that acts as the one whose speed is nearest to the command.
+class Rung:
+    """A policy that holds a gait.
 
     Attributes:
-        speeds: of the rungs (m/s), (K,).
-        rungs: a policy for each.
-
-    Raises:
-        ValueError: there is no rung, or not one policy for each speed.
+        speed: of the gait (m/s).
+        policy: that holds it, and finds it from everywhere.
+        orbit: of the gait.
     """
 
-    speeds: Floats
-    rungs: tuple[Policy, ...]
+    speed: float
+    policy: Policy
+    orbit: Orbit
+
+
+@dataclasses.dataclass(frozen=True)
+class Ladder:
+    """A policy that follows commanded speeds.
+
+    Attributes:
+        rungs: by rising speed.
+
+    Raises:
+        ValueError: there is no rung, or they do not rise.
+    """
+
+    rungs: tuple[Rung, ...]
 
     def __post_init__(self) -> None:
-        if not len(self.speeds) == len(self.rungs) > 0:
-            raise ValueError(f"{len(self.speeds)} speeds for {len(self.rungs)} rungs: one for each")
+        speeds = [rung.speed for rung in self.rungs]
+        if not speeds or any(low >= high for low, high in itertools.pairwise(speeds)):
+            raise ValueError(f"rungs: have speeds {speeds}; give one or more, by rising speed")
+
+    @property
+    def speeds(self) -> Floats:
+        """Of the rungs (m/s), (K,)."""
+        return np.array([rung.speed for rung in self.rungs])
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
         """Actions (N,) for states (N, STATE_SIZE) and observations (N, 8)."""
         commands = MIDDLE_SPEED + SPEED_SCALE * observations[:, OBSERVATION_SIZE].astype(np.float64)
-        nearest = np.abs(commands[:, None] - self.speeds).argmin(axis=1)
+        wanted = np.abs(commands[:, None] - self.speeds).argmin(axis=1)
+        acting = self._towards(wanted, states)
         actions = np.empty(len(states))
-        for k in np.unique(nearest):
-            rows = nearest == k
-            actions[rows] = self.rungs[k](states[rows], observations[rows])
+        for k in np.unique(acting):
+            rows = acting == k
+            actions[rows] = self.rungs[k].policy(states[rows], observations[rows])
         return actions
+
+    def _towards(self, wanted: NDArray[np.int64], states: Floats) -> NDArray[np.int64]:
+        """The rungs (N,) that act: the next ones on the way to those that are wanted, (N,)."""
+        smooth = np.ascontiguousarray(states[:, :4])
+        away = np.stack([squared_distances(smooth, rung.orbit) for rung in self.rungs], axis=1)
+        on = away.argmin(axis=1)
+        walking = (away.min(axis=1) <= NEAR**2) & (states[:, MODE] == SINGLE)
+        return np.where(walking, on + np.sign(wanted - on), wanted)
 
 
 def ladder_of_laws(
@@ -73,6 +108,9 @@ def ladder_of_laws(
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
     front = cot_front(params, speeds, steps, hold=period, progress=progress)
-    gaits = tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False)
-    rungs = tuple(controller_policy(params, laws.design(name, gait)) for gait in gaits)
-    return Ladder(np.array([gait.speed for gait in front.envelope]), rungs)
+    rungs = []
+    for gait in tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False):
+        law = laws.holding(name, gait)
+        policy = controller_policy(params, laws.design(law, gait))
+        rungs.append(Rung(gait.speed, policy, law.data.orbit))
+    return Ladder(tuple(rungs))

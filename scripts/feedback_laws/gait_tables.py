@@ -50,11 +50,11 @@ def gait_section(key: str, found: Mapping[str, Any]) -> list[str]:
         f"{gait['friction_demand']:.2f}, of {gait['friction']:g} that the ground gives, and its "
         f"least normal force {gait['least_force']:.2f} of the weight.",
         _costs({names[law]: row for law, row in rows.items()}),
-        _pushes({names[law]: row for law, row in rows.items()}),
+        pushes_table({names[law]: row for law, row in rows.items()}),
         f"![Random states about {key}]({drawing.attraction_file(key)})",
         f"![Pushes about {key}]({drawing.pushes_file(key)})",
-        _nuisances({names[law]: row for law, row in rows.items()}),
-        _machines({names[law]: row for law, row in rows.items()}),
+        nuisances_table({names[law]: row for law, row in rows.items()}),
+        machines_table({names[law]: row for law, row in rows.items()}),
         _multipliers({names[law]: row for law, row in rows.items()}),
     ]
 
@@ -89,7 +89,8 @@ def _costs(rows: Mapping[str, Row]) -> str:
     return table(head, body)
 
 
-def _pushes(rows: Mapping[str, Row]) -> str:
+def pushes_table(rows: Mapping[str, Row]) -> str:
+    """Pushes, random states and slopes that each law or policy survives, by its name."""
     head = [
         "law",
         "push backward (N s): least, median, most",
@@ -137,7 +138,8 @@ def _slopes(slopes: Mapping[str, Any]) -> str:
     return f"{up:g} up to {down:g} down"
 
 
-def _nuisances(rows: Mapping[str, Row]) -> str:
+def nuisances_table(rows: Mapping[str, Row]) -> str:
+    """Walks under noise, delay and a low battery, by the name of the law or policy."""
     body = []
     for name, row in rows.items():
         figures, starts = at(row, "nuisances", "figures") or {}, at(row, "nuisances", "starts")
@@ -145,7 +147,8 @@ def _nuisances(rows: Mapping[str, Row]) -> str:
     return table(["law: walking, CoT", *NUISANCES.values()], body)
 
 
-def _machines(rows: Mapping[str, Row]) -> str:
+def machines_table(rows: Mapping[str, Row]) -> str:
+    """Walks on other machines, by the name of the law or policy."""
     every = {name: row["machines"] or {} for name, row in rows.items()}
     changes = {
         (parameter, change): None

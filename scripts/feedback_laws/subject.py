@@ -1,16 +1,33 @@
-"""What is measured: a law about a held gait."""
+"""What is measured: a law about a held gait, or any other policy that walks near one."""
 
 from __future__ import annotations
 
 import dataclasses
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Protocol
 
 from agents.policies import Policy, controller_policy
 from rimless_gym.params import WheelParams
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller, Law
 from trajopt.gaits.solution import Solution
+
+
+class Walker(Protocol):
+    """A policy, its machine, and the gait near which it walks."""
+
+    @property
+    def policy(self) -> Policy:
+        """As the environment takes it."""
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine that it was made for."""
+
+    @property
+    def gait(self) -> Solution:
+        """From whose states it is pushed, and sent up and down slopes."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,27 +4,55 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.ladder import Ladder, ladder_of_laws
+from agents.ladder import Ladder, Rung, ladder_of_laws
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.kernel.stepping import MODE
+from trajopt.feedback.orbit import Orbit
+
+STATE = np.array([[1.5, 0.0, -2.0, 0.0, SINGLE, 0.0]])
 
 
-def constant(value):
-    return lambda states, observations: np.full(len(states), value)
+def rung(speed, value, offset=100.0):
+    """A rung that does `value`; its short orbit lies `offset` of pendulum rate away from STATE."""
+    nodes = np.repeat(STATE[:, :4], 64, axis=0) + [0.0, 0.0, 0.0, offset]
+    nodes[:, 1] += np.linspace(-1e-3, 1e-3, 64)
+    continued = np.arange(64) < 63
+    orbit = Orbit(nodes, np.arange(64.0), np.zeros(64), continued, np.ones(4), 12.0)
+    return Rung(speed, lambda states, observations: np.full(len(states), value), orbit)
 
 
-def test_the_rung_nearest_to_the_command_acts():
-    ladder = Ladder(np.array([0.4, 0.5, 0.6]), tuple(map(constant, (0.1, 0.2, 0.3))))
-    observations = np.zeros((5, 8), dtype=np.float32)
-    observations[:, 6] = (np.array([0.3, 0.44, 0.46, 0.56, 0.9]) - 0.45) / 0.2
-    actions = ladder(np.zeros((5, 6)), observations)
+def commanded(*speeds):
+    observations = np.zeros((len(speeds), 8), dtype=np.float32)
+    observations[:, 6] = (np.array(speeds) - 0.45) / 0.2
+    return observations
+
+
+def test_far_from_all_gaits_the_rung_nearest_to_the_command_acts():
+    ladder = Ladder((rung(0.4, 0.1), rung(0.5, 0.2), rung(0.6, 0.3)))
+    actions = ladder(np.repeat(STATE, 5, axis=0), commanded(0.3, 0.44, 0.46, 0.56, 0.9))
     np.testing.assert_array_equal(actions, [0.1, 0.1, 0.2, 0.3, 0.3])
 
 
-@pytest.mark.parametrize(("speeds", "rungs"), [([], 0), ([0.5], 2), ([0.4, 0.5], 1)])
-def test_a_ladder_has_one_policy_for_each_speed(speeds, rungs):
-    with pytest.raises(ValueError, match="one for each"):
-        Ladder(np.array(speeds), tuple(map(constant, range(rungs))))
+def test_on_a_gait_the_next_rung_towards_the_command_acts():
+    rungs = [rung(0.1 * k, 0.1 * k, offset=0.0 if k == 3 else 100.0) for k in range(1, 6)]
+    actions = Ladder(tuple(rungs))(np.repeat(STATE, 4, axis=0), commanded(0.1, 0.2, 0.3, 0.5))
+    np.testing.assert_allclose(actions, [0.2, 0.2, 0.3, 0.4])
+
+
+def test_at_rest_on_two_feet_nothing_is_on_a_gait():
+    resting = STATE.copy()
+    resting[:, MODE] = DOUBLE
+    ladder = Ladder((rung(0.3, 0.3, offset=0.0), rung(0.4, 0.4), rung(0.5, 0.5)))
+    np.testing.assert_array_equal(ladder(resting, commanded(0.5)), [0.5])
+    np.testing.assert_array_equal(ladder(STATE, commanded(0.5)), [0.4])
+
+
+@pytest.mark.parametrize("speeds", [(), (0.5, 0.4), (0.5, 0.5)])
+def test_a_ladder_has_rungs_that_rise(speeds):
+    with pytest.raises(ValueError, match="by rising speed"):
+        Ladder(tuple(rung(speed, 0.0) for speed in speeds))
 
 
 @pytest.mark.slow

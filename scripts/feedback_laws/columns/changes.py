@@ -16,7 +16,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import hybrid_states
 from rimless_gym.params import WheelParams
 from scripts.feedback_laws.sizes import Sizes
-from scripts.feedback_laws.subject import Subject
+from scripts.feedback_laws.subject import Walker
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 
@@ -57,12 +57,12 @@ def short_protocol(sizes: Sizes) -> Protocol:
     )
 
 
-def machines(subject: Subject, sizes: Sizes) -> dict[str, Any]:
+def machines(walker: Walker, sizes: Sizes) -> dict[str, Any]:
     """Each parameter of the machine, changed by itself."""
     protocol = short_protocol(sizes)
     found: dict[str, Any] = {}
-    for name, change, params in changed_machines(subject.params):
-        found.setdefault(name, {})[f"{change:+.0%}"] = _walk(subject.policy, params, protocol)
+    for name, change, params in changed_machines(walker.params):
+        found.setdefault(name, {})[f"{change:+.0%}"] = _walk(walker.policy, params, protocol)
     return {"starts": protocol.starts, "parameters": found}
 
 
@@ -78,9 +78,9 @@ def changed_machines(params: WheelParams) -> Iterator[tuple[str, float, WheelPar
             yield name, change, params.replace(**fields)
 
 
-def nuisances(subject: Subject, sizes: Sizes) -> dict[str, Any]:
+def nuisances(walker: Walker, sizes: Sizes) -> dict[str, Any]:
     """Noise, delay, and a battery whose voltage sags."""
-    protocol, params, policy = short_protocol(sizes), subject.params, subject.policy
+    protocol, params, policy = short_protocol(sizes), walker.params, walker.policy
     found = {"undisturbed": _walk(policy, params, protocol)}
     for times in TIMES:
         noise = {name: times * deviation for name, deviation in NOISE.items()}
@@ -102,13 +102,13 @@ def _compensated(policy: Policy) -> Policy:
     return compensated
 
 
-def slopes(subject: Subject, sizes: Sizes) -> dict[str, Any]:
+def slopes(walker: Walker, sizes: Sizes) -> dict[str, Any]:
     """The slopes around level ground on which every start on the gait walks on."""
     step, seconds = sizes.slope_step, SLOPE_SECONDS / sizes.shorter
     window = JUDGED / sizes.shorter
     protocol = Protocol(duration=seconds, window=window, alive=window)
-    starts = on_the_gait(subject.gait, sizes.slope_starts)
-    level = _walk(subject.policy, subject.params, protocol, starts=starts)
+    starts = on_the_gait(walker.gait, sizes.slope_starts)
+    level = _walk(walker.policy, walker.params, protocol, starts=starts)
     found: dict[str, Any] = {}
     tried = {"0": level}
     for side, sign in (("up", -1.0), ("down", 1.0)):
@@ -116,8 +116,8 @@ def slopes(subject: Subject, sizes: Sizes) -> dict[str, Any]:
         for k in range(1, round(STEEPEST / step) + 1):
             if found[side] is None or found[side] < (k - 1) * step:
                 break
-            params = subject.params.replace(slope=math.radians(sign * k * step))
-            walk = _walk(subject.policy, params, protocol, starts=starts)
+            params = walker.params.replace(slope=math.radians(sign * k * step))
+            walk = _walk(walker.policy, params, protocol, starts=starts)
             tried[f"{sign * k * step:g}"] = walk
             if walk["share"] == 1.0:
                 found[side] = k * step

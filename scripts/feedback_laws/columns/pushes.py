@@ -20,7 +20,7 @@ from rimless_gym.hybrid import push
 from rimless_gym.params import WheelParams
 from scripts.feedback_laws.columns.changes import on_the_gait
 from scripts.feedback_laws.sizes import Sizes
-from scripts.feedback_laws.subject import Subject
+from scripts.feedback_laws.subject import Walker
 from trajopt.feedback.law import Floats
 
 #: A wheel must walk again so long after a push, and for so long (s).
@@ -30,21 +30,21 @@ RECOVERY, WALK = 5.0, 3.0
 LARGEST = 4.0
 
 
-def pushes(subject: Subject, sizes: Sizes) -> dict[str, Any]:
+def pushes(walker: Walker, sizes: Sizes) -> dict[str, Any]:
     """Impulses (N s) at phases of the stride, in shares of its time; both kinds of survival."""
-    states = on_the_gait(subject.gait, sizes.phases)
-    largest = LARGEST * subject.params.total_mass * subject.gait.speed
+    states = on_the_gait(walker.gait, sizes.phases)
+    largest = LARGEST * walker.params.total_mass * walker.gait.speed
     row = largest * (np.arange(sizes.impulses + 1) / sizes.impulses) ** 2  # finer for small ones
     phases = ((np.arange(sizes.phases) + 0.5) / sizes.phases).tolist()
     found: dict[str, Any] = {"phases": phases, "largest_tried": largest}
     for name, sign in (("backward", -1.0), ("forward", 1.0)):
         tried = sign * np.tile(row, len(states))
-        all_good = survived(subject, np.repeat(states, len(row), axis=0), tried)
+        all_good = survived(walker, np.repeat(states, len(row), axis=0), tried)
         for kind, good in all_good._asdict().items():
             low, high = _bracket(row, good.reshape(len(states), -1))
             for _ in range(sizes.bisections):
                 middle = 0.5 * (low + high)
-                fine = getattr(survived(subject, states, sign * middle), kind)
+                fine = getattr(survived(walker, states, sign * middle), kind)
                 low, high = np.where(fine, middle, low), np.where(fine, high, middle)
             found[f"{name}_{kind}"] = low.tolist()
     return found
@@ -74,16 +74,16 @@ class Survived(NamedTuple):
     stepping: NDArray[np.bool_]
 
 
-def survived(subject: Subject, states: Floats, impulses: Floats) -> Survived:
+def survived(walker: Walker, states: Floats, impulses: Floats) -> Survived:
     """Push states (n, STATE_SIZE) in single stance by impulses (N s), and see what happens."""
-    params = subject.params
+    params = walker.params
     pushed = pushed_states(params, states, impulses)
     limit = params.voltage_limit
     pressed = np.array([normal_force(params, state, limit) > 0.0 for state in pushed])
     found = Survived(np.zeros(len(states), dtype=bool), np.zeros(len(states), dtype=bool))
     if pressed.any():
         protocol = Protocol(duration=RECOVERY + WALK, window=WALK, alive=WALK)
-        walk = evaluate(subject.policy, params, protocol, starts=pushed[pressed])
+        walk = evaluate(walker.policy, params, protocol, starts=pushed[pressed])
         found.walking[pressed] = walk.walking
         found.stepping[pressed] = [verdict not in (FALLS, STOPS) for verdict in walk.verdicts]
     return found

@@ -1,0 +1,1 @@
+"""How robust learned policies are, in the columns of the feedback laws."""

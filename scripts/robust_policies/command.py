@@ -1,0 +1,75 @@
+"""Measure how robust learned policies are, beside laws, in the columns of docs/feedback.md.
+
+Sensor noise, delay, a low battery, pushes, slopes and other machines: nobody tells the policies of
+any. It takes about a minute for each, and prints tables of docs/learning.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from agents.policy_files import PRETRAINED
+from scripts.commandline import DEFAULT_PRESET, INTERRUPTED, Parser, terminated_like_ctrl_c
+from scripts.feedback_laws.columns.changes import machines, nuisances, slopes
+from scripts.feedback_laws.columns.pushes import pushes
+from scripts.feedback_laws.sizes import FOR_A_TRIAL, FOR_FAST_LAWS
+from scripts.robust_policies import page
+from scripts.robust_policies.walkers import walker
+from trajopt.feedback import laws
+
+#: What is measured of every policy.
+COLUMNS = {"nuisances": nuisances, "pushes": pushes, "slopes": slopes, "machines": machines}
+
+#: Whom the page tells of: a law, its clone, what evolution found, and what learned disturbed.
+DEFAULT = ("lqr", "imitation", "evolution", "distilled", "robust")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
+    parser = Parser(__doc__)
+    parser.add_argument(
+        "policies",
+        nargs="*",
+        metavar="POLICY",
+        default=DEFAULT,
+        help=f"a policy's file (.zip); one that comes with the package: {', '.join(PRETRAINED)}; "
+        f"or a feedback law: {', '.join(laws.names())}",
+    )
+    parser.add_machine(DEFAULT_PRESET)
+    parser.add_argument("--quick", action="store_true", help="a trial: shows only that all runs")
+    parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
+    options = parser.parse_args(arguments)
+    params, sizes = parser.machine(options), FOR_A_TRIAL if options.quick else FOR_FAST_LAWS
+    if options.docs:
+        if options.quick:
+            parser.error(f"--docs {options.docs}: a page tells of no trials; leave out --quick")
+        for marks in page.MARKS.values():
+            parser.require_page(options.docs, marks, page.WANTED)
+    found: dict[str, dict[str, Any]] = {}
+    total = len(options.policies) * len(COLUMNS)
+    try:
+        with (
+            terminated_like_ctrl_c(),
+            parser.refusing(),
+            tqdm(total=total, desc="robustness") as bar,
+        ):
+            for name in options.policies:
+                one = walker(name, params)
+                found[one.name] = {}
+                for column, measure in COLUMNS.items():
+                    bar.set_postfix_str(f"{one.name}: {column}")
+                    found[one.name][column] = measure(one, sizes)
+                    bar.update()
+    except KeyboardInterrupt:
+        print("\ninterrupted: nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    tables = page.sections(found)
+    if options.docs:
+        page.refresh(options.docs, tables)
+    print("\n\n".join(tables.values()))
+    return 0

@@ -1,0 +1,79 @@
+"""What is measured: learned policies and feedback laws, each with the gait near which it walks."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from agents.evaluate import evaluate
+from agents.policies import Policy, controller_policy, learned_policy
+from agents.policy_files import PRETRAINED, CheckpointError, load_policy
+from agents.protocol import SHORT_PROTOCOL
+from rimless_gym.envs.control import USUAL
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from trajopt import periodic_gait
+from trajopt.feedback import laws
+from trajopt.gaits.held.clock import held_speeds
+from trajopt.gaits.solution import Solution
+
+#: Speed of the gait that laws hold (m/s): that of the clones, too.
+SPEED = 0.56
+
+#: How far from its own speed the gait may be near which a policy walks (m/s).
+NEAR = 0.03
+
+
+@dataclasses.dataclass(frozen=True)
+class Walking:
+    """A policy near a gait.
+
+    Attributes:
+        name: in the tables.
+        policy: as the environment takes it.
+        gait: from whose states it is pushed, and sent up and down slopes.
+    """
+
+    name: str
+    policy: Policy
+    gait: Solution
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.gait.params
+
+
+def walker(name: str, params: WheelParams) -> Walking:
+    """A feedback law, a policy that comes with the package, or one in a file.
+
+    Args:
+        name: of the law or the policy, or the file's path.
+        params: the machine.
+
+    Raises:
+        CheckpointError: it is neither, the policy is for another machine or control, or it does
+            not walk.
+        NoGaitError: there is no gait near its speed.
+    """
+    if name in laws.names():
+        gait = _gait(params, SPEED)
+        return Walking(name, controller_policy(params, laws.design(name, gait)), gait)
+    found = load_policy(PRETRAINED.get(name, Path(name)), params)
+    if found.conditions.control != USUAL:
+        raise CheckpointError(
+            f"{name}: walks at a commanded speed, or does not decide every {CONTROL_PERIOD:g} s; "
+            "the gaits here are of other walks: give a policy for RimlessWheel-v0"
+        )
+    policy = learned_policy(found.act)
+    walk = evaluate(policy, params, SHORT_PROTOCOL)
+    if not walk.walking.any():
+        raise CheckpointError(f"{name}: walks from no start; give a policy that walks")
+    return Walking(Path(name).stem, policy, _gait(params, walk.speed))
+
+
+def _gait(params: WheelParams, speed: float) -> Solution:
+    """The held gait of one step nearest in speed."""
+    speeds = held_speeds(params, speed - NEAR, speed + NEAR, CONTROL_PERIOD)
+    nearest = min(speeds, key=lambda each: abs(each - speed))
+    return periodic_gait(params, nearest, 1, hold=CONTROL_PERIOD)
