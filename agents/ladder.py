@@ -1,9 +1,8 @@
 """Feedback laws for many speeds as one expert, which follows the speed that is commanded.
 
 A law holds one gait. A ladder has one for every speed at which a step lasts a whole number of
-control intervals. Near one of its gaits the law of the next rung towards the command acts, so that
-a change of command climbs from rung to rung: a law that is far from its gait may lose the foot.
-Elsewhere the law nearest to the command acts. A network that imitates the ladder fills in the
+control intervals. Near one of its gaits a law a few rungs towards the command acts, so that a change
+of command climbs the ladder: a law that is far from its gait may lose the foot. Elsewhere the law nearest to the command acts. A network that imitates the ladder fills in the
 speeds between its rungs.
 """
 
@@ -28,6 +27,9 @@ from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held.clock import held_speeds
+
+#: Most rungs that are climbed at once. With one at a time a walk can stay between two rungs.
+AT_ONCE = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,12 +82,12 @@ class Ladder:
         return actions
 
     def _towards(self, wanted: NDArray[np.int64], states: Floats) -> NDArray[np.int64]:
-        """The rungs (N,) that act: the next ones on the way to those that are wanted, (N,)."""
+        """The rungs (N,) that act: on the way to those that are wanted, (N,)."""
         smooth = np.ascontiguousarray(states[:, :4])
         away = np.stack([squared_distances(smooth, rung.orbit) for rung in self.rungs], axis=1)
         on = away.argmin(axis=1)
         walking = (away.min(axis=1) <= NEAR**2) & (states[:, MODE] == SINGLE)
-        return np.where(walking, on + np.sign(wanted - on), wanted)
+        return np.where(walking, on + np.clip(wanted - on, -AT_ONCE, AT_ONCE), wanted)
 
 
 def ladder_of_laws(

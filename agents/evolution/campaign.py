@@ -6,7 +6,7 @@
 2. **Race**: the best of every family evolve (CMA-ES: Hansen, The CMA evolution strategy: a
    tutorial, arXiv:1604.00772). Whoever does not walk in its family's gait after a short trial is
    out. Then there are two rounds: the best of each family, and the best of all.
-3. **Refine**: the winner evolves on, with longer walks.
+3. **Refine**: the winner evolves on, with longer walks and with more starts in turn.
 
 Two things change while a policy evolves. The price of distance follows its cost of transport
 (`agents.pacing.paced_price`). And policies are judged by their best starts only, until they walk
@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evolution.asking import Among, NothingWalksError, Request, Search
-from agents.evolution.contender import LOOKED_AT, Contender, Walking
+from agents.evolution.contender import Contender, Schedule, Walking
 from agents.evolution.screening import screen
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
@@ -50,11 +50,26 @@ def campaign(
         best = Contender(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _raced(settings, seed, floor)
-    walks = walking(settings.refining_starts, settings.refining_intervals)
-    yield from best.evolve("refine", None, walks, None)
+    yield from best.evolve("refine", None, refining(settings), None)
 
 
-def walking(starts: int, intervals: int) -> Walking:
+def racing(ask: EvolutionSettings) -> Schedule:
+    """Short walks, all alike."""
+    return Schedule((_walking(ask.starts, ask.intervals),), ask.looked_at)
+
+
+def refining(ask: EvolutionSettings) -> Schedule:
+    """Long walks from few starts and short ones from many, in turn.
+
+    A long walk tells what the gait costs and whether it lasts. Most falls come while the pendulum
+    is pumped up; few starts would hardly show them.
+    """
+    lasting = _walking(ask.refining_starts, ask.refining_intervals)
+    setting_off = _walking(ask.setting_off_starts, ask.setting_off_intervals)
+    return Schedule((lasting, setting_off), ask.refining_looked_at)
+
+
+def _walking(starts: int, intervals: int) -> Walking:
     """Walks whose second half is judged."""
     return Walking(starts, Duration.judged_in_second_half(intervals))
 
@@ -62,7 +77,7 @@ def walking(starts: int, intervals: int) -> Walking:
 def _raced(ask: EvolutionSettings, seed: int, floor: float) -> Search[Contender]:
     """Screen and race."""
     screened = yield from screen(ask, seed)
-    walks = walking(ask.starts, ask.intervals)
+    walks = racing(ask)
     families: list[list[Contender]] = []
     leader: Contender | None = None
     for family, policies in screened.items():
@@ -99,7 +114,7 @@ def _family_of(ask: EvolutionSettings, seed: int, start: Floats) -> Search[int]:
     """The family in which a policy earns most; 0 if it does not walk."""
     duration = Duration.judged_in_second_half(ask.intervals)
     asked = duration, Among.FAMILIES, 1.0, ask.first_price, start
-    answer = yield Request("look", start[None], LOOKED_AT, (seed, 2), *asked)
+    answer = yield Request("look", start[None], ask.looked_at, (seed, 2), *asked)
     if not len(answer.groups):
         return 0
     return int(answer.groups[np.argmax(answer.worth[:, 0])])

@@ -14,8 +14,8 @@ from agents.pacing import NO_WALK, paced_price
 from agents.scores import economy
 from trajopt.feedback.law import Floats
 
-#: Starts from which the mean policy is looked at.
-LOOKED_AT = 64
+#: The starts of all looks are those of this seed beside the search's own.
+LOOK_SEED = 64
 
 #: The share of the starts by which policies are judged is this multiple of the share from which the
 #: mean policy walks.
@@ -23,7 +23,7 @@ JUDGED_MULTIPLE = 2.0
 
 
 class Walking(NamedTuple):
-    """How policies walk while they evolve.
+    """How the policies of a generation walk.
 
     Attributes:
         starts: of each policy.
@@ -32,6 +32,18 @@ class Walking(NamedTuple):
 
     starts: int
     duration: Duration
+
+
+class Schedule(NamedTuple):
+    """How policies walk while they evolve.
+
+    Attributes:
+        turns: generations walk in these ways, one after the other.
+        looked_at: starts from which the mean policy is looked at, in walks as long as the first's.
+    """
+
+    turns: tuple[Walking, ...]
+    looked_at: int
 
 
 class Contender:
@@ -68,7 +80,7 @@ class Contender:
         self._strategy = cma.CMAEvolutionStrategy(weights, spread, options)
         self._settings, self._seed, self._floor = settings, seed, floor
         self._price, self._generation, self._share = settings.first_price, 0, 0.0
-        self._duration = Duration(0, 0)
+        self._look = Walking(0, Duration(0, 0))
         self.family, self.best, self.gait = family, weights, NO_WALK
 
     @property
@@ -82,7 +94,7 @@ class Contender:
         return economy(self.gait.share, self.gait.cot)
 
     def evolve(
-        self, stage: str, generations: int | None, walks: Walking, leader: Contender | None
+        self, stage: str, generations: int | None, walks: Schedule, leader: Contender | None
     ) -> Search[None]:
         """Evolve for some generations, or for ever.
 
@@ -92,15 +104,15 @@ class Contender:
             walks: of every policy.
             leader: whose best policy is the best so far, as long as this one's is not.
         """
-        least, duration = self._settings.least_judged, walks.duration
-        if self.gait.share > 0.0 and duration != self._duration:
-            answer = yield self._request(stage, self.best[None], duration, leader)
+        least, look = self._settings.least_judged, Walking(walks.looked_at, walks.turns[0].duration)
+        if self.gait.share > 0.0 and look != self._look:
+            answer = yield self._request(stage, self.best[None], look, leader)
             self.gait = answer.gait  # in longer walks it may fall
-        self._duration, begun = duration, self._generation
+        self._look, begun = look, self._generation
         while generations is None or self._generation < begun + generations:
             drawn = np.array(self._strategy.ask())
-            answer = yield self._request(stage, drawn, duration, leader)._replace(
-                starts=walks.starts,
+            turn = walks.turns[self._generation % len(walks.turns)]
+            answer = yield self._request(stage, drawn, turn, leader)._replace(
                 seed=(*self._seed, self._generation),
                 judged=min(max(JUDGED_MULTIPLE * self._share, least), 1.0),
             )
@@ -108,23 +120,23 @@ class Contender:
             self._generation += 1
             if self._generation % LOOK_EVERY == 0:
                 mean = np.array(self._strategy.mean)
-                answer = yield self._request(stage, mean[None], duration, leader)
+                answer = yield self._request(stage, mean[None], look, leader)
                 self._share = answer.gait.share
                 self._price = paced_price(self._price, answer.gait, self._floor)
                 if economy(answer.gait.share, answer.gait.cot) > self.merit:
                     self.best, self.gait = mean, answer.gait
 
     def _request(
-        self, stage: str, weights: Floats, duration: Duration, leader: Contender | None
+        self, stage: str, weights: Floats, walks: Walking, leader: Contender | None
     ) -> Request:
-        """A look at some policies."""
+        """Walks of some policies from the starts of every look."""
         best = leader if leader is not None and leader.merit > self.merit else self
         return Request(
             stage=stage,
             weights=weights,
-            starts=LOOKED_AT,
-            seed=(self._seed[0], LOOKED_AT),
-            duration=duration,
+            starts=walks.starts,
+            seed=(self._seed[0], LOOK_SEED),
+            duration=walks.duration,
             among=self.family,
             judged=1.0,
             price=self._price,

@@ -13,7 +13,7 @@ LOOK_EVERY = 10
 #: The least that numbers may be, where it is not 1. A trial ends with a look, CMA-ES needs a few
 #: policies, and a walk is judged by its second half.
 LEAST = {"silent": 0, "trial": LOOK_EVERY, "race": LOOK_EVERY, "population": 4} | dict.fromkeys(
-    ("glance", "screen_intervals", "intervals", "refining_intervals"), 2
+    ("glance", "screen_intervals", "intervals", "refining_intervals", "setting_off_intervals"), 2
 )
 
 
@@ -37,7 +37,12 @@ class EvolutionSettings(Settings):
         starts: of a policy in the race.
         refining_intervals: of a walk afterwards. Some policies fall after half a minute, and in
             short walks what is left of the start-up hides the cost of the gait.
-        refining_starts: of a policy afterwards.
+        refining_starts: of a policy afterwards, in every other generation.
+        setting_off_intervals: of a walk in the generations between: to get going, and little more.
+        setting_off_starts: of a policy in these.
+        looked_at: starts from which the mean policy is looked at during the race.
+        refining_looked_at: the same afterwards. The best of many looks is kept; from few starts
+            that would be the luckiest one.
         least_judged: share of the starts by which a policy is judged while it walks from few; 1 for
             always all of them.
         spread: standard deviation of the first generation, in root mean squares of the weights.
@@ -65,6 +70,10 @@ class EvolutionSettings(Settings):
     starts: int = 24
     refining_intervals: int = 5000
     refining_starts: int = 12
+    setting_off_intervals: int = 1000
+    setting_off_starts: int = 60
+    looked_at: int = 64
+    refining_looked_at: int = 256
     least_judged: float = 0.1
     spread: float = 0.3
     first_price: float = 5.0

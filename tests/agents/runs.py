@@ -16,7 +16,13 @@ BRIEF = Protocol(starts=4, seed=1, duration=0.5, window=0.25, alive=0.25)
 #: So long that nothing walks on its first momentum any more.
 SETTLED = Protocol(starts=4, seed=1, duration=4.0, window=1.0, alive=1.0)
 QUICK = Cloning(
-    rounds=1, expert_starts=10, seconds=0.5, gradient_steps=20, batch_size=64, gait_labels=50
+    rounds=1,
+    expert_starts=10,
+    seconds=0.5,
+    gradient_steps=20,
+    batch_size=64,
+    labels=500,
+    gait_labels=50,
 )
 STEPS = {"ppo": 512, "sac": 160, "evolution": 1_000_000}
 SHORT_SEARCH = {
@@ -32,6 +38,9 @@ SHORT_SEARCH = {
     "starts": 4,
     "refining_intervals": 400,
     "refining_starts": 4,
+    "setting_off_intervals": 200,
+    "setting_off_starts": 8,
+    "refining_looked_at": 32,
 }
 
 

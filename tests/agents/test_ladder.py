@@ -35,18 +35,18 @@ def test_far_from_all_gaits_the_rung_nearest_to_the_command_acts():
     np.testing.assert_array_equal(actions, [0.1, 0.1, 0.2, 0.3, 0.3])
 
 
-def test_on_a_gait_the_next_rung_towards_the_command_acts():
-    rungs = [rung(0.1 * k, 0.1 * k, offset=0.0 if k == 3 else 100.0) for k in range(1, 6)]
-    actions = Ladder(tuple(rungs))(np.repeat(STATE, 4, axis=0), commanded(0.1, 0.2, 0.3, 0.5))
-    np.testing.assert_allclose(actions, [0.2, 0.2, 0.3, 0.4])
+def test_on_a_gait_a_change_of_command_climbs_two_rungs_at_once():
+    rungs = [rung(0.1 * k, 0.1 * k, offset=0.0 if k == 4 else 100.0) for k in range(1, 8)]
+    actions = Ladder(tuple(rungs))(np.repeat(STATE, 5, axis=0), commanded(0.1, 0.3, 0.4, 0.6, 0.7))
+    np.testing.assert_allclose(actions, [0.2, 0.3, 0.4, 0.6, 0.6])
 
 
 def test_at_rest_on_two_feet_nothing_is_on_a_gait():
     resting = STATE.copy()
     resting[:, MODE] = DOUBLE
-    ladder = Ladder((rung(0.3, 0.3, offset=0.0), rung(0.4, 0.4), rung(0.5, 0.5)))
-    np.testing.assert_array_equal(ladder(resting, commanded(0.5)), [0.5])
-    np.testing.assert_array_equal(ladder(STATE, commanded(0.5)), [0.4])
+    ladder = Ladder((rung(0.3, 0.3, offset=0.0), *(rung(0.1 * k, 0.1 * k) for k in (4, 5, 6))))
+    np.testing.assert_allclose(ladder(resting, commanded(0.6)), [0.6])
+    np.testing.assert_allclose(ladder(STATE, commanded(0.6)), [0.5])
 
 
 @pytest.mark.parametrize("speeds", [(), (0.5, 0.4), (0.5, 0.5)])

@@ -8,7 +8,7 @@ import pytest
 
 from agents.evolution.asking import Among, Answer, NothingWalksError
 from agents.evolution.campaign import campaign
-from agents.evolution.contender import LOOKED_AT, Contender, Walking
+from agents.evolution.contender import Contender, Schedule, Walking
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
@@ -94,7 +94,7 @@ def test_the_same_answers_lead_to_the_same_place(wanted):
 def test_a_policy_to_start_from_is_refined_in_its_own_family(wanted):
     requests = run(campaign(SETTINGS, 0, 0.5, wanted + 0.01), wanted, 30)
     assert [r.stage for r in requests[:2]] == ["look", "refine"]
-    assert requests[0].starts == LOOKED_AT
+    assert requests[0].starts == SETTINGS.looked_at
     assert requests[-1].among == -1
 
 
@@ -117,6 +117,19 @@ def test_a_trial_that_nobody_survives_ends_the_campaign_with_a_remedy(wanted):
         go_on(next(search))
 
 
+def test_long_walks_from_few_starts_and_short_ones_from_many_take_turns(wanted):
+    requests = run(campaign(SETTINGS, 0, 0.5, wanted + 0.01), wanted, 30)
+    refining = [r for r in requests if r.stage == "refine"]
+    looks = [r for r in refining if len(r.weights) == 1]
+    walks = [(r.starts, r.duration.intervals) for r in refining if len(r.weights) > 1]
+    long = (SETTINGS.refining_starts, SETTINGS.refining_intervals)
+    short = (SETTINGS.setting_off_starts, SETTINGS.setting_off_intervals)
+    assert walks == ([long, short] * len(walks))[: len(walks)]
+    assert looks
+    for look in looks:
+        assert (look.starts, look.duration.intervals) == (SETTINGS.refining_looked_at, long[1])
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
@@ -135,7 +148,10 @@ def test_settings_that_cannot_work_are_refused(changes, error, message):
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best(wanted):
     one = Contender(SETTINGS, -1, wanted, (0, 0), 0.5)
     cheap, lost = CleanWalking(1.0, 0.045, 0.6), NO_WALK
-    walks = [Walking(4, Duration.judged_in_second_half(intervals)) for intervals in (100, 1000)]
+    walks = [
+        Schedule((Walking(4, Duration.judged_in_second_half(intervals)),), 8)
+        for intervals in (100, 1000)
+    ]
     for walking, gait in zip(walks, (cheap, lost), strict=True):
         search = one.evolve("race", 10, walking, None)
         request = next(search)
