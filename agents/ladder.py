@@ -1,9 +1,10 @@
 """Feedback laws for many speeds as one expert, which follows the speed that is commanded.
 
 A law holds one gait. A ladder has one for every speed at which a step lasts a whole number of
-control intervals. Near one of its gaits a law a few rungs towards the command acts, so that a change
-of command climbs the ladder: a law that is far from its gait may lose the foot. Elsewhere the law nearest to the command acts. A network that imitates the ladder fills in the
-speeds between its rungs.
+control intervals. Near one of its gaits a law a few rungs towards the command acts, so that a
+change of command climbs the ladder: a law that is far from its gait may lose the foot. Elsewhere
+the law nearest to the command acts. A network that imitates the ladder fills in the speeds between
+its rungs.
 """
 
 from __future__ import annotations
