@@ -115,11 +115,24 @@ class Walks(NamedTuple):
         return Walks._make(values[indices] for values in self)
 
 
+#: How long a commanded speed lasts in these walks (s); the next one is drawn anew.
+COMMAND_LASTS = 3.0
+
+
 def walk(
     conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
 ) -> Walks:
-    """What a policy meets and does from `starts` (N, STATE_SIZE); see `Rollout`."""
-    intervals = list(Rollout(conditions, policy, starts, n_intervals, seed))
+    """What a policy meets and does from `starts` (N, STATE_SIZE); see `Rollout`.
+
+    Where a speed is commanded, it changes now and then: so a clone meets all changes of command.
+    """
+    rollout = Rollout(conditions, policy, starts, n_intervals, seed)
+    intervals, rng = [], np.random.default_rng((seed, 5))
+    lasting = round(COMMAND_LASTS / conditions.control.period)
+    for k, interval in enumerate(rollout, start=1):
+        intervals.append(interval)
+        if conditions.control.speeds is not None and k % lasting == 0:
+            rollout.command(rng.uniform(*conditions.control.speeds, size=len(starts)))
     return Walks(
         which=np.concatenate([interval.running for interval in intervals]),
         when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),

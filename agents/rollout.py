@@ -102,8 +102,10 @@ class Rollout:
         self._noisy = conditions.disturbances.sensor_noise is not None
         self.machines: tuple[WheelParams, ...] = self._envs.params
 
-    def command(self, speed: float) -> None:
-        """Command another speed (m/s) to all walks; policies observe it after the next interval.
+    def command(self, speed: float | Floats) -> None:
+        """Command another speed (m/s), one to all walks or one to each of the N.
+
+        Policies observe it after the next interval.
 
         Raises:
             ValueError: no speed is observed in these walks, or it is out of its range.

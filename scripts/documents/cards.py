@@ -17,7 +17,7 @@ CARD = """\
 | | |
 | --- | --- |
 | task | `RimlessWheel-v0`, reward {task} |
-| machine | `{machine}`{ranges} |
+| machine | `{machine}`{drawn} |
 | algorithm | {algo} |
 | steps | {steps} |
 | seed | {seed} (one seed; figures over seeds are in docs/learning.md) |
@@ -29,9 +29,12 @@ CARD = """\
 | made by | revision {revision} with {versions} |
 | licence | MIT, as the rest of the package |
 
-The figures are those of the README's table: 128 starts, 50 s each, measured over the last 30 s.
-`make compare` trains and measures it again; `python scripts/evaluate.py {name}` measures this file.
+The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over the last
+30 s. {again} `python scripts/evaluate.py {name}` measures this file.
 """
+
+#: How the policies of the comparison are made again.
+COMPARED = "`make compare` trains and measures it again;"
 
 ORIGINS = {
     "scratch": "Learned from nothing: no gait, no demonstration.",
@@ -41,7 +44,12 @@ ORIGINS = {
 
 
 def card(
-    name: str, record: Mapping[str, Any], row: Mapping[str, Any], machine: str, init: str
+    name: str,
+    record: Mapping[str, Any],
+    row: Mapping[str, Any],
+    machine: str,
+    init: str,
+    again: str = COMPARED,
 ) -> str:
     """The text of a card.
 
@@ -51,7 +59,11 @@ def card(
         row: of the comparison's table.
         machine: name of its preset.
         init: what its training began from, in words.
+        again: how it is made again, a sentence's first half.
     """
+    drawn = {
+        name: record[name] for name in ("ranges", "disturbances") if record.get(name) is not None
+    }
     shown = {
         "walking_share": ("{:.0%}", row["walking_share"]),
         "cot": ("{:.4f}", row["cot"]),
@@ -66,10 +78,11 @@ def card(
         origin=_origin(init),
         task=_task(record["task"]),
         machine=machine,
-        ranges="" if record["ranges"] is None else f", ranges {json.dumps(record['ranges'])}",
+        drawn="".join(f", {of} {json.dumps(values)}" for of, values in drawn.items()),
         algo=record["algo"],
         steps=f"{record['timesteps']:,}" if record["timesteps"] else "none: only cloned",
         seed=record["seed"],
+        again=again,
         revision=str(record["git_revision"])[:10],
         versions=", ".join(f"{key} {value}" for key, value in record["versions"].items()),
         **{key: "-" if x is None else form.format(x) for key, (form, x) in shown.items()},

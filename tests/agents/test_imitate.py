@@ -7,11 +7,11 @@ import torch
 
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
-from agents.imitation import Cloning, Teaching, walk
+from agents.imitation import COMMAND_LASTS, Cloning, Teaching, walk
 from agents.policies import controller_policy, learned_policy
 from agents.rollout import draw_starts
 from agents.sb3.cloning import CloningError, clone
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 
@@ -175,3 +175,16 @@ def test_kept_rounds_that_are_damaged_or_of_another_cloning_are_refused(new_acto
 def test_invalid_settings_are_refused_by_name(settings: dict, error: type, message: str) -> None:
     with pytest.raises(error, match=message):
         Cloning(**settings)
+
+
+def test_commanded_speeds_change_within_the_walks_that_teach():
+    conditions = Conditions.of(BUILDABLE, None, None, (0.4, 0.6), 0.01)
+    still = learned_policy(lambda observations: np.zeros(len(observations)))
+    seen = walk(conditions, still, draw_starts(BUILDABLE, 3, 0), 700, seed=1)
+    commands = np.full((3, 700), np.nan)
+    commands[seen.which, seen.when] = 0.45 + 0.2 * seen.observations[:, 6]
+    changes = {int(k) + 1 for k in np.flatnonzero(np.diff(commands[0]))}
+    lasting = round(COMMAND_LASTS / 0.01)
+    assert changes == {lasting + 1, 2 * lasting + 1}
+    assert len(np.unique(commands[:, -1].round(6))) == 3
+    assert ((commands > 0.4 - 1e-6) & (commands < 0.6 + 1e-6)).all()

@@ -1,0 +1,56 @@
+#!/usr/bin/env python
+"""Put a policy that is not of the comparison into the package, with a card that tells of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from agents.comparison.report import policy_row
+from agents.evaluate import evaluate
+from agents.policies import learned_policy
+from agents.policy_files import load_policy, read_record
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.presets import machine_name
+from scripts.commandline import Parser
+from scripts.documents.cards import card
+from scripts.publish import PRETRAINED
+from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.held.clock import held_speeds
+
+#: How far around its speed the front of optimal gaits reaches (m/s): two gaits at least.
+AROUND = 0.02
+
+AGAIN = "docs/learning.md has the command that trains it;"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = Parser(__doc__)
+    parser.add_argument("name", help="in the package")
+    parser.add_argument("policy", type=Path, help="its file (.zip), in the folder of its training")
+    parser.add_argument("title", help="of its card")
+    options = parser.parse_args(arguments)
+    with parser.refusing():
+        policy = load_policy(options.policy)
+        init = json.loads(options.policy.with_name("train.json").read_text())["init"]
+        walk = evaluate(learned_policy(policy.act), policy.params, progress=True)
+        speeds = held_speeds(
+            policy.params, walk.speed - AROUND, walk.speed + AROUND, CONTROL_PERIOD
+        )
+        front = cot_front(policy.params, speeds, hold=CONTROL_PERIOD, progress=True)
+    row = policy_row(options.title, {"evaluation": walk.to_dict(), "wall_time_s": 0.0}, front)
+    machine = machine_name(policy.params)
+    text = card(options.name, read_record(options.policy), row, machine, init, AGAIN)
+    shutil.copyfile(options.policy, PRETRAINED / f"{options.name}.zip")
+    (PRETRAINED / f"{options.name}.md").write_text(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
