@@ -86,3 +86,10 @@ def test_the_card_of_a_shipped_policy_is_that_of_its_file(name: str) -> None:
     for field in ("task", "machine", "algorithm", "steps", "seed", "made by"):
         (line,) = [line for line in from_file if line.startswith(f"| {field} |")]
         assert line in shipped
+
+
+def test_a_card_names_disturbances_and_how_the_policy_is_made_again() -> None:
+    disturbances = {"actuator_delay": 2}
+    text = card("mine", RECORD | {"disturbances": disturbances}, ROW, "BUILDABLE", "x", "Ask;")
+    assert '| machine | `BUILDABLE`, disturbances {"actuator_delay": 2} |' in text
+    assert "30 s. Ask; `python scripts/evaluate.py mine` measures" in text

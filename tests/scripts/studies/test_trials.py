@@ -19,7 +19,7 @@ from rimless_gym import BUILDABLE
 from scripts.studies import trials
 from scripts.studies.cells import RESULT, Cell
 from scripts.studies.rows import DISTURBED, FRONT, LEARNED, Row
-from scripts.studies.trials import Distilled, Disturbed, Following, Trained
+from scripts.studies.trials import Continued, Distilled, Disturbed, Following, Trained
 from tests.scripts.studies.toys import FEW
 
 
@@ -124,3 +124,26 @@ def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_wit
     other = dataclasses.replace(trial, task={"value_of_distance": 4.0})
     assert other.settings != trial.settings
     assert hash(cell.row) == hash(dataclasses.replace(cell.row))  # rows are keys of the tables
+
+
+def test_a_row_goes_on_from_the_clone_of_the_same_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[str] = []
+
+    def training(algo: str, init: str, seed: int, out: Path, **options: Any) -> Any:
+        begun.append(init)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(trials, "train", training)
+    trial = Continued("ppo", IMITATION, 64, (("", BEST),), begun="imitation")
+    folder = tmp_path / "fine_tuned_3"
+    folder.mkdir()
+    with pytest.raises(ValueError, match=r"imitation_3 is not finished.*run --rows imitation"):
+        trial.train(3, folder, BUILDABLE)
+    other = tmp_path / "imitation_3"
+    other.mkdir()
+    (other / RESULT).write_text("{}")
+    with pytest.raises(KeyboardInterrupt):
+        trial.train(3, folder, BUILDABLE)
+    assert begun == [str(other / CLONE)]
