@@ -17,6 +17,7 @@ from agents.folder import BEST, CLONING, LAST, STATE
 from agents.interrupts import StopRequest
 from agents.learner import Learner
 from agents.logs import event_log
+from agents.milestones import Milestone
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
 from agents.protocol import Protocol
@@ -41,6 +42,7 @@ class Standing:
         due: steps at which the next evaluation is due; None: at once.
         over: steps that were asked for when it last came to its end; None if it never has.
         logged: figures that are recorded but not yet written to the log.
+        curve: the evaluations so far.
 
     Raises:
         TypeError: a value is of the wrong kind.
@@ -50,6 +52,17 @@ class Standing:
     due: int | None = None
     over: int | None = None
     logged: dict[str, Any] = dataclasses.field(default_factory=dict)
+    curve: list[Milestone] = dataclasses.field(default_factory=list)
+
+    @classmethod
+    def read(cls, values: dict[str, Any]) -> Standing:
+        """From `dataclasses.asdict`.
+
+        Raises:
+            TypeError: a value is missing or of the wrong kind.
+        """
+        curve = [Milestone(**each) for each in values.get("curve", ())]
+        return cls(**values | {"curve": curve})
 
     def __post_init__(self) -> None:
         steps = [step for step in (self.due, self.over) if step is not None]
@@ -69,6 +82,7 @@ class Plan:
         score: of an evaluation; the policy with the largest is kept as the best.
         protocol: of the periodic evaluations.
         progress: whether to show a progress bar.
+        minutes: tells the minutes of one core that the training has taken so far.
     """
 
     training: Training
@@ -77,6 +91,7 @@ class Plan:
     score: Callable[[Evaluation], float]
     protocol: Protocol
     progress: bool
+    minutes: Callable[[], float]
 
 
 class Session:
@@ -160,6 +175,8 @@ class Session:
             control_period=conditions.control.period,
         )
         self.evaluations.append((steps, result))
+        intervals = steps * plan.training.settings.intervals_per_step
+        self._standing.curve.append(Milestone.of(result, intervals, plan.minutes()))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
             self._record(f"eval/{name}", getattr(result, name))
         score = float(plan.score(result))

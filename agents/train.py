@@ -17,11 +17,13 @@ from agents.imitation import Cloning
 from agents.interrupts import requests
 from agents.ladder import ladder_of_laws
 from agents.learner import Learner
+from agents.milestones import Milestone
 from agents.policies import Policy, controller_policy, seeing_policy
 from agents.policy_files import Checkpoint, CheckpointError, load_policy, origin, save_policy
 from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.scores import economy
 from agents.session import Plan, Session, Standing
+from agents.stopwatch import timed
 from agents.training import IMITATION, INITS, SCRATCH, Settings, Training
 from agents.training_state import StateError, read_state
 from rimless_gym.checks import integer
@@ -51,6 +53,7 @@ class TrainResult:
         timesteps: environment steps in the saved state, from which the same call goes on.
         interrupted: whether somebody asked to stop, even if it came to its end all the same.
         evaluations: (timesteps, evaluation) pairs of this call, by the short protocol.
+        curve: the figures of all evaluations, those of earlier calls included.
     """
 
     best: Path
@@ -59,6 +62,7 @@ class TrainResult:
     timesteps: int
     interrupted: bool
     evaluations: tuple[tuple[int, Evaluation], ...]
+    curve: tuple[Milestone, ...]
 
 
 def reward_per_second(evaluation: Evaluation) -> float:
@@ -153,7 +157,6 @@ def train(
     if init != IMITATION and expert != EXPERT:
         raise ValueError(f"expert = {expert!r}: is imitated only with init = 'imitation'")
     score = score or (reward_per_second if conditions.commanded else walking_economy)
-    plan = Plan(training, out, total, score, protocol, progress)
     with sole_user(out):
         begun = (out / STATE).exists()
         if begun:
@@ -165,9 +168,11 @@ def train(
             learner, standing = _new(init, training), Standing()  # what it refuses claims no folder
             claim(out, training.identity)
         try:
-            if init == IMITATION and not begun:
-                _imitate(learner, plan, expert, cloning or Cloning())
-            return _learned(plan, learner, standing)
+            with timed(out) as minutes:
+                plan = Plan(training, out, total, score, protocol, progress, minutes)
+                if init == IMITATION and not begun:
+                    _imitate(learner, plan, expert, cloning or Cloning())
+                return _learned(plan, learner, standing)
         finally:
             learner.close()
 
@@ -267,7 +272,7 @@ def _resumed(training: Training, out: Path) -> tuple[Learner, Standing]:
     try:
         if state["identity"] != json.loads(json.dumps(training.identity)):
             raise ValueError("it is of another training")
-        standing = Standing(**state["standing"])
+        standing = Standing.read(state["standing"])
         learner = learners.learner(training.algo)(training)
         learner.restore(state["learner"])
     except Exception as error:  # learners may raise anything
@@ -300,4 +305,5 @@ def _learned(plan: Plan, learner: Learner, standing: Standing) -> TrainResult:
         timesteps=kept,
         interrupted=interrupted,
         evaluations=tuple(evaluations),
+        curve=tuple(standing.curve),
     )

@@ -27,6 +27,11 @@ class Settings:
     silent: int = 0
 
     @property
+    def intervals_per_step(self) -> int:
+        """Control intervals for which the learner holds an action."""
+        return 1
+
+    @property
     def written(self) -> dict[str, Any]:
         """Plain JSON values that tell these settings from others."""
         return dataclasses.asdict(self)

@@ -1,15 +1,16 @@
 #!/usr/bin/env python
-"""Learned against optimal cost of transport: the main job.
+"""Learned against optimal cost of transport, at several speeds: the main job.
 
-Solves the optimal gait and the front of optimal gaits around its speed, holds the one that the
-environment allows with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO
-from scratch for the same budget, and measures them all in the same way. Writes results.json,
-table.md, two plots and an animation. However it was stopped, the same command goes on, and ends
-with the same table.
+Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
+latter with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO and
+evolution from scratch, and measures them all in the same way. Writes results.json, table.md, three
+plots and an animation. Stages that need nothing of each other run side by side. However it was
+stopped, the same command goes on, and ends with the same table.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +29,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/compare"), help="results' folder")
     parser.add_machine(default.preset, "machine; BUILDABLE and THESIS_PHYSICAL have shipped gaits")
     parser.add_argument(
-        "--speed", type=more_than_zero, default=default.speed, help="of the gait (m/s)"
+        "--speed", type=more_than_zero, default=default.speed, help="of all laws and clones (m/s)"
+    )
+    parser.add_argument(
+        "--further",
+        type=more_than_zero,
+        nargs="*",
+        default=default.further,
+        help="speeds of the best law and its clones too (m/s)",
     )
     parser.add_argument(
         "--steps", type=whole(1), default=default.steps, help="of the gait, per stride"
@@ -58,20 +66,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--front",
         type=more_than_zero,
-        nargs="+",
+        nargs=2,
+        metavar=("LEAST", "GREATEST"),
         default=default.front,
         help="speeds of the optimal front (m/s)",
+    )
+    parser.add_argument(
+        "--workers", type=whole(1), default=os.cpu_count(), help="processes that stages share"
     )
     parsed = parser.parse_args(arguments)
     parser.machine(parsed)
     options = vars(parsed)
-    out = options.pop("out")
+    out, workers = options.pop("out"), options.pop("workers")
     parser.require_folder(out, "results.json", "table.md")
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(out):
-            changes = {"changes": options.pop("params"), "front": tuple(options["front"])}
-            study = Study(**options | changes)
-            results = Comparison(study, out).run()
+            study = Study(changes=options.pop("params"), **options)
+            results = Comparison(study, out, workers=workers).run()
     except KeyboardInterrupt:
         print(
             f"\ninterrupted: what was finished is kept in {out}; the same command goes on",

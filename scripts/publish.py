@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.comparison.entrants import entrants
 from agents.comparison.learned import Learned
+from agents.comparison.study import Study
 from agents.policy_files import read_record
 from scripts.commandline import Parser
 from scripts.documents.cards import card
@@ -25,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COPIES = {
     "imitation.gif": "docs/walking.gif",
     "cot_against_speed.png": "docs/cot_against_speed.png",
+    "learning_curves.png": "docs/learning_curves.png",
     "limit_cycles.png": "docs/limit_cycles.png",
 }
 #: Policies that come with the package, by name; the folder is that of the entrant.
@@ -71,15 +73,15 @@ def _card(study: Path, name: str, source: str) -> str:
     """The card of a policy of the study."""
     results = json.loads((study / "results.json").read_text())
     training = json.loads((study / source).with_name("train.json").read_text())
-    title = next(
-        title
-        for entrant in entrants()
+    of = results["study"]
+    title, at = next(
+        (title, entrant.speed)
+        for entrant in entrants(Study(**of))
         if isinstance(entrant, Learned)
         for title, file in entrant.shown.items()
         if source == f"{entrant.name}/{file}"
     )
-    row = next(row for row in results["table"] if row["policy"] == title)
-    of = results["study"]
+    row = next(row for row in results["table"] if (row["policy"], row["at"]) == (title, at))
     machine = of["preset"] + (f" with {json.dumps(of['changes'])}" if of["changes"] else "")
     return card(name, read_record(study / source), row, machine, training["init"])
 

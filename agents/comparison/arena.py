@@ -57,26 +57,25 @@ class Arena:
         names = (read_stage(self.out, stage, self.identity)[0] or {})["files"]
         return CotFront(tuple(Solution.load(self.out / name) for name in names))
 
-    @cached_property
-    def held_gait(self) -> Solution:
-        """The environment's own best gait nearest to the study's speed."""
-        return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - self.study.speed))
+    def held_gait(self, speed: float) -> Solution:
+        """The environment's own best gait nearest to a speed (m/s)."""
+        return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - speed))
 
-    @cached_property
-    def best_gait(self) -> Solution:
-        """The best gait at the study's speed, of the fewest steps, with a continuous voltage.
+    def best_gait(self, speed: float) -> Solution:
+        """The best gait nearest to a speed (m/s), of the fewest steps, with a continuous voltage.
 
         Raises:
-            NoGaitError: there is none at that speed.
+            NoGaitError: there is none at the control interval's speed nearest to it.
         """
-        at_speed = [s for s in self.front.solutions if abs(s.speed - self.study.speed) < 1e-6]
-        if not at_speed:
+        wanted = self.study.on_tick(speed)
+        there = [s for s in self.front.solutions if abs(s.speed - wanted) < 1e-6]
+        if not there:
             raise NoGaitError(
-                f"speed = {self.study.speed} m/s: no verified gait; {self.out}/front.json says "
+                f"speed = {wanted:.4f} m/s: no verified gait; {self.out}/front.json says "
                 "why; choose a speed between those that were found"
             )
-        lowest = min(s.cot for s in at_speed)
-        as_good = [s for s in at_speed if tied(s.cot, lowest, 1e-4)]
+        lowest = min(s.cot for s in there)
+        as_good = [s for s in there if tied(s.cot, lowest, 1e-4)]
         return min(as_good, key=lambda s: s.steps)
 
     def evaluated(self, policy: Policy) -> Result:

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agents.comparison.arena import Arena
-from agents.comparison.entrants import Entrant, entrants
-from agents.comparison.figures import (
-    animate,
-    plot_cot_against_speed,
-    plot_limit_cycles,
-    record,
-)
-from agents.comparison.learned import Learned
-from agents.comparison.report import format_table
-from agents.comparison.stages import read_stage, write_stage
+from agents.comparison.entrants import entrants
+from agents.comparison.figures import animate, plot_limit_cycles, record
+from agents.comparison.learned import Learned, learning_curve
+from agents.comparison.learning_curves import plot_learning_curves
+from agents.comparison.report import by_speed, format_table
+from agents.comparison.running import completed
+from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
 from agents.folder import sole_user
 from agents.policies import learned_policy
@@ -49,14 +42,15 @@ class Comparison:
         study: what to compare.
         out: folder; may hold the same study, finished or not.
         progress: whether to show progress bars.
+        workers: processes that stages share; the results do not depend on their number.
 
     Raises:
         ValueError: the preset is unknown, or the folder is a file or holds another study.
         OSError: the folder cannot be written.
     """
 
-    def __init__(self, study: Study, out: Path, progress: bool = True) -> None:
-        self.study, self.out, self.progress = study, out, progress
+    def __init__(self, study: Study, out: Path, progress: bool = True, workers: int = 1) -> None:
+        self.study, self.out, self.progress, self.workers = study, out, progress, workers
         self._arena = Arena(study, out, progress)
         with sole_user(out):
             self._claim()
@@ -88,46 +82,19 @@ class Comparison:
             return self._run()
 
     def _run(self) -> dict[str, Any]:
-        competing = entrants()
-        results = {}
-        for i, entrant in enumerate(competing, start=1):
-            if self.progress:
-                tqdm.write(f"[{i}/{len(competing)}] {entrant.name}", sys.stderr)
-            results[entrant.name] = self._stage(entrant)
-        rows = [row for each in competing for row in each.rows(self._arena, results[each.name])]
+        competing = entrants(self.study)
+        results = completed(self._arena, competing, self.workers)
+        listed = [row for each in competing for row in each.rows(self._arena, results[each.name])]
+        rows = by_speed(listed)
         report = {"study": dataclasses.asdict(self.study), "table": rows, "stages": results}
         report |= provenance()
         _write_json(self.out / "results.json", report)
         write_text(self.out / "table.md", format_table(rows) + "\n")
-        self._draw(rows, [each for each in competing if isinstance(each, Learned) and each.drawn])
+        learned = [each for each in competing if isinstance(each, Learned)]
+        self._draw(rows, [each for each in learned if each.drawn])
+        curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
+        plot_learning_curves(self.out / "learning_curves.png", curves, self._arena.held_front)
         return report
-
-    def _stage(self, entrant: Entrant) -> dict[str, Any]:
-        """The result of an entrant, from its file if it competed before and nothing has changed."""
-        name, made_by = entrant.name, provenance()
-        result, changed = read_stage(self.out, name, self._arena.identity)
-        if changed:
-            self._tell(f"{', '.join(changed)} is missing or changed: run again")
-            shutil.rmtree(self.out / name, ignore_errors=True)  # of a training
-        if result is None or changed:
-            began = time.perf_counter()
-            done = entrant.compete(self._arena)
-            done |= {"wall_time_s": round(time.perf_counter() - began, 1)} | made_by
-            write_stage(self.out, name, self._arena.identity, done)
-            result = read_stage(self.out, name, self._arena.identity)[0] or {}
-            self._tell(f"done in {result['wall_time_s']} s")
-        else:
-            self._tell("kept")
-        if result["git_revision"] != made_by["git_revision"]:
-            self._tell(
-                f"warning: {name} was made by revision {result['git_revision']}, this is "
-                f"{made_by['git_revision']}; remove {self.out} to make it anew"
-            )
-        return result
-
-    def _tell(self, text: str) -> None:
-        if self.progress:
-            tqdm.write(f"      {text}", sys.stderr)
 
     def _draw(self, rows: list[dict[str, Any]], drawn: list[Learned]) -> None:
         """Plots, and an animation of the first of the learners that are drawn."""
@@ -138,14 +105,11 @@ class Comparison:
         for each in drawn:
             policy = learned_policy(load_policy(each.main_file(self.out)).act)
             walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
-        plot_limit_cycles(self.out / "limit_cycles.png", self._arena.held_gait, walks)
-        points = {
-            row["policy"]: (row["speed"], row["cot"])
-            for row in rows
-            if row["walking_share"] and row["cot"] is not None
-        }
-        fronts = self._arena.front, self._arena.held_front
-        plot_cot_against_speed(self.out / "cot_against_speed.png", *fronts, points)
+        plot_limit_cycles(
+            self.out / "limit_cycles.png", self._arena.held_gait(self.study.speed), walks
+        )
+        path = self.out / "cot_against_speed.png"
+        plot_cot_against_speed(path, self._arena.front, self._arena.held_front, rows)
         if drawn:
             clip = next(iter(walks.values())).until(ANIMATED)
             animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)

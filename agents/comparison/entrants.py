@@ -1,7 +1,7 @@
 """The entrants of a comparison: optimal gaits, feedback laws, trained learners.
 
-`entrants()` lists them in the order of the table. A feedback law in `trajopt/feedback/laws` enters
-by itself, unless it is `LEFT_OUT`; a learner enters with one more `Learned` in that list.
+`entrants` lists them. A feedback law in `trajopt/feedback/laws` enters by itself, unless it is
+`LEFT_OUT`; a learner enters with one more `Learned` in that list.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from typing import Protocol
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.learned import Learned
 from agents.comparison.report import gait_row, policy_row
+from agents.comparison.study import Study
 from agents.folder import BEST, CLONE, LAST
 from agents.policies import controller_policy
+from agents.train import EXPERT
 from agents.training import IMITATION, SCRATCH
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.held.clock import held_speeds
 from trajopt.gaits.shipped import leads_for
 
 #: Strides considered for the optimal front.
@@ -36,11 +37,19 @@ LEFT_OUT = ("receding_horizon", "tuned")
 
 
 class Entrant(Protocol):
-    """What is compared. It competes in a stage of its own."""
+    """What is compared. It competes in a stage of its own, perhaps in a process of its own."""
 
     @property
     def name(self) -> str:
         """Of its stage and of its files."""
+
+    @property
+    def after(self) -> tuple[str, ...]:
+        """Names of the entrants whose results it needs."""
+
+    @property
+    def effort(self) -> float:
+        """About how long it takes on one core (s): what takes long, or is waited for, is first."""
 
     def compete(self, arena: Arena) -> Result:
         """The result, plain values and arrays; "files", if there, names the files that it made."""
@@ -51,17 +60,20 @@ class Entrant(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Gait:
-    """An optimal gait.
+    """An optimal gait at the study's speed.
 
     Attributes:
         name: of its stage and of its file.
         title: its row; None: its number of steps per stride.
         solve: finds it, or says why there is none.
+        effort, after: see `Entrant`.
     """
 
     name: str
     title: str | None
     solve: Callable[[Arena], Solution | str]
+    effort: float
+    after: tuple[str, ...] = ()
 
     def compete(self, arena: Arena) -> Result:
         """Solve it, or say why there is none."""
@@ -78,41 +90,51 @@ class Gait:
         if "missing" in result:
             return []
         gait = Solution.load(arena.out / f"{self.name}.npz")
-        return [gait_row(self.title or strides(gait), gait, result, arena.held_front)]
+        at = arena.study.speed
+        return [gait_row(self.title or strides(gait), gait, result, arena.held_front, at)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Front:
-    """The front of optimal gaits around the study's speed. Its row is that of the best one."""
+    """The front of optimal gaits. Its rows are those of the best ones at the study's speeds."""
 
     name: str = "front"
+    effort: float = 50.0
+    after: tuple[str, ...] = ()
 
     def compete(self, arena: Arena) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
-        speeds = sorted({*arena.study.front, arena.study.speed})
         front = cot_front(
-            arena.params, speeds, FRONT_STEPS, folder=arena.out, progress=arena.progress
+            arena.params,
+            arena.study.front_speeds,
+            FRONT_STEPS,
+            folder=arena.out,
+            progress=arena.progress,
         )
         names = [front_file(s.steps, s.speed) for s in front.solutions]
         gaits = [gait_result(s) | {"steps": s.steps} for s in front.solutions]
         return {"files": names, "gaits": gaits, "missing": [list(m) for m in front.missing]}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
-        """The row of the best gait at the study's speed."""
-        best = arena.best_gait
-        return [gait_row(strides(best), best, result, arena.held_front)]
+        """The rows of the best gaits at the study's speeds."""
+        best = {speed: arena.best_gait(speed) for speed in arena.study.speeds}
+        return [
+            gait_row(strides(gait), gait, result, arena.held_front, speed)
+            for speed, gait in best.items()
+        ]
 
 
 @dataclasses.dataclass(frozen=True)
 class HeldFront:
     """The environment's own optimum: the front of gaits whose voltage is held for its 10 ms.
 
-    It has every speed of the front at which a step lasts a whole number of control intervals. Its
-    gaits have as many steps as the continuous front's nearest in speed. Its row is that of its
-    gait nearest to the study's speed.
+    Each has the speed and the steps of a gait of the continuous front. Its rows are those of its
+    gaits nearest to the study's speeds.
     """
 
     name: str = "held_front"
+    effort: float = 20.0
+    after: tuple[str, ...] = ("front",)
 
     def compete(self, arena: Arena) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
@@ -120,8 +142,7 @@ class HeldFront:
         solutions: list[Solution] = []
         missing: list[tuple[int, float, str]] = []
         for steps in sorted({gait.steps for gait in best}):
-            own = [gait.speed for gait in best if gait.steps == steps]
-            speeds = held_speeds(arena.params, min(own), max(own), CONTROL_PERIOD)
+            speeds = [gait.speed for gait in best if gait.steps == steps]
             try:
                 front = cot_front(
                     arena.params,
@@ -143,62 +164,108 @@ class HeldFront:
         return {"files": names, "gaits": results, "missing": [list(m) for m in missing]}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
-        """The row of the gait nearest to the study's speed."""
+        """The rows of the gaits nearest to the study's speeds."""
         title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
-        return [gait_row(title, arena.held_gait, result, arena.held_front)]
+        return [
+            gait_row(title, arena.held_gait(speed), result, arena.held_front, speed)
+            for speed in arena.study.speeds
+        ]
 
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """A feedback law that holds the environment's own best gait nearest to the study's speed.
+    """A feedback law that holds the environment's own best gait nearest to a speed.
 
     Attributes:
-        name: one of `trajopt.feedback.laws.names()`.
+        name: of its stage.
+        law: one of `trajopt.feedback.laws.names()`.
+        speed: one of the study's (m/s).
+        effort, after: see `Entrant`. The first law for a gait plans the catch for all.
     """
 
     name: str
+    law: str
+    speed: float
+    effort: float
+    after: tuple[str, ...]
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        controller = laws.design(self.name, arena.held_gait)
+        controller = laws.design(self.law, arena.held_gait(self.speed), arena.out)
         return arena.evaluated(controller_policy(arena.params, controller))
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """Its row."""
-        title = ABBREVIATIONS.get(self.name, self.name.replace("_", " "))
-        return [policy_row(f"{title} about the optimum", result, arena.held_front)]
+        title = ABBREVIATIONS.get(self.law, self.law.replace("_", " "))
+        return [policy_row(f"{title} about the optimum", result, arena.held_front, self.speed)]
 
 
-def entrants() -> tuple[Entrant, ...]:
-    """All entrants, in the order in which they compete and stand in the table."""
+def entrants(study: Study) -> tuple[Entrant, ...]:
+    """All entrants, in the order in which they stand in the table within their speed."""
+    others = [name for name in laws.names() if name not in (*LEFT_OUT, EXPERT)]
     return (
-        Gait("gait", None, _searched),
+        Gait("gait", None, _searched, effort=8.0),
         Front(),
         HeldFront(),
-        Gait("swinging", "optimal while the pendulum swings", _swinging),
-        *(Law(name) for name in laws.names() if name not in LEFT_OUT),
-        Learned("imitation", IMITATION, {"imitation": CLONE}, budget=None, drawn="imitation"),
+        Gait("swinging", "optimal while the pendulum swings", _swinging, effort=5.0),
+        *(Law(name, name, study.speed, effort=8.0, after=(EXPERT,)) for name in others),
+        *(each for speed in study.speeds for each in _holding(study, speed)),
         Learned(
-            "fine_tuned",
-            f"imitation/{CLONE}",
-            {"fine-tuned, best kept": BEST, "fine-tuned, last": LAST},
-            drawn="fine-tuned",
+            "scratch",
+            SCRATCH,
+            {"PPO from scratch": BEST},
+            effort=115.0,
+            budget="scratch_timesteps",
+            curve="PPO from scratch",
         ),
-        Learned("scratch", SCRATCH, {"PPO from scratch": BEST}, budget="scratch_timesteps"),
         Learned(
             "evolution",
             SCRATCH,
             {"evolution from scratch": BEST},
+            effort=290.0,
             algo="evolution",
             budget="evolution_timesteps",
             drawn="evolution",
+            curve="evolution from scratch",
         ),
         Learned(
             "distilled",
             IMITATION,
             {"evolution, distilled into a network": CLONE},
-            budget=None,
+            effort=90.0,
+            after=("evolution",),
             teacher=f"evolution/{BEST}",
+        ),
+    )
+
+
+def _holding(study: Study, speed: float) -> tuple[Entrant, ...]:
+    """The best law at a speed, its clone, and the clone fine-tuned."""
+    main = speed == study.speed
+    end = "" if main else f"_{speed:g}"
+    law, cloned, tuned = f"{EXPERT}{end}", f"imitation{end}", f"fine_tuned{end}"
+    shown = {"fine-tuned, best kept": BEST}
+    return (
+        Law(law, EXPERT, speed, effort=35.0, after=("held_front",)),
+        Learned(
+            cloned,
+            IMITATION,
+            {"imitation": CLONE},
+            effort=85.0,
+            after=(law,),
+            speed=speed,
+            drawn="imitation" if main else None,
+        ),
+        Learned(
+            tuned,
+            f"{cloned}/{CLONE}",
+            shown | {"fine-tuned, last": LAST} if main else shown,
+            effort=50.0,
+            after=(cloned,),
+            speed=speed,
+            budget="timesteps",
+            drawn="fine-tuned" if main else None,
+            curve="fine-tuned" if main else None,
         ),
     )
 
@@ -208,7 +275,7 @@ def _searched(arena: Arena) -> Solution:
     study = arena.study
     return periodic_gait(
         arena.params,
-        study.speed,
+        study.on_tick(study.speed),
         study.steps,
         starts=study.starts,
         seed=study.seed,
@@ -220,12 +287,13 @@ def _searched(arena: Arena) -> Solution:
 def _swinging(arena: Arena) -> Solution | str:
     """The best gait whose pendulum does not whirl, where one is shipped to start from."""
     study = arena.study
-    known = leads_for(arena.params, study.speed, study.steps)
+    speed = study.on_tick(study.speed)
+    known = leads_for(arena.params, speed, study.steps)
     swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == arena.params]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"
     try:
-        return periodic_gait(arena.params, study.speed, study.steps, guess=swinging[0])
+        return periodic_gait(arena.params, speed, study.steps, guess=swinging[0])
     except NoGaitError as error:
         return str(error)
 

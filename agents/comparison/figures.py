@@ -1,19 +1,18 @@
-"""Figures of the comparison: limit cycles, cost of transport over speed, and the animation."""
+"""Walks drawn: limit cycles, and the animation."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from tqdm import tqdm
 
+from agents.comparison.style import COLOURS, INK, STYLE
 from agents.conditions import Conditions
 from agents.policies import Policy
 from agents.rollout import Rollout
@@ -22,12 +21,7 @@ from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.wheel import Scene, draw, save_gif
 from trajopt.feedback.law import Floats
-from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.solution import Solution
-
-INK, FAINT = "#26303b", "#8a97a6"
-COLOURS = ("#0b8f83", "#e5562e", "#3b6fb6", "#b0892b", "#8459a8")
-MARKERS = "P*XDv^<>ph"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +67,7 @@ def plot_limit_cycles(
     cycles = {"optimal": gait.state(times)}
     for name, walk in walks.items():
         cycles[name] = walk.states[-round(seconds / CONTROL_PERIOD) :, :4]
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure, axes = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
         for (name, states), colour in zip(cycles.items(), COLOURS, strict=False):
             optimal = name == "optimal"
@@ -90,53 +84,6 @@ def plot_limit_cycles(
         axes[1].set(xlabel="pendulum angle theta (rad)", ylabel="theta' (rad/s)", title="pendulum")
         axes[1].set_xticks([-math.pi, 0, math.pi], ["-pi", "0", "pi"])
         axes[0].legend(frameon=False)
-        figure.savefig(path, dpi=150)
-        plt.close(figure)
-
-
-def plot_cot_against_speed(
-    path: Path, front: CotFront, held: CotFront, points: Mapping[str, tuple[float, float]]
-) -> None:
-    """Cost of transport over speed: the optimal gaits by steps per stride, and learned policies.
-
-    Args:
-        path: of the picture.
-        front: of optimal gaits with a continuous voltage.
-        held: of gaits whose voltage is held, against which policies are measured.
-        points: name -> (speed, CoT); those that are not finite are left out.
-    """
-    with matplotlib.rc_context(_STYLE):
-        figure, axes = plt.subplots(figsize=(7, 4.6), layout="constrained")
-        for steps, marker in zip(sorted({s.steps for s in front.solutions}), "os^Dv", strict=False):
-            gaits = [s for s in front.solutions if s.steps == steps]
-            axes.plot(
-                [s.speed for s in gaits],
-                [s.cot for s in gaits],
-                marker,
-                color=FAINT,
-                markersize=5,
-                markerfacecolor="none",
-                label=f"optimal, {steps} step{'s' if steps > 1 else ''} per stride",
-            )
-        for of, name, style in (
-            (front, "optimal, voltage free", "--"),
-            (held, f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms", "-"),
-        ):
-            axes.plot(
-                [s.speed for s in of.envelope],
-                [s.cot for s in of.envelope],
-                style,
-                color=INK,
-                linewidth=1.5,
-                label=name,
-            )
-        for i, (name, (speed, cot)) in enumerate(points.items()):
-            if math.isfinite(speed) and math.isfinite(cot):
-                marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
-                axes.plot(speed, cot, marker, color=colour, markersize=9, alpha=0.8, label=name)
-        _tidy_logarithmic(axes, [s.cot for s in front.solutions] + [c for _, c in points.values()])
-        axes.set(xlabel="speed (m/s)", ylabel="cost of transport (E+, no regeneration)")
-        axes.legend(frameon=False, fontsize=8)
         figure.savefig(path, dpi=150)
         plt.close(figure)
 
@@ -181,26 +128,3 @@ def _broken(x: Floats, y: Floats, jump: float) -> tuple[Floats, Floats]:
     """The curve with gaps where x jumps by more than `jump` (a touchdown, a turn of the circle)."""
     places = np.flatnonzero(np.abs(np.diff(x)) > jump) + 1
     return np.insert(x, places, np.nan), np.insert(y, places, np.nan)
-
-
-def _tidy_logarithmic(axes: Axes, values: Sequence[float]) -> None:
-    finite = [value for value in values if math.isfinite(value) and value > 0]
-    axes.set_yscale("log")
-    ticks = [t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5) if t <= 2 * max(finite)]
-    ticks = [t for t in ticks if t >= min(finite) / 2]
-    axes.set_yticks(ticks, [f"{t:g}" for t in ticks])
-    axes.minorticks_off()
-
-
-_STYLE: Any = {  # matplotlib types its keys one by one
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.grid": True,
-    "grid.color": "#e6eaef",
-}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.report import policy_row
@@ -24,18 +26,26 @@ class Learned:
         init: "scratch", "imitation", or a policy's file in the study's folder.
         shown: title of a row -> the policy's file in the training's folder; the first is the main
             one.
+        effort: about how long it takes on one core (s).
+        after: names of the entrants whose results it needs.
         algo: the learner.
+        speed: the study's speed that it walks at (m/s); None: it chooses its speed itself.
         budget: the field of the study that has its control intervals; None: it is not trained.
         drawn: what the plot of limit cycles calls its main policy; None: it is not drawn.
+        curve: what the plot of learning curves calls it; None: it is not drawn.
         teacher: a policy's file in the study's folder that is imitated; None: the usual expert is.
     """
 
     name: str
     init: str
     shown: dict[str, str]
+    effort: float
+    after: tuple[str, ...] = ()
     algo: str = "ppo"
-    budget: str | None = "timesteps"
+    speed: float | None = None
+    budget: str | None = None
     drawn: str | None = None
+    curve: str | None = None
     teacher: str | None = None
 
     def compete(self, arena: Arena) -> Result:
@@ -58,25 +68,37 @@ class Learned:
             for file in files
         }
         main = evaluated.pop(Path(files[0]).stem)
-        return main | evaluated | {"timesteps": trained.timesteps, "files": files}
+        curve = [dataclasses.asdict(milestone) for milestone in trained.curve]
+        return main | evaluated | {"timesteps": trained.timesteps, "curve": curve, "files": files}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """A row for each policy shown."""
         (main, _), *others = self.shown.items()
-        return [
-            policy_row(main, result, arena.held_front),
-            *(
-                policy_row(title, result | result[Path(file).stem], arena.held_front)
-                for title, file in others
-            ),
-        ]
+        own = {main: result} | {title: result | result[Path(file).stem] for title, file in others}
+        return [policy_row(title, of, arena.held_front, self.speed) for title, of in own.items()]
 
     def _expert(self, arena: Arena) -> Controller | str:
         """What it imitates, if it does."""
         if self.teacher is not None:
             return str(arena.out / self.teacher)
-        return laws.design(EXPERT, arena.held_gait) if self.init == IMITATION else EXPERT
+        if self.init != IMITATION:
+            return EXPERT
+        gait = arena.held_gait(arena.study.speed if self.speed is None else self.speed)
+        return laws.design(EXPERT, gait, arena.out)
 
     def main_file(self, out: Path) -> Path:
         """The file of its main policy in a study's folder."""
         return out / self.name / next(iter(self.shown.values()))
+
+
+def learning_curve(learned: Learned, results: Mapping[str, Result]) -> list[dict[str, Any]]:
+    """The milestones of a training, with the minutes of those that it began from in theirs.
+
+    Args:
+        learned: whose.
+        results: of all stages, by name.
+    """
+    before = [results[name]["curve"] for name in learned.after if "curve" in results[name]]
+    minutes = sum(curve[-1]["minutes"] for curve in before)
+    own: list[dict[str, Any]] = results[learned.name]["curve"]
+    return [each | {"minutes": minutes + each["minutes"]} for each in own]

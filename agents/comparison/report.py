@@ -5,28 +5,44 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from rimless_gym.envs.task import Task
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.solution import Solution
 
 #: Below the table.
 NOTES = """\
-CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The gap
-is to the environment's own optimum at the row's own speed, interpolated: the best periodic gait
-whose voltage is held for 10 ms. The other optimal gaits may change it at any time. "Best kept" is
-the policy that walked most cheaply and surely in the periodic evaluations; it is the clone itself
-where none was better. Gaits and policies keep the same rules: a start walks if in the measured 30
-s its foot is pressed down and does not slip, and its pendulum does not touch the floor, where
-there is one. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the
-least normal force in weights; both are those of all starts that still take steps at the end, so
-that they show why some do not count."""
+CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The
+return is the environment's reward per second, the mean over all starts, those that fall included;
+of a gait, that of walking on it for ever. The gap is to the environment's own optimum at the row's
+own speed, interpolated: the best periodic gait whose voltage is held for 10 ms. The other optimal
+gaits may change it at any time. One speed is shown in full; at the others only the best law walks,
+with its clone, fine-tuned too. Evolution and PPO from scratch choose their own
+speed. "Best kept" is the policy that walked most cheaply and surely in the periodic evaluations; it
+is the clone itself where none was better. Gaits and policies keep the same rules: a start walks if
+in the measured 30 s its foot is pressed down and does not slip, and its pendulum does not touch the
+floor, where there is one. Friction demand is the largest |Fx| / Fy of stance and touchdowns, least
+Fy the least normal force in weights; both are those of all starts that still take steps at the end,
+so that they show why some do not count."""
 
 
-def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
-    """The row of an optimal gait, from the stage that found it."""
+def gait_row(
+    name: str, gait: Solution, stage: dict[str, Any], front: CotFront, at: float | None
+) -> dict[str, Any]:
+    """The row of an optimal gait, from the stage that found it.
+
+    Args:
+        name: what the table calls it.
+        gait: its figures.
+        stage: the result of its stage.
+        front: that gaps are measured against.
+        at: the study's speed that it belongs to (m/s).
+    """
     v = gait.verification
     return {
         "policy": name,
+        "at": at,
         "cot": gait.cot,
+        "return": (Task().value_of_distance - gait.cot) * gait.speed,
         "speed": gait.speed,
         "gap": gap_to_front(gait.cot, gait.speed, front),
         "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
@@ -36,12 +52,19 @@ def gait_row(name: str, gait: Solution, stage: dict[str, Any], front: CotFront) 
     }
 
 
-def policy_row(name: str, stage: dict[str, Any], front: CotFront) -> dict[str, Any]:
-    """The row of a policy, from a stage that holds its `evaluation`."""
+def policy_row(
+    name: str, stage: dict[str, Any], front: CotFront, at: float | None
+) -> dict[str, Any]:
+    """The row of a policy, from a stage that holds its `evaluation`; see `gait_row`.
+
+    Of a policy that chooses its speed itself, `at` is None.
+    """
     evaluation = stage["evaluation"]
     return {
         "policy": name,
+        "at": at,
         "cot": evaluation["cot"],
+        "return": evaluation["objective"],
         "speed": evaluation["speed"],
         "gap": gap_to_front(evaluation["cot"], evaluation["speed"], front),
         "friction_demand": _largest_demand(evaluation),
@@ -75,19 +98,25 @@ def format_table(rows: list[dict[str, Any]]) -> str:
         return "-" if value is None or not math.isfinite(value) else format(value, form)
 
     lines = [
-        "| | CoT | speed (m/s) | gap to the optimum | friction demand | least Fy / weight "
-        "| starts that walk |",
-        "|---|---|---|---|---|---|---|",
+        "| | CoT | return (m/s) | speed (m/s) | gap to the optimum | starts that walk "
+        "| friction demand | least Fy / weight |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         cells = (
             row["policy"],
             figure(row["cot"], ".4f"),
+            figure(row["return"], ".3f"),
             figure(row["speed"], ".3f"),
             figure(row["gap"], "+z.1%"),
+            figure(row["walking_share"], ".0%"),
             figure(row["friction_demand"], ".2f"),
             figure(row["min_normal_force_over_weight"], ".2f"),
-            figure(row["walking_share"], ".0%"),
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join([*dict.fromkeys(lines), "", NOTES])
+
+
+def by_speed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows in order of the speed that they belong to; then those that belong to none."""
+    return sorted(rows, key=lambda row: math.inf if row["at"] is None else row["at"])

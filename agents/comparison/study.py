@@ -6,8 +6,10 @@ import dataclasses
 from typing import Any
 
 from rimless_gym.checks import integer, positive, require_kind
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
+from trajopt.gaits.held.clock import held_speed, held_speeds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,14 +19,16 @@ class Study:
     Attributes:
         preset: name of the machine.
         changes: fields of the machine that differ from the preset's.
-        speed: at which the gait to imitate is optimal (m/s).
-        steps: of the gait that is solved for and reported beside the front's best.
+        speed: of the gaits that all laws hold and learners imitate (m/s). As all speeds here, it
+            stands for the nearest one at which a step lasts a whole number of control intervals.
+        further: speeds at which the best law, its clone and the fine-tuned clone walk too (m/s).
+        steps: of the gait that is searched for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning.
         scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
-        front: speeds at which the optimal front is solved (m/s), enclosing the learned ones.
+        front: least and greatest speed of the optimal front (m/s), enclosing the learned ones.
 
     Raises:
         TypeError: a value is of the wrong kind.
@@ -34,24 +38,34 @@ class Study:
     preset: str = "BUILDABLE"
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     speed: float = 0.56
+    further: tuple[float, ...] = (0.53, 0.60)
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4
-    front: tuple[float, ...] = (0.54, 0.56, 0.58, 0.60, 0.62, 0.63)
+    front: tuple[float, ...] = (0.53, 0.63)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
         require_kind("changes", self.changes, dict)
         preset(self.preset).replace(**self.changes)
         positive("speed", self.speed)
-        if not isinstance(self.front, (tuple, list)) or not self.front:
-            raise TypeError(f"front = {self.front!r}: must be a tuple of one or more speeds (m/s)")
-        object.__setattr__(self, "front", tuple(self.front))
-        for speed in self.front:
-            positive("front: speed", speed)
+        for name in ("further", "front"):
+            speeds = getattr(self, name)
+            if not isinstance(speeds, (tuple, list)):
+                raise TypeError(f"{name} = {speeds!r}: must be a tuple of speeds (m/s)")
+            object.__setattr__(self, name, tuple(positive(f"{name}: speed", v) for v in speeds))
+        if len(self.front) != 2 or self.front[0] > self.front[1]:
+            raise ValueError(
+                f"front = {self.front}: must be two speeds (m/s), the least and the greatest"
+            )
+        if len({self.on_tick(speed) for speed in self.speeds}) < len(self.speeds):
+            raise ValueError(
+                f"further = {self.further}: two of these and speed = {self.speed} stand for the "
+                "same gait; leave one out"
+            )
         for name, least in (
             ("steps", 1),
             ("timesteps", 0),
@@ -66,3 +80,18 @@ class Study:
     def params(self) -> WheelParams:
         """The machine."""
         return preset(self.preset).replace(**self.changes)
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """All at which laws and clones walk, as they were given (m/s)."""
+        return self.speed, *self.further
+
+    def on_tick(self, speed: float) -> float:
+        """The speed nearest to this one at which a step lasts whole control intervals (m/s)."""
+        return held_speed(self.params, speed, 1, CONTROL_PERIOD)
+
+    @property
+    def front_speeds(self) -> list[float]:
+        """Of the gaits of the front (m/s): all of these between the least and the greatest."""
+        enclosed = *self.front, *self.speeds
+        return held_speeds(self.params, min(enclosed), max(enclosed), CONTROL_PERIOD)

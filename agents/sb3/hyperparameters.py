@@ -51,6 +51,11 @@ class Hyperparameters(Settings):
     entry: dict[str, Any]
 
     @property
+    def intervals_per_step(self) -> int:
+        """As `held` says."""
+        return self.held
+
+    @property
     def written(self) -> dict[str, Any]:
         """The entry."""
         return self.entry

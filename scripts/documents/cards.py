@@ -23,6 +23,7 @@ CARD = """\
 | seed | {seed} (one seed; figures over seeds are in docs/learning.md) |
 | starts that walk | {walking_share} |
 | CoT | {cot} |
+| return | {return_} |
 | speed | {speed} |
 | gap to the optimum at this speed | {gap} |
 | friction demand, least Fy / weight | {friction_demand}, {min_normal_force_over_weight} |
@@ -67,6 +68,7 @@ def card(
     shown = {
         "walking_share": ("{:.0%}", row["walking_share"]),
         "cot": ("{:.4f}", row["cot"]),
+        "return_": ("{:.3f} m/s", row["return"]),
         "speed": ("{:.3f} m/s", row["speed"]),
         "gap": ("{:+.1%}", row["gap"]),
         "friction_demand": ("{:.2f}", row["friction_demand"]),

@@ -13,11 +13,11 @@ from typing import Any
 import torch
 
 from agents.protocol import PROTOCOL, Protocol
+from agents.stopwatch import minutes
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.figures import Figures
 from scripts.studies.rows import Row
-from scripts.studies.stopwatch import minutes
 from scripts.studies.trials import RESULT
 from trajopt.files import jsonable, read_signed, write_signed
 

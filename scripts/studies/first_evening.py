@@ -15,9 +15,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from agents import Sb3VecEnv, protocol
 from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
+from agents.stopwatch import forget, timed
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
-from scripts.studies.stopwatch import forget, timed
 from trajopt.feedback.law import Floats
 
 TASK = "RimlessWheelSpeed-v0"

@@ -19,7 +19,6 @@ from agents.training import SCRATCH
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
-from scripts.studies.stopwatch import timed
 from trajopt.files import jsonable
 
 #: The file of a finished cell, in the folder of its training.
@@ -39,7 +38,7 @@ class Trial(Protocol):
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train into a folder, or go on there; the environment steps in all.
 
-        It notes its time in the folder, with `scripts.studies.stopwatch`.
+        It notes its time in the folder, with `agents.stopwatch`, as `agents.train` does.
 
         Raises:
             KeyboardInterrupt: somebody asked to stop; what was learned so far is kept.
@@ -77,18 +76,17 @@ class Trained:
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train, or go on from the last state."""
-        with timed(folder):
-            trained = train(
-                self.algo,
-                self.start(seed, folder),
-                seed,
-                folder,
-                timesteps=self.timesteps,
-                params=params,
-                expert=self.expert(seed, folder),
-                progress=False,
-                **self.environment,
-            )
+        trained = train(
+            self.algo,
+            self.start(seed, folder),
+            seed,
+            folder,
+            timesteps=self.timesteps,
+            params=params,
+            expert=self.expert(seed, folder),
+            progress=False,
+            **self.environment,
+        )
         if trained.interrupted:
             raise KeyboardInterrupt
         return trained.timesteps

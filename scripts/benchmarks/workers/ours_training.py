@@ -95,6 +95,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
                 score=reward_per_second,
                 protocol=SHORT_PROTOCOL,
                 progress=False,
+                minutes=lambda: 0.0,
             )
             stop = StopRequest("never", "nothing")
             session = Session(plan, learner, Standing(due=NEVER), stop)

@@ -12,8 +12,10 @@ less. The best one alone would jump from state to state, which no network can im
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -24,6 +26,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
+from trajopt.feedback.catch.catch_file import read_times, write_times
 from trajopt.feedback.catch.grid import StateGrid, Values, value
 from trajopt.feedback.catch.options import Options, played
 from trajopt.feedback.catch.value import NEVER, time_to_gait
@@ -80,8 +83,7 @@ class Catch:
         require_kind("law", law, Law)
         near, counts = positive("near", near), _four(COUNTS if counts is None else counts)
         params, orbit = law.params, law.data.orbit
-        rates = REACH * np.abs(orbit.states[:, 2:]).max(axis=0)
-        grid, options = StateGrid.over(params, rates, counts), Options.of(params)
+        grid, options = _grid(law, counts), Options.of(params)
         there = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), orbit) < near**2
         if not there.any():
             raise ValueError(
@@ -115,23 +117,46 @@ def _four(counts: Sequence[int]) -> tuple[int, ...]:
     return tuple(integer("counts", count, least=2) for count in counts)
 
 
+def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
+    """The grid for the catch that leads to a law's gait."""
+    rates = REACH * np.abs(law.data.orbit.states[:, 2:]).max(axis=0)
+    return StateGrid.over(law.params, rates, counts)
+
+
 _KEPT: OrderedDict[Hashable, Catch] = OrderedDict()
 
 
-def catch_for(law: Law, near: float) -> Catch:
+def catch_for(law: Law, near: float, folder: Path | None = None) -> Catch:
     """The catch that leads to a law's gait; of the last `MOST_KEPT` gaits it is planned only once.
 
+    Args:
+        law: see `Catch.to`.
+        near: see `Catch.to`.
+        folder: where it is also kept in a file, and read from if it is there.
+
     Raises:
-        TypeError, ValueError, RuntimeError: see `Catch.to`.
+        TypeError, ValueError, RuntimeError: see `Catch.to`; or its file is damaged.
+        OSError: the folder cannot be written.
     """
     require_kind("law", law, Law)
     key = law.params, near, COUNTS, law.data.orbit.states.tobytes()
     if key not in _KEPT:
-        _KEPT[key] = Catch.to(law, near)
+        _KEPT[key] = Catch.to(law, near) if folder is None else _filed(law, near, key, folder)
     _KEPT.move_to_end(key)
     while len(_KEPT) > MOST_KEPT:
         _KEPT.popitem(last=False)
     return _KEPT[key]
+
+
+def _filed(law: Law, near: float, key: Hashable, folder: Path) -> Catch:
+    """The catch from its file, or planned and written to it."""
+    path = folder / f"catch_{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.npz"
+    if path.exists():
+        options, grid = Options.of(law.params), _grid(law, COUNTS)
+        return Catch(law.params, options, grid, read_times(path, COUNTS))
+    catch = Catch.to(law, near)
+    write_times(path, catch.times)
+    return catch
 
 
 @njit(error_model="numpy")

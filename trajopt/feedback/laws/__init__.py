@@ -14,6 +14,8 @@ import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from trajopt.feedback.law import Controller, Law
     from trajopt.gaits.solution import Solution
 
@@ -52,7 +54,7 @@ def holding(law: str | Law, solution: Solution) -> Law:
     return found
 
 
-def design(law: str | Law, solution: Solution) -> Controller:
+def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Controller:
     """The law of this name for a gait, with the catch that leads to it and a guard for the foot.
 
     The catch is planned once for a gait, which takes up to half a minute, and kept in memory: other
@@ -61,16 +63,20 @@ def design(law: str | Law, solution: Solution) -> Controller:
     Args:
         law: see `holding`.
         solution: the gait.
+        folder: where the catch is kept in a file too, for other processes; None: nowhere.
 
     Raises:
-        TypeError, ValueError: see `holding`.
+        TypeError, ValueError: see `holding`; or the catch's file is damaged.
+        OSError: the folder cannot be written.
     """
     from trajopt.feedback.catch.catch import catch_for
     from trajopt.feedback.guard import Guarded, margin_for
     from trajopt.feedback.joined import NEAR, Joined
 
     found = holding(law, solution)
-    return Guarded(found.params, Joined(found, catch_for(found, NEAR)), margin_for(solution))
+    return Guarded(
+        found.params, Joined(found, catch_for(found, NEAR, folder)), margin_for(solution)
+    )
 
 
 def _designed(name: str, solution: Solution) -> Law:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,10 +35,11 @@ def forget(folder: Path) -> None:
 
 
 @contextmanager
-def timed(folder: Path) -> Iterator[None]:
+def timed(folder: Path) -> Iterator[Callable[[], float]]:
     """Count the processor's time of this process within the block to the work in a folder.
 
-    That of other programs on the same cores does not count.
+    That of other programs on the same cores does not count. The block is given a function that
+    tells the minutes of one core so far, those before a stop included.
 
     Raises:
         ValueError: what was written before is damaged.
@@ -46,8 +47,11 @@ def timed(folder: Path) -> Iterator[None]:
     """
     before, begun, over = minutes(folder), time.process_time(), threading.Event()
 
+    def so_far() -> float:
+        return before + (time.process_time() - begun) / 60.0
+
     def write() -> None:
-        write_text(folder / FILE, f"{before + (time.process_time() - begun) / 60.0}\n")
+        write_text(folder / FILE, f"{so_far()}\n")
 
     def keep() -> None:
         while not over.wait(EVERY):
@@ -56,7 +60,7 @@ def timed(folder: Path) -> Iterator[None]:
     thread = threading.Thread(target=keep, daemon=True)
     thread.start()
     try:
-        yield
+        yield so_far
     finally:
         over.set()
         thread.join()

@@ -1,0 +1,130 @@
+"""Cost of transport over speed: optimal gaits, and every policy by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from agents.comparison.labels import Named, write_names
+from agents.comparison.style import COLOURS, FAINT, INK, STYLE
+from trajopt.gaits.fronts import CotFront
+
+#: Policies with a larger gap are named in the upper plot, the others in the lower one.
+NEAR = 0.1
+
+#: Part of the speeds that is left free at the right, for names.
+ROOM = 0.2
+
+TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+
+Rows = Sequence[dict[str, Any]]
+
+
+def plot_cot_against_speed(path: Path, front: CotFront, held: CotFront, rows: Rows) -> None:
+    """Cost of transport of all that walk; and below, the gaps of those near to the optimum.
+
+    Args:
+        path: of the picture.
+        front: of optimal gaits with a continuous voltage.
+        held: of gaits whose voltage is held, against which gaps are measured.
+        rows: of the table. Optimal gaits at the study's speeds are on the fronts already.
+    """
+    ends = [gait.speed for gait in (front.envelope[0], front.envelope[-1])]
+    policies = [row for row in rows if row["walking_share"] and row["cot"] is not None]
+    others = [row for row in rows if row["walking_share"] is None and not _near(row)]
+    speeds = [row["speed"] for row in (*policies, *others)] + ends
+    span = max(speeds) - min(speeds) or 0.01
+    with matplotlib.rc_context(STYLE):
+        figure, (above, below) = plt.subplots(
+            2, 1, figsize=(9.5, 8.5), sharex=True, height_ratios=(1, 1.5)
+        )
+        figure.subplots_adjust(left=0.09, right=0.98, top=0.98, bottom=0.07, hspace=0.06)
+        below.set_xlim(min(speeds) - 0.04 * span, max(speeds) + ROOM * span)
+        _plot_costs(above, front, held, [*policies, *others])
+        _plot_gaps(below, front, held, [row for row in policies if _near(row)])
+        figure.savefig(path, dpi=150)
+        plt.close(figure)
+
+
+def _near(row: dict[str, Any]) -> bool:
+    return row["gap"] is not None and abs(row["gap"]) <= NEAR
+
+
+def _colour(row: dict[str, Any]) -> str:
+    """Laws, clones, fine-tuned and those from scratch are told apart."""
+    kinds = ("imitation", "fine-tuned", "PPO", "evolution")
+    found = [k for k, kind in enumerate(kinds) if row["policy"].startswith(kind)]
+    if row["walking_share"] is None:
+        return FAINT
+    return COLOURS[found[0] + 1] if found else COLOURS[0]
+
+
+def _mark(axes: Axes, row: dict[str, Any], y: float) -> None:
+    axes.plot(row["speed"], y, "o", color=_colour(row), markersize=6, alpha=0.8, mew=0)
+
+
+def _named(row: dict[str, Any], y: float) -> Named:
+    colour = INK if row["walking_share"] is None else _colour(row)
+    return Named(row["speed"], y, row["policy"].removesuffix(" about the optimum"), colour)
+
+
+def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
+    for of, style in ((front, "--"), (held, "-")):
+        axes.plot(
+            [gait.speed for gait in of.envelope],
+            [gait.cot for gait in of.envelope],
+            style,
+            color=INK,
+            linewidth=1.5,
+        )
+    for row in rows:
+        _mark(axes, row, row["cot"])
+    costs = [row["cot"] for row in rows] + [
+        gait.cot for gait in (*front.solutions, *held.solutions)
+    ]
+    axes.set(yscale="log", ylabel="cost of transport (E+, no regeneration)")
+    axes.set_ylim(min(costs) / 1.3, max(costs) * 1.4)
+    ticks = [tick for tick in TICKS if min(costs) / 1.3 <= tick <= max(costs) * 1.4]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    first = held.envelope[0]
+    axes.annotate(
+        "optimal gaits, and all that is shown below",
+        (first.speed, first.cot),
+        (0, 9),
+        textcoords="offset points",
+        fontsize=8,
+    )
+    write_names(axes, [_named(row, row["cot"]) for row in rows if not _near(row)])
+
+
+def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
+    """Gaps in per cent."""
+    shared = [gait for gait in front.envelope if _on(held, gait.speed)]
+    speeds = np.array([gait.speed for gait in shared])
+    free = 100.0 * (np.array([gait.cot for gait in shared]) / held(speeds) - 1.0)
+    gaps = [100.0 * row["gap"] for row in rows]
+    axes.axhline(0.0, color=INK, linewidth=1.5)
+    axes.plot(speeds, free, "--", color=INK, linewidth=1.5)
+    low, high = min([*free, *gaps, 0.0]), max([*gaps, 0.0])
+    room = 0.15 * max(high - low, 0.1)
+    axes.set_ylim(low - room, high + room)
+    axes.set(xlabel="speed (m/s)", ylabel="gap to the optimum (%)")
+    for row, gap in zip(rows, gaps, strict=True):
+        _mark(axes, row, gap)
+    optima = [
+        Named(speeds[-1], 0.0, "optimal, voltage held", INK),
+        Named(speeds[-1], float(free[-1]), "optimal, voltage free", INK),
+    ]
+    write_names(axes, [_named(row, gap) for row, gap in zip(rows, gaps, strict=True)] + optima)
+
+
+def _on(front: CotFront, speed: float) -> bool:
+    ends = front.envelope[0].speed, front.envelope[-1].speed
+    return ends[0] - 1e-9 <= speed <= ends[1] + 1e-9
