@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from agents.comparison.style import FAINT
 
@@ -51,11 +52,12 @@ def write_names(axes: Axes, points: Sequence[Named]) -> None:
             axes.annotate(
                 points[i].name,
                 (points[i].x, points[i].y),
-                (x * scale, y * scale),
-                textcoords="figure pixels",
+                (x, y),
+                textcoords="figure points",
                 color=points[i].colour,
                 fontsize=SIZE,
                 va="center",
+                path_effects=[withStroke(linewidth=2.5, foreground="white")],
                 arrowprops={
                     "arrowstyle": "-",
                     "color": FAINT,

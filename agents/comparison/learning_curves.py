@@ -11,7 +11,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from agents.comparison.labels import Named, write_names
+from agents.comparison.labels import SIZE, Named, write_names
 from agents.comparison.style import COLOURS, STYLE
 from trajopt.gaits.fronts import CotFront
 
@@ -45,7 +45,9 @@ def plot_learning_curves(path: Path, curves: Mapping[str, Curve], front: CotFron
         figures = (lambda milestone: gap(milestone, front)), _share
         for column, across in zip(plots.T, ACROSS, strict=True):
             for axes, of in zip(column, figures, strict=True):
-                _plot(axes, across, of, curves, front)
+                ends = _plot(axes, across, of, curves, front)
+                if axes is not plots[1, 1]:  # where lines are many, and named above and beside
+                    write_names(axes, ends)
             column[1].set_xlabel(ACROSS[across])
         figure.savefig(path, dpi=150)
         plt.close(figure)
@@ -69,14 +71,21 @@ def _scale(plots: Any, curves: Mapping[str, Curve]) -> None:
     last = [curve[-1] for curve in curves.values() if curve]
     steps, minutes = (max([1.0, *(each[across] for each in last)]) for across in ACROSS)
     plots[0, 0].set_xscale("symlog", linthresh=LINEAR_INTERVALS, linscale=0.4)
-    plots[0, 0].set_xlim(-0.1 * LINEAR_INTERVALS, 30.0 * max(steps, LINEAR_INTERVALS))
-    plots[0, 1].set_xlim(-0.02 * minutes, 1.35 * minutes)
+    plots[0, 0].set_xlim(-0.1 * LINEAR_INTERVALS, 60.0 * max(steps, LINEAR_INTERVALS))
+    plots[0, 1].set_xlim(-0.02 * minutes, 1.5 * minutes)
     plots[0, 0].set_yscale("symlog", linthresh=LINEAR_GAP, linscale=0.6)
     ticks = (0, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
     plots[0, 0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     plots[0, 0].set_ylim(-0.5, 3000.0)
     plots[0, 0].minorticks_off()
     plots[0, 0].set_ylabel("gap to the optimum (%)")
+    plots[0, 1].text(
+        *(0.99, 0.98, "hollow: slower or faster than the front"),
+        transform=plots[0, 1].transAxes,
+        fontsize=SIZE,
+        ha="right",
+        va="top",
+    )
     plots[1, 0].set_ylim(-5.0, 105.0)
     plots[1, 0].set_ylabel("starts that walk (%)")
 
@@ -87,8 +96,8 @@ def _plot(
     of: Callable[[Mapping[str, Any]], float],
     curves: Mapping[str, Curve],
     front: CotFront,
-) -> None:
-    """A line for each training, with its name at its end."""
+) -> list[Named]:
+    """A line for each training; their names and ends."""
     ends = []
     for (name, curve), colour in zip(curves.items(), COLOURS[1:], strict=False):
         points = [(float(each[across]), of(each)) for each in curve]
@@ -97,7 +106,7 @@ def _plot(
             axes.plot(*point, "o", color=colour, markersize=4, mfc=_face(each, front, colour))
         drawn = [point for point in points if math.isfinite(point[1])]
         ends += [Named(*drawn[-1], name, colour)] if drawn else []
-    write_names(axes, ends)
+    return ends
 
 
 def _face(milestone: Mapping[str, Any], front: CotFront, colour: str) -> str:

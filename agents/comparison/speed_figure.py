@@ -19,7 +19,7 @@ from trajopt.gaits.fronts import CotFront
 NEAR = 0.1
 
 #: Part of the speeds that is left free at the right, for names.
-ROOM = 0.2
+ROOM = 0.25
 
 TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
@@ -110,7 +110,7 @@ def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
     speeds = np.array([gait.speed for gait in shared])
     free = 100.0 * (np.array([gait.cot for gait in shared]) / held(speeds) - 1.0)
     gaps = [100.0 * row["gap"] for row in rows]
-    axes.axhline(0.0, color=INK, linewidth=1.5)
+    axes.plot([gait.speed for gait in held.envelope], np.zeros(len(held.envelope)), color=INK)
     axes.plot(speeds, free, "--", color=INK, linewidth=1.5)
     low, high = min([*free, *gaps, 0.0]), max([*gaps, 0.0])
     room = 0.15 * max(high - low, 0.1)

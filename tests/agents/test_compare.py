@@ -10,9 +10,16 @@ import pytest
 from agents.comparison.arena import Arena
 from agents.comparison.compare import Comparison
 from agents.comparison.entrants import entrants
-from agents.comparison.report import format_table, gait_row, gap_to_front, policy_row
+from agents.comparison.report import (
+    by_speed,
+    format_table,
+    gait_row,
+    gap_to_front,
+    policy_row,
+)
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
+from rimless_gym import BUILDABLE, Task
 from trajopt.feedback import laws
 from trajopt.feedback.catch import catch
 from trajopt.gaits.fronts import CotFront
@@ -113,12 +120,12 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
         "    return Law(solution.params, nothing, lqr.design(solution).data)\n"
     )
     monkeypatch.setattr(catch, "catch_for", lambda *args: lambda x, mode: 0 * x[:, 0])
-    before = [entrant.name for entrant in entrants()]
+    before = [entrant.name for entrant in entrants(Study())]
     monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
-    now = {entrant.name: entrant for entrant in entrants()}
+    now = {entrant.name: entrant for entrant in entrants(Study())}
     assert set(now) - set(before) == {"at_rest"}
     arena = Arena(Study(), tmp_path, progress=False)
-    arena.best_gait, arena.held_front = shipped()[0], CotFront(tuple(shipped()[:2]))
+    arena.held_front = CotFront(tuple(shipped()[:2]))
     with pytest.warns(UserWarning, match=r"nothing, .* does not hold its gait by itself"):
         result = now["at_rest"].compete(arena)
     [row] = now["at_rest"].rows(arena, result | {"wall_time_s": 1.0})
@@ -126,34 +133,51 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
 
 
 def test_a_gap_that_rounds_to_nothing_has_no_minus_sign() -> None:
-    row = {"policy": "optimal", "cot": 0.03, "speed": 0.5, "gap": -3e-5, "walking_share": None}
-    row |= {"friction_demand": 0.9, "min_normal_force_over_weight": 0.3}
+    row = {"policy": "optimal", "cot": 0.03, "return": 0.2, "speed": 0.5, "gap": -3e-5}
+    row |= {"walking_share": None, "friction_demand": 0.9, "min_normal_force_over_weight": 0.3}
     assert "| +0.0% |" in format_table([row])
 
 
 def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
-    row = {"policy": "scratch", "cot": None, "speed": math.nan, "gap": None}
+    row = {"policy": "scratch", "cot": None, "return": -0.4, "speed": math.nan, "gap": None}
     row |= {"friction_demand": None, "min_normal_force_over_weight": None}
     table = format_table([row | {"walking_share": 0.0}])
-    assert table.splitlines()[2] == "| scratch | - | - | - | - | - | 0% |"
+    assert table.splitlines()[2] == "| scratch | - | -0.400 | - | - | 0% | - | - |"
 
 
 def test_the_table_shows_what_gaits_and_policies_ask_of_the_ground() -> None:
     gait = shipped()[0]
     v, front = gait.verification, CotFront((gait, shipped()[1]))
     demand = max(v.max_friction_demand, v.max_impulse_friction_demand)
-    lines = format_table([gait_row("optimal", gait, {"wall_time_s": 1.0}, front)]).splitlines()
-    assert lines[2].endswith(f"| {demand:.2f} | {v.min_normal_force_over_weight:.2f} | - |")
+    row = gait_row("optimal", gait, {"wall_time_s": 1.0}, front, 0.5)
+    line = format_table([row]).splitlines()[2]
+    assert line.endswith(f"| - | {demand:.2f} | {v.min_normal_force_over_weight:.2f} |")
     slipping = {
         "cot": None,
+        "objective": 0.1,
         "speed": None,
         "friction_demand": 0.9,
         "impulse_friction_demand": 1.2,
         "min_normal_force_over_weight": 0.06,
         "walking_share": 0.0,
     }
-    row = policy_row("slipping", {"evaluation": slipping, "wall_time_s": 1.0}, front)
-    assert format_table([row]).splitlines()[2] == "| slipping | - | - | - | 1.20 | 0.06 | 0% |"
+    row = policy_row("slipping", {"evaluation": slipping, "wall_time_s": 1.0}, front, None)
+    line = format_table([row]).splitlines()[2]
+    assert line == "| slipping | - | 0.100 | - | - | 0% | 1.20 | 0.06 |"
+
+
+def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
+    gait = next(gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1)
+    row = gait_row("optimal", gait, {"wall_time_s": 1.0}, CotFront((gait,)), None)
+    v, task = gait.verification, Task()
+    energy = gait.params.idle_power * v.time + v.electrical_positive
+    expected = (task.value_of_distance * v.distance - energy / gait.params.weight) / v.time
+    assert row["return"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_rows_stand_in_order_of_their_speeds_and_those_of_no_speed_at_the_end() -> None:
+    listed = [{"policy": str(at), "at": at} for at in (None, 0.6, 0.5, 0.6)]
+    assert [row["at"] for row in by_speed(listed)] == [0.5, 0.6, 0.6, None]
 
 
 def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import session
-from agents.comparison import arena, compare, entrants
+from agents.comparison import arena, compare, entrants, learned
 from agents.comparison.compare import Comparison
 from agents.comparison.study import Study
 from agents.evaluate import evaluate
@@ -80,10 +80,10 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path
         return train(algo, init, *arguments, settings=small(algo, init), cloning=QUICK, **settings)
 
     monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
-    monkeypatch.setattr(entrants, "train", brief)
+    monkeypatch.setattr(learned, "train", brief)
     monkeypatch.setattr(entrants, "FRONT_STEPS", (1,))
     monkeypatch.setattr(compare, "animate", lambda *args, **kw: None)
-    study = Study(steps=1, timesteps=512, evolution_timesteps=0, starts=0, front=(0.5, 0.55))
+    study = Study(steps=1, timesteps=512, evolution_timesteps=0, starts=0, further=(0.55,))
 
     def work(out):
         Comparison(study, out, progress=False).run()

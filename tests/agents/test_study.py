@@ -5,6 +5,8 @@ import math
 import pytest
 
 from agents.comparison.study import Study
+from rimless_gym import BUILDABLE
+from rimless_gym.hybrid import CONTROL_PERIOD
 
 
 @pytest.mark.parametrize(
@@ -17,9 +19,12 @@ from agents.comparison.study import Study
         ({"seed": -1}, ValueError, "seed = -1"),
         ({"timesteps": math.inf}, TypeError, "timesteps = inf"),
         ({"starts": None}, TypeError, "starts = None"),
-        ({"front": ()}, TypeError, "front = "),
+        ({"front": ()}, ValueError, "front = .*two speeds"),
+        ({"front": (0.6, 0.5)}, ValueError, "front = .*the least and the greatest"),
         ({"front": (0.5, math.nan)}, ValueError, "front: speed = nan"),
         ({"front": 0.5}, TypeError, "front = 0.5"),
+        ({"further": (-1.0,)}, ValueError, "further: speed = -1.0"),
+        ({"further": (0.561,)}, ValueError, "stand for the same gait"),
     ],
 )
 def test_invalid_settings_are_refused_by_name(
@@ -29,5 +34,13 @@ def test_invalid_settings_are_refused_by_name(
         Study(**settings)
 
 
-def test_a_front_from_json_is_a_tuple() -> None:
-    assert Study(front=[0.5, 0.6]) == Study(front=(0.5, 0.6))  # type: ignore[arg-type]
+def test_speeds_from_json_are_tuples() -> None:
+    listed = Study(front=[0.5, 0.6], further=[0.5])  # type: ignore[arg-type]
+    assert listed == Study(front=(0.5, 0.6), further=(0.5,))
+
+
+def test_the_front_has_every_speed_at_which_laws_walk() -> None:
+    study = Study(front=(0.55, 0.58), further=(0.5, 0.62))
+    assert {study.on_tick(speed) for speed in study.speeds} <= set(study.front_speeds)
+    ticks = [BUILDABLE.step_length / speed / CONTROL_PERIOD for speed in study.front_speeds]
+    assert ticks == pytest.approx(range(round(ticks[0]), round(ticks[-1]) - 1, -1))

@@ -1,0 +1,83 @@
+"""Stages of a comparison: in which order they run, and that processes do not change a result."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents.comparison.arena import Arena
+from agents.comparison.entrants import entrants
+from agents.comparison.running import completed, most_urgent_first
+from agents.comparison.study import Study
+
+
+@dataclasses.dataclass(frozen=True)
+class Toy:
+    """Sums what those before it found, and adds one."""
+
+    name: str
+    after: tuple[str, ...] = ()
+    effort: float = 1.0
+    fails: bool = False
+
+    def compete(self, arena: Arena) -> dict[str, Any]:
+        if self.fails:
+            raise ValueError(f"{self.name} went wrong")
+        found = [json.loads((arena.out / f"{each}.json").read_text()) for each in self.after]
+        return {"sum": 1 + sum(each["result"]["sum"] for each in found)}
+
+    def rows(self, arena: Arena, result: dict[str, Any]) -> list[dict[str, Any]]:
+        return []
+
+
+TOYS = (
+    Toy("d", ("b", "c")),
+    Toy("a"),
+    Toy("b", ("a",)),
+    Toy("c", ("a",), effort=5.0),
+    Toy("e", effort=3.0),
+)
+
+
+def sums(out: Path, workers: int, toys: tuple[Toy, ...] = TOYS) -> dict[str, int]:
+    found = completed(Arena(Study(), out, progress=False), toys, workers)
+    return {name: result["sum"] for name, result in found.items()}
+
+
+def test_what_is_waited_for_longest_is_first() -> None:
+    assert [toy.name for toy in most_urgent_first(TOYS)] == ["a", "c", "e", "b", "d"]
+
+
+def test_all_entrants_wait_only_for_others_that_come_before_them() -> None:
+    order = most_urgent_first(entrants(Study()))
+    names = [entrant.name for entrant in order]
+    assert len(set(names)) == len(names) == len(entrants(Study()))
+    for k, entrant in enumerate(order):
+        assert set(entrant.after) <= set(names[:k])
+
+
+def test_stages_side_by_side_find_what_they_find_one_after_the_other(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    expected = {"d": 5, "a": 1, "b": 2, "c": 2, "e": 1}
+    assert sums(tmp_path / "one", 1) == sums(tmp_path / "two", 2) == expected
+    assert not list(tmp_path.glob("two/*.log"))
+
+
+def test_kept_results_are_not_found_again(tmp_path: Path) -> None:
+    sums(tmp_path, 1)
+    broken = tuple(dataclasses.replace(toy, fails=True) for toy in TOYS)
+    assert sums(tmp_path, 1, broken)["d"] == 5
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_stage_that_fails_says_why_and_the_others_are_kept(tmp_path: Path, workers: int) -> None:
+    toys = tuple(dataclasses.replace(toy, fails=toy.name == "d") for toy in TOYS)
+    with pytest.raises(ValueError, match="d went wrong"):
+        sums(tmp_path, workers, toys)
+    assert {"a", "b", "c"} <= {path.stem for path in tmp_path.glob("*.json")}
+    assert sums(tmp_path, workers)["d"] == 5
