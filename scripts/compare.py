@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=more_than_zero,
         nargs="*",
         default=default.further,
-        help="speeds of the best law and its clones too (m/s)",
+        help="speeds of the best law and its clone too (m/s)",
     )
     parser.add_argument(
         "--steps", type=whole(1), default=default.steps, help="of the gait, per stride"
@@ -47,6 +47,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=whole(0),
         default=default.timesteps,
         help="control intervals of fine-tuning",
+    )
+    parser.add_argument(
+        "--further-timesteps",
+        type=whole(0),
+        default=default.further_timesteps,
+        help="control intervals of fine-tuning at each of the further speeds, 50 s of a core for "
+        f"{default.timesteps}",
     )
     parser.add_argument(
         "--scratch-timesteps",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from agents.comparison.arena import Arena, Result, Row
@@ -209,7 +209,7 @@ def entrants(study: Study) -> tuple[Entrant, ...]:
         HeldFront(),
         Gait("swinging", "optimal while the pendulum swings", _swinging, effort=5.0),
         *(Law(name, name, study.speed, effort=8.0, after=(EXPERT,)) for name in others),
-        *(each for speed in study.speeds for each in _holding(study, speed)),
+        *_holding(study),
         Learned(
             "scratch",
             SCRATCH,
@@ -239,15 +239,14 @@ def entrants(study: Study) -> tuple[Entrant, ...]:
     )
 
 
-def _holding(study: Study, speed: float) -> tuple[Entrant, ...]:
-    """The best law at a speed, its clone, and the clone fine-tuned."""
-    main = speed == study.speed
-    end = "" if main else f"_{speed:g}"
-    law, cloned, tuned = f"{EXPERT}{end}", f"imitation{end}", f"fine_tuned{end}"
-    shown = {"fine-tuned, best kept": BEST}
-    return (
-        Law(law, EXPERT, speed, effort=35.0, after=("held_front",)),
-        Learned(
+def _holding(study: Study) -> Iterator[Entrant]:
+    """The best law at every speed, its clone, and the clone fine-tuned."""
+    for speed in study.speeds:
+        main = speed == study.speed
+        end = "" if main else f"_{speed:g}"
+        law, cloned, tuned = f"{EXPERT}{end}", f"imitation{end}", f"fine_tuned{end}"
+        yield Law(law, EXPERT, speed, effort=35.0, after=("held_front",))
+        yield Learned(
             cloned,
             IMITATION,
             {"imitation": CLONE},
@@ -255,19 +254,20 @@ def _holding(study: Study, speed: float) -> tuple[Entrant, ...]:
             after=(law,),
             speed=speed,
             drawn="imitation" if main else None,
-        ),
-        Learned(
-            tuned,
-            f"{cloned}/{CLONE}",
-            shown | {"fine-tuned, last": LAST} if main else shown,
-            effort=50.0,
-            after=(cloned,),
-            speed=speed,
-            budget="timesteps",
-            drawn="fine-tuned" if main else None,
-            curve="fine-tuned" if main else None,
-        ),
-    )
+        )
+        if main or study.further_timesteps:
+            best = {"fine-tuned, best kept": BEST}
+            yield Learned(
+                tuned,
+                f"{cloned}/{CLONE}",
+                best | {"fine-tuned, last": LAST} if main else best,
+                effort=50.0,
+                after=(cloned,),
+                speed=speed,
+                budget="timesteps" if main else "further_timesteps",
+                drawn="fine-tuned" if main else None,
+                curve="fine-tuned" if main else None,
+            )
 
 
 def _searched(arena: Arena) -> Solution:

@@ -21,10 +21,12 @@ class Study:
         changes: fields of the machine that differ from the preset's.
         speed: of the gaits that all laws hold and learners imitate (m/s). As all speeds here, it
             stands for the nearest one at which a step lasts a whole number of control intervals.
-        further: speeds at which the best law, its clone and the fine-tuned clone walk too (m/s).
+        further: speeds at which the best law and its clone walk too (m/s).
         steps: of the gait that is searched for and reported beside the front's best.
         seed: of everything random.
         timesteps: control intervals of fine-tuning.
+        further_timesteps: control intervals of fine-tuning at each of the further speeds; 0: the
+            clones stay as they are.
         scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
@@ -42,6 +44,7 @@ class Study:
     steps: int = 1
     seed: int = 0
     timesteps: int = 600_000
+    further_timesteps: int = 0
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4
@@ -69,6 +72,7 @@ class Study:
         for name, least in (
             ("steps", 1),
             ("timesteps", 0),
+            ("further_timesteps", 0),
             ("scratch_timesteps", 0),
             ("evolution_timesteps", 0),
             ("starts", 0),

@@ -52,10 +52,11 @@ def test_what_is_waited_for_longest_is_first() -> None:
     assert [toy.name for toy in most_urgent_first(TOYS)] == ["a", "c", "e", "b", "d"]
 
 
-def test_all_entrants_wait_only_for_others_that_come_before_them() -> None:
-    order = most_urgent_first(entrants(Study()))
+@pytest.mark.parametrize("study", [Study(), Study(further=()), Study(further_timesteps=1)])
+def test_all_entrants_wait_only_for_others_that_come_before_them(study: Study) -> None:
+    order = most_urgent_first(entrants(study))
     names = [entrant.name for entrant in order]
-    assert len(set(names)) == len(names) == len(entrants(Study()))
+    assert len(set(names)) == len(names) == len(entrants(study))
     for k, entrant in enumerate(order):
         assert set(entrant.after) <= set(names[:k])
 
