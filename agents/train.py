@@ -97,6 +97,8 @@ def train(
 ) -> TrainResult:
     """Train a policy into a folder: best.zip, last.zip, train.json, state.npz, TensorBoard events.
 
+    minutes.json there has the minutes of one core that it took (`agents.stopwatch`).
+
     The same seed gives the same policy. The state of the training is written every half minute and
     after each evaluation. However it was stopped, the same call goes on from the last state and
     ends with the same policy as without a stop. Ctrl-C and SIGTERM stop it after the current

@@ -51,9 +51,9 @@ def completed(arena: Arena, entrants: Sequence[Entrant], workers: int) -> dict[s
     done = len(entrants) - len(todo)
     for name in run(arena, todo, workers):
         done += 1
-        seconds = (_result(arena, name) or {})["wall_time_s"]
+        seconds = _result(arena, name)["wall_time_s"]
         _tell(arena, f"[{done}/{len(entrants)}] {name}: done in {seconds} s")
-    return {each.name: before[each.name] or _result(arena, each.name) or {} for each in entrants}
+    return {each.name: before[each.name] or _result(arena, each.name) for each in entrants}
 
 
 def most_urgent_first(entrants: Sequence[Entrant]) -> list[Entrant]:
@@ -90,8 +90,9 @@ def _kept(arena: Arena, entrant: Entrant) -> Result | None:
     return result
 
 
-def _result(arena: Arena, name: str) -> Result | None:
-    return read_stage(arena.out, name, arena.identity)[0]
+def _result(arena: Arena, name: str) -> Result:
+    """What a stage that has run has left."""
+    return read_stage(arena.out, name, arena.identity)[0] or {}
 
 
 def _tell(arena: Arena, text: str) -> None:
