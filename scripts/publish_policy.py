@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             policy.params, walk.speed - AROUND, walk.speed + AROUND, CONTROL_PERIOD
         )
         front = cot_front(policy.params, speeds, hold=CONTROL_PERIOD, progress=True)
-    row = policy_row(options.title, {"evaluation": walk.to_dict(), "wall_time_s": 0.0}, front)
+    row = policy_row(options.title, {"evaluation": walk.to_dict(), "wall_time_s": 0.0}, front, None)
     machine = machine_name(policy.params)
     text = card(options.name, read_record(options.policy), row, machine, init, AGAIN)
     shutil.copyfile(options.policy, PRETRAINED / f"{options.name}.zip")
