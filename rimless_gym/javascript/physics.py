@@ -23,9 +23,9 @@ from rimless_gym.params import CHOICES, WheelParams
 
 #: The equations, and the rules of the hybrid automaton, that the stepper and the page need.
 EQUATIONS = (
-    *("motor_charge", "motor_current", "electrical_power", "relative_rate", "touchdown_guard"),
-    *("lift_off_guard", "contact_guard", "ground_reaction", "friction_demand", "pendulum_clearance"),
-    *("mechanical_energy", "linear_momentum", "hub_position", "descent"),
+    *("motor_charge", "motor_current", "motor_voltage", "electrical_power", "relative_rate"),
+    *("touchdown_guard", "lift_off_guard", "contact_guard", "ground_reaction", "friction_demand"),
+    *("pendulum_clearance", "mechanical_energy", "linear_momentum", "hub_position", "descent"),
 )
 AUTOMATON = ("after_touchdown", "after_lift_off", "both_feet_press")
 

@@ -13,8 +13,9 @@ from rimless_gym.params import WheelParams
 #: What the text gives to those that use it.
 _EXPORTED = (
     *("constants", "advance", "atRest", "rates", "observation", "electrical_power"),
-    *("relative_rate", "motor_current", "hub_position", "pendulum_clearance", "after_touchdown"),
-    *("after_lift_off", "ground_reaction", "mechanical_energy", "CONTROL_PERIOD", "LOSSES"),
+    *("relative_rate", "motor_current", "motor_voltage", "hub_position", "pendulum_clearance"),
+    *("after_touchdown", "after_lift_off", "ground_reaction", "mechanical_energy"),
+    *("CONTROL_PERIOD", "LOSSES", "OK", "SINGLE", "DOUBLE"),
 )
 
 
