@@ -1,4 +1,4 @@
-# make install | compare | study | front | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | study | front | page | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -19,13 +19,14 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare study front feedback test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare study front page feedback test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
 	@echo "make study       every learner over ten seeds, into docs/learning.md (hours)"
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
+	@echo "make page        one HTML file to pass on, into runs/page.html: the front, a wheel to drive"
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
@@ -59,6 +60,9 @@ study: $(INSTALLED)
 
 front: $(INSTALLED)
 	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)
+
+page: $(INSTALLED)
+	$(BIN)/python scripts/page.py --out runs/page.html
 
 feedback: $(INSTALLED)
 	$(BIN)/python scripts/feedback.py --docs docs/feedback.md

@@ -14,7 +14,15 @@ from rimless_gym.javascript.simulator import simulator
 from rimless_gym.params import WheelParams
 
 #: The page's own program, in order; the simulator comes before it.
-SCRIPTS = ("numbers.js", "network.js", "walkers.js", "scene.js", "strips.js", "front.js", "drive.js")
+SCRIPTS = (
+    "numbers.js",
+    "network.js",
+    "walkers.js",
+    "scene.js",
+    "strips.js",
+    "front.js",
+    "drive.js",
+)
 
 
 def page(policy: str | Path = "imitation") -> str:
