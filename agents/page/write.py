@@ -15,13 +15,8 @@ from rimless_gym.params import WheelParams
 
 #: The page's own program, in order; the simulator comes before it.
 SCRIPTS = (
-    "numbers.js",
-    "network.js",
-    "walkers.js",
-    "scene.js",
-    "strips.js",
-    "front.js",
-    "drive.js",
+    *("numbers.js", "network.js", "walkers.js", "scene.js", "strips.js", "front.js"),
+    *("drive.js", "scores.js", "machine.js", "main.js"),
 )
 
 

@@ -45,9 +45,8 @@ def in_node(program: str, given: Any) -> Any:
 
 def traced(function: Any, *names: str) -> str:
     graph = Graph()
-    return function_text(
-        "f", names, graph.trace(function, *(graph.symbol("input", n) for n in names))
-    )
+    inputs = [graph.symbol("input", name) for name in names]
+    return function_text("f", names, graph.trace(function, *inputs))
 
 
 def test_what_is_needed_twice_is_computed_once() -> None:

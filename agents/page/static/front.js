@@ -150,6 +150,7 @@ function choose(gait) {
   const cot = costText(gait.cot);
   const does = motionOf(gait);
   chart.setAttribute('aria-valuetext', `${fixed(gait.speed, 2)} metres per second, cost of transport ${cot}, the pendulum ${does}`);
+  document.querySelector('.caption .solid').style.background = `var(--${whirls(gait) ? 'whirl' : 'swing'})`;
   byId('front-caption').textContent = `optimum at ${fixed(gait.speed, 2)} m/s`;
   byId('gait-title').innerHTML = `<b>${fixed(gait.speed, 2)} m/s</b> at a cost of transport of <b>${cot}</b>: the pendulum ${does}`;
   showSpent(gait);
