@@ -94,8 +94,8 @@ function drawGhostMark(ctx, x, y) {
   ctx.lineTo(px, py + 8);
   ctx.lineTo(px - 8, py);
   ctx.fill();
-  ctx.textAlign = 'right';
-  ctx.fillText('policy', px - 12, py + 7);
+  ctx.textAlign = 'center';
+  ctx.fillText('policy', px, py - 17);
 }
 
 function drawChosen(ctx, x, y, height) {

@@ -38,8 +38,8 @@ function cleared(canvas) {
 function drawScene(canvas, walkers, camera, slope) {
   const { ctx, width, height } = cleared(canvas);
   const { L1, reach } = walkers[0].p;
-  const scale = Math.min(height / (3 * L1), width / (3.6 * L1));
-  ctx.translate(width / 2, height * 0.83);
+  const scale = Math.min(height / (3.15 * L1), width / (3.6 * L1));
+  ctx.translate(width / 2, height * 0.85);
   ctx.rotate(slope);
   const wide = width / scale + 2;
   drawGround(ctx, camera, scale, wide, height);
@@ -145,5 +145,5 @@ function drawPendulum(ctx, { pose, p, colour, ghost, glow }, at, scale, reach) {
 // How far the picture reaches to either side of its middle (m).
 function halfView(canvas, p) {
   const { width, height } = canvas.getBoundingClientRect();
-  return (0.5 * width) / Math.min(height / (3 * p.L1), width / (3.6 * p.L1));
+  return (0.5 * width) / Math.min(height / (3.15 * p.L1), width / (3.6 * p.L1));
 }

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,22 +43,27 @@ function report(found) {
 </script>"""
 
 
+@cache
+def watched_page() -> str:
+    """The page, with its errors collected."""
+    return page().replace("<head>", f"<head>{BEFORE}")
+
+
 def in_chromium(tmp_path: Path, program: str, size: str = "1280,800") -> dict[str, Any]:
     """What a program in the page reports; it runs after the first frames."""
-    text = page().replace("<head>", f"<head>{BEFORE}")
     run = f"<script>setTimeout(() => {{ {program} }}, 500);</script></body>"
     file = tmp_path / "page.html"
-    file.write_text(run.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    file.write_text(run.join(watched_page().rsplit("</body>", 1)), encoding="utf-8")
     assert CHROMIUM is not None
     done = subprocess.run(
         [
             *(CHROMIUM, "--no-sandbox", "--headless=new", "--disable-gpu", "--dump-dom"),
-            *(f"--window-size={size}", "--virtual-time-budget=4000"),
+            *(f"--window-size={size}", "--virtual-time-budget=1500"),
             *(f"--user-data-dir={tmp_path / 'profile'}", file.as_uri()),
         ],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
         check=True,
     )
     found = re.search(r'<pre id="found">(.*?)</pre>', done.stdout, flags=re.DOTALL)
