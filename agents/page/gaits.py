@@ -54,7 +54,9 @@ def front_data(front: CotFront) -> list[dict[str, Any]]:
 
 
 def _gait(gait: Solution) -> dict[str, Any]:
-    durations, samples, energy = [], [], 0.0
+    durations: list[float] = []
+    samples: list[NDArray[np.float64]] = []
+    energy = 0.0
     spent = dict.fromkeys((*LOSSES, "collision", "idle", "returned"), 0.0)
     for step, phase in enumerate(gait.phases):
         count = math.ceil(phase.duration / SAMPLED)
