@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from torch.utils.tensorboard import SummaryWriter
+from rimless_gym.extras import extra
+
+with extra("learn"):
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from torch.utils.tensorboard import SummaryWriter
 
 
 class _Continued(TensorBoardOutputFormat):

@@ -19,7 +19,6 @@ from agents import learners
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts
 from agents.policies import Act
-from agents.sb3.foreign import unpickled
 from agents.training import Training
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.observation import (
@@ -262,6 +261,8 @@ def _is_foreign(path: Path) -> bool:
 
 def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
     """The policy in a file of plain stable-baselines3."""
+    from agents.sb3.foreign import unpickled  # stable-baselines3 is an extra
+
     try:
         algo, act = unpickled(path, params)
     except ValueError as error:

@@ -7,8 +7,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
+
+from rimless_gym.extras import extra
+
+with extra("learn"):
+    import torch
 
 Arrays = dict[str, NDArray[Any]]
 

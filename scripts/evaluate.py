@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -137,7 +136,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
     options = parser.parse_args(arguments)
-    torch.set_num_threads(1)
     params = parser.machine(options) if options.preset or options.params else None
     with parser.refusing():  # all of them, before the first is measured
         walkers = [w for name in options.policies for w in walkers_of(name, params, options)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cma
 import numpy as np
 
 from agents.evolution.asking import Request, Search
@@ -12,7 +11,11 @@ from agents.evolution.settings import LOOK_EVERY, EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.pacing import NO_WALK, paced_price
 from agents.scores import economy
+from rimless_gym.extras import extra
 from trajopt.feedback.law import Floats
+
+with extra("learn"):
+    import cma
 
 #: The starts of all looks are those of this seed beside the search's own.
 LOOK_SEED = 64

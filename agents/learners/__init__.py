@@ -9,6 +9,8 @@ import pkgutil
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from rimless_gym.extras import extra
+
 if TYPE_CHECKING:
     from agents.learner import Learner
 
@@ -23,8 +25,10 @@ def learner(name: str) -> type[Learner]:
 
     Raises:
         ValueError: there is none of that name.
+        MissingExtraError: what it is built on is not installed.
     """
     if name not in names():
         raise ValueError(f"algo = {name!r}: choose from {names()}")
-    found: type[Learner] = import_module(f"{__name__}.{name}").Learner
+    with extra("learn"):
+        found: type[Learner] = import_module(f"{__name__}.{name}").Learner
     return found

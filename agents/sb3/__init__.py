@@ -1,1 +1,9 @@
 """stable-baselines3: its view of the environments, and what learners built on it share."""
+
+from rimless_gym.extras import extra
+
+with extra("learn"):
+    import stable_baselines3
+    import torch
+
+__all__ = ["stable_baselines3", "torch"]

@@ -126,6 +126,7 @@ class Sb3Learner(Learner):
     @classmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> NetworkPolicy:
         """The policy in `parts`; its model has stable-baselines3's default settings."""
+        torch.set_num_threads(1)
         model = cls.algorithm(
             policy="MlpPolicy",
             env=training_env(1, conditions, task, seed=0),

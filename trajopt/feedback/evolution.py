@@ -9,11 +9,14 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import cma
 import numpy as np
 from tqdm import tqdm
 
+from rimless_gym.extras import extra
 from trajopt.feedback.law import Floats
+
+with extra("learn"):
+    import cma
 
 
 def evolved(

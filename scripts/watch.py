@@ -1,0 +1,133 @@
+#!/usr/bin/env python
+"""Watch a gait, a feedback law or a policy walk, in a window or as a GIF."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from agents.conditions import Conditions
+from agents.film import film, film_of_gait
+from agents.policies import controller_policy, learned_policy
+from agents.policy_files import PRETRAINED, load_policy
+from agents.rollout import Rollout
+from rimless_gym.equations import DOUBLE
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
+from rimless_gym.params import WheelParams
+from rimless_gym.rendering.display import Frame, Window, save_gif
+from scripts.commandline import DEFAULT_PRESET, INTERRUPTED, Parser, more_than_zero, whole
+from trajopt import periodic_gait
+from trajopt.feedback import laws
+
+#: What is watched as it was solved.
+GAIT = "gait"
+
+#: Pictures of a GIF per second; of a window.
+FPS = 25
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line, until the window is closed or the time is over."""
+    parser = Parser(__doc__)
+    parser.add_argument(
+        "what",
+        nargs="?",
+        default=GAIT,
+        help=f"{GAIT}: the optimal gait as it was solved; a feedback law about it, from rest: "
+        f"{', '.join(laws.names())}; a policy that comes with the package, from rest: "
+        f"{', '.join(PRETRAINED)}; or a policy's file",
+    )
+    parser.add_machine(DEFAULT_PRESET)
+    parser.add_argument(
+        "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
+    )
+    parser.add_argument("--steps", type=whole(1), default=1, help="of the gait, per stride")
+    parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
+    parser.add_argument("--out", type=Path, help="a GIF to write instead of showing a window")
+    parser.add_argument(
+        "--size", type=whole(50), nargs=2, default=(600, 360), metavar=("WIDTH", "HEIGHT")
+    )
+    options = parser.parse_args(arguments)
+    params = parser.machine(options)
+    if options.out is None:
+        require_display(parser)
+    elif options.out.suffix.lower() != ".gif":
+        parser.error(f"--out {options.out}: is written as a GIF; give a name that ends with .gif")
+    else:
+        parser.require_file(options.out)
+    try:
+        with parser.refusing():
+            frames = frames_of(options, params)
+            if options.out is None:
+                show(frames, tuple(options.size))
+            else:
+                save_gif(list(frames), options.out, FPS)
+                print(options.out)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return 0
+
+
+def frames_of(options: argparse.Namespace, params: WheelParams) -> Iterator[Frame]:
+    """The pictures that were asked for.
+
+    Raises:
+        ValueError: there is no such gait, law or policy.
+    """
+    size = tuple(options.size)
+    if options.what == GAIT:
+        gait = periodic_gait(params, options.speed, options.steps)
+        return film_of_gait(gait, options.seconds, fps=FPS, size=size)
+    conditions, command = Conditions(params), None
+    if options.what in laws.names():
+        gait = periodic_gait(params, options.speed, options.steps, hold=CONTROL_PERIOD)
+        policy = controller_policy(params, laws.design(options.what, gait))
+    else:
+        found = load_policy(options.what, params)
+        policy, conditions = learned_policy(found.act), found.conditions
+        command = options.speed if conditions.commanded else None
+    period = conditions.control.period
+    n_intervals = round(options.seconds / period)
+    walk = Rollout(conditions, policy, at_rest(params)[None], n_intervals, command=command)
+    return film(params, walk, fps=FPS, size=size, period=period)
+
+
+def at_rest(params: WheelParams) -> np.ndarray:
+    """On two feet, with the pendulum hanging."""
+    state = np.zeros(STATE_SIZE)
+    state[MODE], state[PHI] = DOUBLE, params.constants.a
+    return state
+
+
+def show(frames: Iterator[Frame], size: tuple[int, ...]) -> None:
+    """Show pictures in a window until it is closed or there are no more."""
+    width, height = size
+    window = Window((width, height), FPS)
+    for frame in itertools.takewhile(lambda _: window.is_open, frames):
+        window.show(frame)
+    window.close()
+
+
+def require_display(parser: Parser) -> None:
+    """Refuse to go on where no window can be shown."""
+    from rimless_gym.rendering._pygame import pygame
+
+    try:
+        pygame.display.init()
+        shown = pygame.display.get_driver() not in ("dummy", "offscreen")
+    except pygame.error:
+        shown = False
+    if not shown:
+        parser.error("no display: nothing can be shown here; write a GIF with --out walk.gif")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
