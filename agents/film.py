@@ -82,18 +82,18 @@ def film_of_gait(
     Yields:
         Pixels, uint8 of shape (height, width, 3).
     """
-    params, half = gait.params, gait.params.leg_angle / 2
-    times = np.arange(round(seconds * fps)) / fps
+    params, times = gait.params, np.arange(round(seconds * fps)) / fps
     states, volts = gait.state(times % gait.duration), gait.control(times % gait.duration)
-    fine = np.arange(0.0, seconds, CONTROL_PERIOD)
-    touchdowns = np.diff(gait.state(fine % gait.duration)[:, 0]) > half
-    steps = np.concatenate([[0], np.cumsum(touchdowns)])
+    fine = np.union1d(times, np.arange(0.0, seconds, CONTROL_PERIOD))  # no touchdown is skipped
+    legs = gait.state(fine % gait.duration)[:, 0]
+    touchdowns = np.concatenate([[0], np.cumsum(np.abs(np.diff(legs)) > params.leg_angle / 2)])
+    steps = touchdowns[np.searchsorted(fine, times)]
     trail: deque[tuple[float, float]] = deque(maxlen=TRAIL)
-    for t, state, voltage in zip(times, states, volts, strict=True):
+    for t, state, voltage, step in zip(times, states, volts, steps, strict=True):
         scene = Scene(
             phi=float(state[0]),
             theta=float(state[1]),
-            foot_x=float(steps[min(int(t / CONTROL_PERIOD), len(steps) - 1)]) * params.step_length,
+            foot_x=float(step) * params.step_length,
             voltage=float(voltage),
             time=float(t),
             speed=gait.speed,

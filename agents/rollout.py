@@ -16,8 +16,8 @@ from rimless_gym.checks import real_array
 from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.starts import draw_start
 from rimless_gym.envs.task import Task
-from rimless_gym.equations import MODE_NAMES
-from rimless_gym.kernel.stepping import MODE, STATE_SIZE
+from rimless_gym.equations import DOUBLE, MODE_NAMES
+from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
@@ -52,6 +52,13 @@ def draw_starts(params: WheelParams, n: int, seed: int | tuple[int, ...]) -> Flo
         raise ValueError(f"n = {n} starts: must be at least 1")
     rng = np.random.default_rng(seed)
     return np.stack([draw_start(params, rng) for _ in range(n)])
+
+
+def at_rest(params: WheelParams) -> Floats:
+    """On two feet, with the pendulum hanging: a hybrid state (STATE_SIZE,)."""
+    state = np.zeros(STATE_SIZE)
+    state[MODE], state[PHI] = DOUBLE, params.constants.a
+    return state
 
 
 class Rollout:

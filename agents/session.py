@@ -13,14 +13,16 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.evaluate import Evaluation, evaluate
+from agents.film import film
 from agents.folder import BEST, CLONING, LAST, STATE
 from agents.interrupts import StopRequest
 from agents.learner import Learner
-from agents.logs import event_log
+from agents.logs import EventLog
 from agents.milestones import Milestone
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
 from agents.protocol import Protocol
+from agents.rollout import Rollout, at_rest
 from agents.training import INITS, Training
 from agents.training_state import write_state
 from rimless_gym.envs.control import Control
@@ -31,6 +33,9 @@ SAVE_INTERVAL = 30.0
 
 #: Evaluations of a training, besides the one at its start.
 EVALUATIONS = 10
+
+#: Seconds of a film of the best policy; its pictures per second, and their size in pixels.
+FILMED, FPS, PICTURE = 6.0, 10, (300, 180)
 
 
 @dataclasses.dataclass
@@ -116,7 +121,7 @@ class Session:
         self._saved_at = -math.inf
         self.kept = learner.steps
         self.evaluations: list[tuple[int, Evaluation]] = []
-        self.log = event_log(plan.out, learner.steps)
+        self.log = EventLog(plan.out, learner.steps)
         for name, value in standing.logged.items():
             self.log.record(name, value)
         self._bar = tqdm(
@@ -186,7 +191,23 @@ class Session:
             self._standing.best = score
             notes = {"score": score, "evaluation": result.to_dict()}
             save_policy(plan.out / BEST, plan.training, self._learner, **notes)
+            if result.walking_share > 0.0:
+                self._film()
         self._record("eval/best_score", self._standing.best)
+
+    def _film(self) -> None:
+        """Log how the policy walks from rest."""
+        conditions = self._plan.training.conditions
+        period, speeds = conditions.control.period, conditions.control.speeds
+        walk = Rollout(
+            conditions,
+            learned_policy(self._learner.act),
+            at_rest(conditions.params)[None],
+            round(FILMED / period),
+            command=None if speeds is None else float(np.mean(speeds)),
+        )
+        frames = list(film(conditions.params, walk, fps=FPS, size=PICTURE, period=period))
+        self.log.film("eval/from_rest", frames, FPS, self._learner.steps)
 
     def _record(self, name: str, value: float) -> None:
         """Log a figure, unless there is none, such as the speed where nothing walks."""

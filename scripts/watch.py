@@ -11,16 +11,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import numpy as np
-
 from agents.conditions import Conditions
 from agents.film import film, film_of_gait
 from agents.policies import controller_policy, learned_policy
 from agents.policy_files import PRETRAINED, load_policy
-from agents.rollout import Rollout
-from rimless_gym.equations import DOUBLE
+from agents.rollout import Rollout, at_rest
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.display import Frame, Window, save_gif
 from scripts.commandline import DEFAULT_PRESET, INTERRUPTED, Parser, more_than_zero, whole
@@ -98,13 +94,6 @@ def frames_of(options: argparse.Namespace, params: WheelParams) -> Iterator[Fram
     n_intervals = round(options.seconds / period)
     walk = Rollout(conditions, policy, at_rest(params)[None], n_intervals, command=command)
     return film(params, walk, fps=FPS, size=size, period=period)
-
-
-def at_rest(params: WheelParams) -> np.ndarray:
-    """On two feet, with the pendulum hanging."""
-    state = np.zeros(STATE_SIZE)
-    state[MODE], state[PHI] = DOUBLE, params.constants.a
-    return state
 
 
 def show(frames: Iterator[Frame], size: tuple[int, ...]) -> None:

@@ -16,20 +16,26 @@ import numpy as np
 
 from agents.comparison.arena import Arena
 from agents.comparison.entrants import entrants
-from agents.comparison.figures import animate, plot_limit_cycles, record
+from agents.comparison.figures import plot_limit_cycles
 from agents.comparison.learned import Learned, learning_curve
 from agents.comparison.learning_curves import plot_learning_curves
 from agents.comparison.report import by_speed, format_table
 from agents.comparison.running import completed
 from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
+from agents.conditions import Conditions
+from agents.film import film
 from agents.folder import sole_user
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from rimless_gym.equations import DOUBLE
-from rimless_gym.kernel.stepping import MODE, PHI, STATE_SIZE
+from agents.rollout import Rollout, at_rest
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.rendering.wheel import save_gif
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
+
+#: Pictures of the animation per second.
+FPS = 25
 
 #: Seconds of a walk that are drawn, and those of them that are animated.
 DRAWN, ANIMATED = 20.0, 7.0
@@ -98,21 +104,25 @@ class Comparison:
 
     def _draw(self, rows: list[dict[str, Any]], drawn: list[Learned]) -> None:
         """Plots, and an animation of the first of the learners that are drawn."""
-        params = self.study.params
-        start = np.zeros(STATE_SIZE)
-        start[MODE], start[PHI] = DOUBLE, params.constants.a
-        walks = {}
+        params, walks = self.study.params, {}
         for each in drawn:
-            policy = learned_policy(load_policy(each.main_file(self.out)).act)
-            walks[each.drawn or each.name] = record(params, policy, start, DRAWN)
+            walk = self._walk(each, DRAWN)
+            walks[each.drawn or each.name] = np.concatenate([i.states for i in walk])
         plot_limit_cycles(
             self.out / "limit_cycles.png", self._arena.held_gait(self.study.speed), walks
         )
         path = self.out / "cot_against_speed.png"
         plot_cot_against_speed(path, self._arena.front, self._arena.held_front, rows)
         if drawn:
-            clip = next(iter(walks.values())).until(ANIMATED)
-            animate(self.out / f"{drawn[0].name}.gif", params, clip, progress=self.progress)
+            frames = list(film(params, self._walk(drawn[0], ANIMATED), fps=FPS))
+            save_gif(frames, self.out / f"{drawn[0].name}.gif", FPS)
+
+    def _walk(self, each: Learned, seconds: float) -> Rollout:
+        """A walk of a learner's main policy from rest."""
+        params = self.study.params
+        policy = learned_policy(load_policy(each.main_file(self.out)).act)
+        n_intervals = round(seconds / CONTROL_PERIOD)
+        return Rollout(Conditions(params), policy, at_rest(params)[None], n_intervals)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

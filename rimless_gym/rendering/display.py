@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,9 @@ class Window:
             pygame.display.quit()
 
 
-def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: int = 64) -> None:
+def save_gif(
+    frames: Sequence[Frame], to: str | Path | BinaryIO, fps: float, *, colours: int = 64
+) -> None:
     """Write an endless animation.
 
     All frames share one palette and nothing is dithered, which keeps the file small and areas of
@@ -60,7 +63,7 @@ def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: 
 
     Args:
         frames: uint8 arrays of shape (height, width, 3).
-        path: of the file.
+        to: path of the file, or an open one.
         fps: frames per second, at most 50; a GIF counts in 1/100 s, so 50, 25 or 20 are exact.
         colours: size of the palette, at most 256.
 
@@ -82,7 +85,8 @@ def save_gif(frames: Sequence[Frame], path: str | Path, fps: float, *, colours: 
         for frame in frames
     ]
     images[0].save(
-        path,
+        to,
+        format="GIF",
         save_all=True,
         append_images=images[1:],
         duration=10 * round(100 / fps),

@@ -82,7 +82,8 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path
     monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
     monkeypatch.setattr(learned, "train", brief)
     monkeypatch.setattr(entrants, "FRONT_STEPS", (1,))
-    monkeypatch.setattr(compare, "animate", lambda *args, **kw: None)
+    monkeypatch.setattr(compare, "save_gif", lambda *args, **kw: None)
+    monkeypatch.setattr(compare, "ANIMATED", 0.1)
     study = Study(steps=1, timesteps=512, evolution_timesteps=0, starts=0, further=(0.55,))
 
     def work(out):

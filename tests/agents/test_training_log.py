@@ -1,8 +1,13 @@
 """What TensorBoard shows of a training."""
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from agents.logs import EventLog
 from agents.walking_figures import WalkingFigures
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import CHANNELS
@@ -43,3 +48,14 @@ def test_logged_figures_are_ratios_of_sums_over_the_infos():
     assert seen["walk/steps"] == 4
     assert sum(seen[f"walk/{name}"] for name in TERM_NAMES) == pytest.approx(seen["walk/return"])
     assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)
+
+
+def test_a_film_is_among_the_images_of_the_log(tmp_path):
+    log = EventLog(tmp_path, 0)
+    frames = [np.full((40, 60, 3), shade, np.uint8) for shade in (0, 120, 240)]
+    log.film("walk", frames, 10, 7)
+    log.close()
+    events = EventAccumulator(str(tmp_path), size_guidance={"images": 0}).Reload()
+    (image,) = events.Images("walk")
+    assert (image.step, image.width, image.height) == (7, 60, 40)
+    assert Image.open(io.BytesIO(image.encoded_image_string)).n_frames == 3

@@ -1,0 +1,91 @@
+"""The command `rimless`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from scripts import rimless, watch
+
+#: Makes an interpreter in which a package cannot be imported.
+WITHOUT = "import sys; sys.modules[{name!r}] = None; "
+
+
+@pytest.mark.parametrize("word", rimless.COMMANDS)
+def test_every_word_is_a_command_with_a_help(word: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert callable(import_module(rimless.COMMANDS[word].module).main)
+    with pytest.raises(SystemExit) as end:
+        rimless.main([word, "--help"])
+    assert end.value.code == 0
+    assert f"rimless {word}" in capsys.readouterr().out
+
+
+def test_without_a_word_all_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rimless.main([]) == 0
+    told = capsys.readouterr().out
+    assert all(f"  {word} " in told for word in rimless.COMMANDS)
+
+
+def test_an_unknown_word_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert rimless.main(["dance"]) == 2
+    assert "'dance' is no command: watch, play" in capsys.readouterr().err
+
+
+def test_what_needs_an_extra_says_so_and_the_rest_works() -> None:
+    def told(*words: str) -> subprocess.CompletedProcess[str]:
+        code = WITHOUT.format(name="torch") + WITHOUT.format(name="stable_baselines3")
+        code += "from scripts.rimless import main; sys.exit(main(sys.argv[1:]))"
+        command = [sys.executable, "-c", code, *words]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    refused = told("train", "--help")
+    assert refused.returncode == 2
+    assert "pip install 'rimless-gym[learn]'" in refused.stderr
+    for word in ("watch", "evaluate", "gait", "play"):
+        assert told(word, "--help").returncode == 0, word
+
+
+def test_a_gait_is_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "walk.gif"
+    arguments = ["gait", "--seconds", "0.4", "--size", "120", "80", "--out", str(out)]
+    assert watch.main(arguments) == 0
+    with Image.open(out) as picture:
+        assert picture.size == (120, 80)
+        assert picture.n_frames == 10  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--out", "walk.mp4"], "ends with .gif"),
+        (["nobody", "--out", "walk.gif"], "nobody"),
+        (["--size", "3", "3"], "--size"),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        watch.main(arguments)
+    assert end.value.code == 2
+    assert told in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_display_the_remedy_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with pytest.raises(SystemExit):
+        watch.main(["gait"])
+    assert "--out walk.gif" in capsys.readouterr().err
