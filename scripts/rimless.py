@@ -33,6 +33,7 @@ COMMANDS = {
     "train": Command("scripts.train", "train a policy"),
     "evaluate": Command("scripts.evaluate", "measure policies and feedback laws"),
     "compare": Command("scripts.compare", "learned against optimal: the main job"),
+    "page": Command("scripts.page", "one HTML file to pass on: the front, a wheel to drive"),
     "thesis": Command("scripts.thesis.command", "the thesis's experiments"),
     "bench": Command("scripts.benchmarks.command", "speed, ours and other people's"),
     "warmup": Command("scripts.warmup", "compile everything now"),
