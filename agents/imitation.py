@@ -8,7 +8,8 @@ correct its own mistakes.
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,20 @@ class Cloning:
     huber: float = 0.05
     log_std: float = -4.5
     held_out: float = 0.1
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Cloning:
+        """From some of the fields; the others are the defaults.
+
+        Raises:
+            TypeError: a number is of the wrong kind.
+            ValueError: a number is out of its range, or a name is unknown.
+        """
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in values:
+            if name not in known:
+                raise ValueError(f"cloning: {name!r} is not known; choose from {known}")
+        return cls(**values)
 
     def __post_init__(self) -> None:
         integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out

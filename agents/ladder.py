@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,11 @@ class Ladder:
 
 
 def ladder_of_laws(
-    name: str, conditions: Conditions, steps: Sequence[int], progress: bool = False
+    name: str,
+    conditions: Conditions,
+    steps: Sequence[int],
+    folder: Path | None = None,
+    progress: bool = False,
 ) -> Ladder:
     """Feedback laws about the cheapest held gaits of all speeds that may be commanded.
 
@@ -100,6 +105,7 @@ def ladder_of_laws(
         name: of the law.
         conditions: machine and control, with commanded speeds.
         steps: numbers of steps per stride to consider.
+        folder: where gaits and plans of catches are kept for other ladders; None: nowhere.
         progress: whether to show progress bars.
 
     Raises:
@@ -110,10 +116,10 @@ def ladder_of_laws(
         raise ValueError("conditions: no speed is commanded; give speeds")
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
-    front = cot_front(params, speeds, steps, hold=period, progress=progress)
+    front = cot_front(params, speeds, steps, hold=period, folder=folder, progress=progress)
     rungs = []
     for gait in tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False):
         law = laws.holding(name, gait)
-        policy = controller_policy(params, laws.design(law, gait))
+        policy = controller_policy(params, laws.design(law, gait, folder))
         rungs.append(Rung(gait.speed, policy, law.data.orbit))
     return Ladder(tuple(rungs))

@@ -88,6 +88,7 @@ class Plan:
         protocol: of the periodic evaluations.
         progress: whether to show a progress bar.
         minutes: tells the minutes of one core that the training has taken so far.
+        plans: folder in which the plans of feedback laws are kept; None: nowhere.
     """
 
     training: Training
@@ -97,6 +98,7 @@ class Plan:
     protocol: Protocol
     progress: bool
     minutes: Callable[[], float]
+    plans: Path | None = None
 
 
 class Session:

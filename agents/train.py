@@ -91,6 +91,7 @@ def train(
     settings: Settings | None = None,
     expert: Controller | str = EXPERT,
     cloning: Cloning | None = None,
+    plans: Path | None = None,
     score: Callable[[Evaluation], float] | None = None,
     protocol: Protocol = TRAINING_PROTOCOL,
     progress: bool = True,
@@ -124,6 +125,7 @@ def train(
             commanded speeds (`agents.ladder`); or of a policy's file: its policy is distilled into
             the learner's.
         cloning: how, default `Cloning()`.
+        plans: folder in which the plans of feedback laws are kept for other trainings.
         score: what "best" means, larger is better; default: `walking_economy`, or the reward
             where a speed is commanded.
         protocol: of the periodic evaluations.
@@ -158,6 +160,8 @@ def train(
         )
     if init != IMITATION and expert != EXPERT:
         raise ValueError(f"expert = {expert!r}: is imitated only with init = 'imitation'")
+    if init != IMITATION and cloning is not None:
+        raise ValueError("cloning: nothing is cloned; give init = 'imitation', or leave it out")
     score = score or (reward_per_second if conditions.commanded else walking_economy)
     with sole_user(out):
         begun = (out / STATE).exists()
@@ -171,7 +175,7 @@ def train(
             claim(out, training.identity)
         try:
             with timed(out) as minutes:
-                plan = Plan(training, out, total, score, protocol, progress, minutes)
+                plan = Plan(training, out, total, score, protocol, progress, minutes, plans)
                 if init == IMITATION and not begun:
                     _imitate(learner, plan, expert, cloning or Cloning())
                 return _learned(plan, learner, standing)
@@ -197,9 +201,9 @@ def _named(expert: str, plan: Plan) -> Policy:
     if expert not in laws.names():
         return seeing_policy(params, _fitting(expert, conditions).act)
     if conditions.commanded:
-        return ladder_of_laws(expert, conditions, [EXPERT_STEPS], plan.progress)
+        return ladder_of_laws(expert, conditions, [EXPERT_STEPS], plan.plans, plan.progress)
     gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=plan.progress)
-    return controller_policy(params, laws.design(expert, gait))
+    return controller_policy(params, laws.design(expert, gait, plan.plans))
 
 
 def _fitting(path: str, conditions: Conditions) -> Checkpoint:

@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents import learners
 from agents.conditions import Conditions
+from agents.imitation import Cloning
 from agents.train import EXPERT, train
 from agents.training import INITS, Settings
 from rimless_gym.envs.arguments import as_task
@@ -77,6 +78,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default={},
         help="""JSON: hyperparameters that differ from the learner's own, '{"gamma": 0.995}'""",
     )
+    parser.add_argument(
+        "--cloning",
+        type=json_object(Cloning.of),
+        help="""JSON: how to imitate, '{"gait_labels": 80000}'; the fields of """
+        "agents.imitation.Cloning",
+    )
     options = parser.parse_args(arguments)
     params, speeds = parser.machine(options), tuple(options.speeds) if options.speeds else None
     with parser.refusing():
@@ -100,6 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 disturbances=options.disturbances,
                 speeds=speeds,
                 settings=settings,
+                cloning=options.cloning,
                 control_period=options.control_period,
             )
     except KeyboardInterrupt:

@@ -12,10 +12,11 @@ from agents import learners, protocol
 from agents.commanded import evaluate_commanded, walk_through
 from agents.evaluate import evaluate
 from agents.folder import BEST, CLONE
+from agents.imitation import Cloning
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
-from agents.training import SCRATCH
+from agents.training import IMITATION, SCRATCH
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
@@ -23,6 +24,9 @@ from trajopt.files import jsonable
 
 #: The file of a finished cell, in the folder of its training.
 RESULT = "cell.json"
+
+#: Folder of the laws' plans, in that of the study: all seeds share them.
+PLANS = "plans"
 
 #: Control intervals of a trial that only shows that it runs, where a learner has no other least.
 BRIEF_STEPS = 4096
@@ -129,17 +133,23 @@ class Following(Trained):
         control_period: how long an action is held (s).
         commands: that stay for the whole walk (m/s).
         changes: one after the other, every 10 s, in one walk (m/s).
+        cloning: fields of `agents.imitation.Cloning` that differ from its own.
     """
 
     speeds: tuple[float, float] = SPEEDS
     control_period: float = PERIOD
     commands: tuple[float, ...] = ()
     changes: tuple[float, ...] = ()
+    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
 
     @property
     def environment(self) -> dict[str, Any]:
-        """Speeds and control period."""
-        return {"speeds": self.speeds, "control_period": self.control_period}
+        """Speeds, control period, and how to clone."""
+        return {
+            "speeds": self.speeds,
+            "control_period": self.control_period,
+            "cloning": Cloning.of(self.cloning) if self.init == IMITATION else None,
+        }
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """The policy at every command."""

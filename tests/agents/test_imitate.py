@@ -188,3 +188,11 @@ def test_commanded_speeds_change_within_the_walks_that_teach():
     assert changes == {lasting + 1, 2 * lasting + 1}
     assert len(np.unique(commands[:, -1].round(6))) == 3
     assert ((commands > 0.4 - 1e-6) & (commands < 0.6 + 1e-6)).all()
+
+
+def test_cloning_settings_are_given_by_some_of_their_names():
+    assert Cloning.of({"rounds": 3}) == dataclasses.replace(Cloning(), rounds=3)
+    with pytest.raises(ValueError, match="cloning: 'turns' is not known; choose from"):
+        Cloning.of({"turns": 3})
+    with pytest.raises(ValueError, match="rounds = 0"):
+        Cloning.of({"rounds": 0})

@@ -196,3 +196,9 @@ def test_the_command_line_trains_for_the_prices_of_the_environment_with_commands
 def test_evolution_takes_no_commanded_speeds(tmp_path):
     with pytest.raises(ValueError, match="no speed is commanded"):
         run(tmp_path, "evolution", speeds=(0.4, 0.6))
+
+
+def test_settings_of_a_cloning_need_an_expert_to_clone(tmp_path):
+    with pytest.raises(ValueError, match="cloning: nothing is cloned; give init = 'imitation'"):
+        run(tmp_path / "new", cloning=QUICK)
+    assert not (tmp_path / "new").exists()

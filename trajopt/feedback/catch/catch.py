@@ -155,6 +155,7 @@ def _filed(law: Law, near: float, key: Hashable, folder: Path) -> Catch:
         options, grid = Options.of(law.params), _grid(law, COUNTS)
         return Catch(law.params, options, grid, read_times(path, COUNTS))
     catch = Catch.to(law, near)
+    folder.mkdir(parents=True, exist_ok=True)
     write_times(path, catch.times)
     return catch
 
