@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from agents.comparison.entrants import entrants
 from agents.comparison.learned import Learned
+from agents.comparison.study import Study
 from agents.policy_files import PRETRAINED
 from scripts import publish
 
@@ -34,9 +36,13 @@ def study(tmp_path: Path) -> Path:
     for source in publish.COPIES:
         (folder / source).write_text(f"picture {source}")
     (folder / "table.md").write_text("| new table |\n")
-    titles = [title for one in entrants() if isinstance(one, Learned) for title in one.shown]
-    table = [ROW | {"policy": title} for title in titles]
-    of = {"preset": "BUILDABLE", "changes": {"drag": 0.1}}
+    learned = [one for one in entrants(Study()) if isinstance(one, Learned)]
+    table = [
+        ROW | {"policy": title, "at": one.speed, "return": 0.25}
+        for one in learned
+        for title in one.shown
+    ]
+    of = dataclasses.asdict(Study(changes={"drag": 0.1}))
     (folder / "results.json").write_text(json.dumps({"study": of, "table": table}))
     return folder
 
