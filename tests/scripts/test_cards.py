@@ -15,6 +15,7 @@ ROW = {
     "cot": 0.04384,
     "speed": 0.6251,
     "gap": 0.0221,
+    "return": 0.2861,
     "friction_demand": 0.714,
     "min_normal_force_over_weight": 0.062,
 }
@@ -45,6 +46,7 @@ def test_a_card_says_what_the_policy_is_how_it_walks_and_what_made_it() -> None:
         "| CoT | 0.0438 |",
         "| speed | 0.625 m/s |",
         "| gap to the optimum at this speed | +2.2% |",
+        "| return | 0.286 m/s |",
         "| friction demand, least Fy / weight | 0.71, 0.06 |",
         "| made by | revision 0123456789 with rimless-gym 0.1.0, torch 2.13.0 |",
     ):
