@@ -88,6 +88,7 @@ class Trained:
             timesteps=self.timesteps,
             params=params,
             expert=self.expert(seed, folder),
+            plans=folder.parent / PLANS,
             progress=False,
             **self.environment,
         )

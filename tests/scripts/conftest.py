@@ -37,7 +37,7 @@ FEWEST = dataclasses.replace(
 def finished(folder: Path, numbers: sizes.Sizes) -> None:
     """Finish a trial of one law about one gait in a folder, with a coarse catch."""
 
-    def coarse(law: Law, near: float) -> catching.Catch:
+    def coarse(law: Law, near: float, folder: Path | None = None) -> catching.Catch:
         return catching.Catch.to(law, near, counts=(5, 16, 11, 13))
 
     with pytest.MonkeyPatch.context() as patch:

@@ -30,7 +30,7 @@ def test_a_training_by_agents_train_is_judged_from_its_own_files(
         for shipped, file in (("imitation", CLONE), ("evolution", BEST)):
             shutil.copy(PRETRAINED[shipped], out / file)
         stopped = others["timesteps"] == 1
-        return TrainResult(out / BEST, out / LAST, out / CLONE, 4096, stopped, ())
+        return TrainResult(out / BEST, out / LAST, out / CLONE, 4096, stopped, (), ())
 
     monkeypatch.setattr(trials, "train", trained)
     few = dataclasses.replace(PROTOCOL, starts=2, duration=12.0, window=4.0, alive=2.0)
@@ -54,7 +54,7 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
 
     def trained(algo: str, init: str, seed: int, out: Path, **others: Any) -> TrainResult:
         asked.append(others)
-        return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, ())
+        return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, (), ())
 
     monkeypatch.setattr(trials, "train", trained)
     trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
