@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 
@@ -37,19 +38,20 @@ def film(
     Args:
         params: the machine.
         walk: its control intervals.
-        fps: pictures per second of the walk; at most one is drawn for each interval.
+        fps: pictures per second of the walk; a state is shown until the next one is due.
         size: width and height in pixels.
         period: length of an interval (s).
 
     Yields:
         Pixels, uint8 of shape (height, width, 3).
     """
-    every = max(1, round(1 / (fps * period)))
     recent: deque[tuple[float, float]] = deque(maxlen=max(1, round(AVERAGED / period)))
     trail: deque[tuple[float, float]] = deque(maxlen=TRAIL)
+    shown = 0
     for k, interval in enumerate(walk):
         info, state = interval.info, interval.states[0]
-        if k % every == 0:
+        due = math.ceil((k + 1) * period * fps - 1e-9)  # pictures until the end of the interval
+        if due > shown:
             energy, distance = map(sum, zip(*recent, strict=True)) if recent else (0.0, 0.0)
             moving = distance > LEAST_TRAVEL
             scene = Scene(
@@ -63,7 +65,9 @@ def film(
                 cot=energy / (params.weight * distance) if moving else None,
             )
             trail.append(scene.hub(params))
-            yield draw(params, scene, size=size, trail=tuple(trail))
+            picture = draw(params, scene, size=size, trail=tuple(trail))
+            yield from [picture] * (due - shown)
+            shown = due
         drawn = float(info["electrical_positive"][0] + info["idle"][0])
         recent.append((drawn, float(info["distance"][0])))
 

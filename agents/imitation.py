@@ -130,13 +130,8 @@ class Walks(NamedTuple):
         return Walks._make(values[indices] for values in self)
 
 
-#: How long a commanded speed lasts in these walks (s); the next one is drawn anew. A change of
-#: command is over in about a second.
-COMMAND_LASTS = 1.5
-
-#: Share of these commands that are the least or the greatest speed: a change from one end to the
-#: other is the hardest, and rare among evenly drawn ones.
-EXTREME = 0.5
+#: How long a commanded speed lasts in these walks (s); the next one is drawn anew.
+COMMAND_LASTS = 3.0
 
 
 def walk(
@@ -152,7 +147,7 @@ def walk(
     for k, interval in enumerate(rollout, start=1):
         intervals.append(interval)
         if conditions.control.speeds is not None and k % lasting == 0:
-            rollout.command(_commands(conditions.control.speeds, len(starts), rng))
+            rollout.command(rng.uniform(*conditions.control.speeds, size=len(starts)))
     return Walks(
         which=np.concatenate([interval.running for interval in intervals]),
         when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),
@@ -160,12 +155,6 @@ def walk(
         observations=np.concatenate([interval.observations for interval in intervals]),
         actions=np.concatenate([interval.actions for interval in intervals]),
     )
-
-
-def _commands(speeds: tuple[float, float], n: int, rng: np.random.Generator) -> Floats:
-    """New commands (m/s), (n,)."""
-    anywhere, ends = rng.uniform(*speeds, size=n), rng.choice(speeds, size=n)
-    return np.where(rng.uniform(size=n) < EXTREME, ends, anywhere)
 
 
 @dataclasses.dataclass(frozen=True)

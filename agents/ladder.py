@@ -114,6 +114,8 @@ def ladder_of_laws(
     """
     if conditions.control.speeds is None:
         raise ValueError("conditions: no speed is commanded; give speeds")
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
     front = cot_front(params, speeds, steps, hold=period, folder=folder, progress=progress)

@@ -66,7 +66,7 @@ class Standing:
         Raises:
             TypeError: a value is missing or of the wrong kind.
         """
-        curve = [Milestone(**each) for each in values.get("curve", ())]
+        curve = [Milestone(**each) for each in values["curve"]]
         return cls(**values | {"curve": curve})
 
     def __post_init__(self) -> None:
@@ -208,7 +208,7 @@ class Session:
             round(FILMED / period),
             command=None if speeds is None else float(np.mean(speeds)),
         )
-        frames = list(film(conditions.params, walk, fps=FPS, size=PICTURE, period=period))
+        frames = list(film(walk.machines[0], walk, fps=FPS, size=PICTURE, period=period))
         self.log.film("eval/from_rest", frames, FPS, self._learner.steps)
 
     def _record(self, name: str, value: float) -> None:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Everything that the scripts do, as one command: rimless WORD, with its own --help."""
+"""What the scripts do, as one command: rimless WORD, with its own --help."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+if not __package__:  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rimless_gym.extras import MissingExtraError
 
@@ -36,7 +37,7 @@ COMMANDS = {
     "page": Command("scripts.page", "one HTML file to pass on: the front, a wheel to drive"),
     "thesis": Command("scripts.thesis.command", "the thesis's experiments"),
     "bench": Command("scripts.benchmarks.command", "speed, ours and other people's"),
-    "warmup": Command("scripts.warmup", "compile everything now"),
+    "warmup": Command("scripts.warmup", "compile the simulator now"),
     "codesign": Command("scripts.codesign.command", "which machine walks best"),
     "feedback": Command("scripts.feedback_laws.command", "feedback laws, measured"),
     "front": Command("scripts.fronts.command", "search a machine's front of gaits anew"),

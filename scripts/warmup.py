@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Compile everything now, so that nobody waits for it later. The compiled code is kept."""
+"""Compile the simulator now, so that nobody waits for it later. The compiled code is kept."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+if not __package__:  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import gymnasium
 import numpy as np

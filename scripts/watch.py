@@ -9,17 +9,19 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+if not __package__:  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.conditions import Conditions
 from agents.film import film, film_of_gait
 from agents.policies import controller_policy, learned_policy
 from agents.policy_files import PRETRAINED, load_policy
 from agents.rollout import Rollout, at_rest
+from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.display import Frame, Window, save_gif
-from scripts.commandline import DEFAULT_PRESET, INTERRUPTED, Parser, more_than_zero, whole
+from scripts.commandline import INTERRUPTED, Parser, more_than_zero, whole
 from trajopt import periodic_gait
 from trajopt.feedback import laws
 
@@ -41,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{', '.join(laws.names())}; a policy that comes with the package, from rest: "
         f"{', '.join(PRETRAINED)}; or a policy's file",
     )
-    parser.add_machine(DEFAULT_PRESET)
+    parser.add_machine(None, "machine; None: a policy's own, otherwise BUILDABLE")
     parser.add_argument(
         "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
     )
@@ -52,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--size", type=whole(50), nargs=2, default=(600, 360), metavar=("WIDTH", "HEIGHT")
     )
     options = parser.parse_args(arguments)
-    params = parser.machine(options)
+    chosen = options.preset or options.params
+    params = parser.machine(options) if chosen else None
     if options.out is None:
         require_display(parser)
     elif options.out.suffix.lower() != ".gif":
@@ -72,13 +75,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def frames_of(options: argparse.Namespace, params: WheelParams) -> Iterator[Frame]:
+def frames_of(options: argparse.Namespace, given: WheelParams | None) -> Iterator[Frame]:
     """The pictures that were asked for.
+
+    Args:
+        options: of the command line.
+        given: the machine; None: a policy's own, or the default.
 
     Raises:
         ValueError: there is no such gait, law or policy.
     """
-    size = tuple(options.size)
+    size, params = tuple(options.size), given or BUILDABLE
     if options.what == GAIT:
         gait = periodic_gait(params, options.speed, options.steps)
         return film_of_gait(gait, options.seconds, fps=FPS, size=size)
@@ -87,13 +94,14 @@ def frames_of(options: argparse.Namespace, params: WheelParams) -> Iterator[Fram
         gait = periodic_gait(params, options.speed, options.steps, hold=CONTROL_PERIOD)
         policy = controller_policy(params, laws.design(options.what, gait))
     else:
-        found = load_policy(options.what, params)
+        found = load_policy(options.what, given)
+        params = found.params
         policy, conditions = learned_policy(found.act), found.conditions
         command = options.speed if conditions.commanded else None
     period = conditions.control.period
     n_intervals = round(options.seconds / period)
     walk = Rollout(conditions, policy, at_rest(params)[None], n_intervals, command=command)
-    return film(params, walk, fps=FPS, size=size, period=period)
+    return film(walk.machines[0], walk, fps=FPS, size=size, period=period)
 
 
 def show(frames: Iterator[Frame], size: tuple[int, ...]) -> None:

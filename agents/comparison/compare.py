@@ -107,7 +107,7 @@ class Comparison:
         params, walks = self.study.params, {}
         for each in drawn:
             walk = self._walk(each, DRAWN)
-            walks[each.drawn or each.name] = np.concatenate([i.states for i in walk])
+            walks[str(each.drawn)] = np.concatenate([i.states for i in walk])
         plot_limit_cycles(
             self.out / "limit_cycles.png", self._arena.held_gait(self.study.speed), walks
         )

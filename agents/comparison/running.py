@@ -164,7 +164,7 @@ def _read_log(arena: Arena, name: str) -> str:
     """Show what an entrant that is done wrote, other than progress bars, and remove its log."""
     log = _log(arena.out, name)
     for line in log.read_text(errors="replace").splitlines():
-        said = line.rsplit("\r", 1)[-1].strip()
+        said = line.strip()
         if said and not _SHARE.search(said):
             _tell(arena, f"{name}: {said}")
     log.unlink()

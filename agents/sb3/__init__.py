@@ -3,7 +3,5 @@
 from rimless_gym.extras import extra
 
 with extra("learn"):
-    import stable_baselines3
-    import torch
-
-__all__ = ["stable_baselines3", "torch"]
+    import stable_baselines3  # noqa: F401
+    import torch  # noqa: F401

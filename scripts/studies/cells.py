@@ -10,16 +10,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from agents.protocol import PROTOCOL, Protocol
 from agents.stopwatch import minutes
+from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.figures import Figures
 from scripts.studies.rows import Row
 from scripts.studies.trials import RESULT
 from trajopt.files import jsonable, read_signed, write_signed
+
+with extra("learn"):
+    import torch
 
 
 @dataclasses.dataclass(frozen=True)

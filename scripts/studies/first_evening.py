@@ -7,18 +7,20 @@ import os
 from pathlib import Path
 from typing import Any
 
-import torch
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.env_util import make_vec_env
-
 from agents import Sb3VecEnv, protocol
 from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 from agents.stopwatch import forget, timed
+from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
 from trajopt.feedback.law import Floats
+
+with extra("learn"):
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.env_util import make_vec_env
 
 TASK = "RimlessWheelSpeed-v0"
 

@@ -50,9 +50,7 @@ def with_kept(new: Sequence[str], old: Sequence[str], titles: Sequence[str]) -> 
 
 def _of_row(title: str, lines: Sequence[str]) -> list[str]:
     """A row's lines: their first column is its title, or its title and which of its policies."""
-    return [
-        line for line in lines if line.startswith((f"| {title} |", f"| {title}, ", f"| {title}: "))
-    ]
+    return [line for line in lines if line.startswith((f"| {title} |", f"| {title}, "))]
 
 
 def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:

@@ -20,9 +20,10 @@ def walk(seconds):
     return Rollout(Conditions(BUILDABLE), policy, start, round(seconds / 0.01))
 
 
-def test_a_film_has_as_many_pictures_as_its_time():
-    frames = list(film(BUILDABLE, walk(2.0), fps=25, size=SIZE))
-    assert len(frames) == 50
+@pytest.mark.parametrize(("period", "fps"), [(0.01, 25), (0.04, 10), (0.04, 50), (0.03, 25)])
+def test_a_film_lasts_as_long_as_its_walk(period, fps):
+    frames = list(film(BUILDABLE, list(walk(1.2)), fps=fps, size=SIZE, period=period))
+    assert len(frames) == pytest.approx(120 * period * fps, abs=1)
     assert all(frame.shape == (80, 120, 3) and frame.dtype == np.uint8 for frame in frames)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -61,4 +60,3 @@ def test_curves_of_any_kind_are_drawn(tmp_path: Path, front: CotFront) -> None:
     curves = {"walks": [milestone(), milestone(intervals=9, minutes=2.0)], "stands": nothing}
     plot_learning_curves(tmp_path / "curves.png", curves, front)
     assert (tmp_path / "curves.png").stat().st_size > 10_000
-    assert dataclasses.is_dataclass(front)
