@@ -55,9 +55,9 @@ def test_a_catch_is_planned_once_for_all_processes(
     original = catching.Catch.to
     monkeypatch.setattr(catching, "COUNTS", (5, 16, 11, 13))
     monkeypatch.setattr(catching.Catch, "to", to)
-    first = catching.catch_for(law, 0.13, tmp_path / "plans")
+    first = catching.catch_for(law, 0.6, tmp_path / "plans")
     catching._KEPT.clear()  # as in another process
-    second = catching.catch_for(law, 0.13, tmp_path / "plans")
+    second = catching.catch_for(law, 0.6, tmp_path / "plans")
     assert len(planned) == 1
     x = np.array([[1.5, 0.2, -2.0, 1.0], [1.6, -2.0, -1.0, -9.0]])
     np.testing.assert_array_equal(first(x), second(x))
