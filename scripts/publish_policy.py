@@ -16,6 +16,7 @@ from agents.comparison.report import policy_row
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
 from agents.policy_files import load_policy, read_record
+from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
 from scripts.commandline import Parser
@@ -39,8 +40,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     with parser.refusing():
         policy = load_policy(options.policy)
+        if policy.conditions.control != USUAL:
+            parser.error(
+                f"{options.policy}: walks at a commanded speed, or does not decide every "
+                f"{CONTROL_PERIOD:g} s; a card is of a policy for RimlessWheel-v0"
+            )
         init = json.loads(options.policy.with_name("train.json").read_text())["init"]
         walk = evaluate(learned_policy(policy.act), policy.params, progress=True)
+        if not walk.walking.any():
+            parser.error(f"{options.policy}: walks from no start; a card is of one that walks")
         speeds = held_speeds(
             policy.params, walk.speed - AROUND, walk.speed + AROUND, CONTROL_PERIOD
         )
