@@ -146,7 +146,7 @@ def train(
     conditions = Conditions.of(params, ranges, disturbances, speeds, control_period)
     training = Training(
         algo,
-        _described(init, expert),
+        _described(init, expert, cloning),
         integer("seed", seed, 0, MAX_SEED),
         conditions,
         as_task(task, conditions.default_task),
@@ -183,11 +183,17 @@ def train(
             learner.close()
 
 
-def _described(init: str, expert: Controller | str) -> str:
+def _described(init: str, expert: Controller | str, cloning: Cloning | None) -> str:
     """What a training begins from, so that its folder is known by it."""
-    if init == IMITATION and isinstance(expert, str) and expert != EXPERT:
-        return f"{IMITATION} of {expert if expert in laws.names() else origin(expert)}"
-    return init if init in INITS else origin(init)
+    if init != IMITATION:
+        return init if init in INITS else origin(init)
+    described, usual = init, dataclasses.asdict(Cloning())
+    if isinstance(expert, str) and expert != EXPERT:
+        described += f" of {expert if expert in laws.names() else origin(expert)}"
+    if cloning is None:
+        return described
+    changed = {k: v for k, v in dataclasses.asdict(cloning).items() if v != usual[k]}
+    return described + (f" with {json.dumps(changed)}" if changed else "")
 
 
 def _named(expert: str, plan: Plan) -> Policy:

@@ -151,14 +151,15 @@ def _reason(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
-def whole(least: int) -> Callable[[str], int]:
-    """The type of an argument that is an integer of at least `least`, such as 20 or 2e7."""
+def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """The type of an argument that is an integer from `least` to `most`, such as 20 or 2e7."""
 
     def parsed(text: str) -> int:
         try:
-            return integer("it", _integer_in(text), least)
+            return integer("it", _integer_in(text), least, most)
         except ValueError:
-            message = f"{text!r}: must be an integer of at least {least}"
+            limits = f"of at least {least}" + ("" if most is None else f" and at most {most}")
+            message = f"{text!r}: must be an integer {limits}"
             raise argparse.ArgumentTypeError(message) from None
 
     return parsed

@@ -21,7 +21,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
 from scripts.commandline import Parser
 from scripts.documents.cards import card
-from scripts.publish import PRETRAINED
+from scripts.publish import POLICIES, PRETRAINED
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.held.clock import held_speeds
 
@@ -38,6 +38,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("policy", type=Path, help="its file (.zip), in the folder of its training")
     parser.add_argument("title", help="of its card")
     options = parser.parse_args(arguments)
+    if not options.name.isidentifier() or options.name in POLICIES:
+        parser.error(
+            f"{options.name}: must be a plain name, and not one of the comparison's: "
+            f"{', '.join(POLICIES)}"
+        )
+    notes = options.policy.with_name("train.json")
+    if not options.policy.is_file() or not notes.is_file():
+        parser.error(f"{options.policy}: give the .zip in the folder of its training")
+    for suffix in (".zip", ".md"):
+        parser.require_file(PRETRAINED / f"{options.name}{suffix}")
     with parser.refusing():
         policy = load_policy(options.policy)
         if policy.conditions.control != USUAL:
@@ -45,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{options.policy}: walks at a commanded speed, or does not decide every "
                 f"{CONTROL_PERIOD:g} s; a card is of a policy for RimlessWheel-v0"
             )
-        init = json.loads(options.policy.with_name("train.json").read_text())["init"]
+        init = json.loads(notes.read_text())["init"]
         walk = evaluate(learned_policy(policy.act), policy.params, progress=True)
         if not walk.walking.any():
             parser.error(f"{options.policy}: walks from no start; a card is of one that walks")

@@ -13,6 +13,7 @@ if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rimless_gym.extras import MissingExtraError
+from scripts.commandline import INTERRUPTED
 
 
 class Command(NamedTuple):
@@ -64,6 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MissingExtraError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
 
 
 def usage() -> str:

@@ -91,7 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         settings = chosen(options.algo, options.init, options.settings)
         rough = options.ranges, options.disturbances
         conditions = Conditions.of(params, *rough, speeds, options.control_period)
-        task = as_task(options.task, conditions.default_task)
+        try:
+            task = as_task(options.task, conditions.default_task)
+        except TypeError as error:
+            parser.error(f"--task: {error}")
     parser.require_folder(options.out)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):

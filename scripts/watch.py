@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import io
 import itertools
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,6 +33,9 @@ GAIT = "gait"
 #: Pictures of a GIF per second; of a window.
 FPS = 25
 
+#: Longest GIF (s); its pictures are all in memory.
+LONGEST = 300.0
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, until the window is closed or the time is over."""
@@ -51,9 +56,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
     parser.add_argument("--out", type=Path, help="a GIF to write instead of showing a window")
     parser.add_argument(
-        "--size", type=whole(50), nargs=2, default=(600, 360), metavar=("WIDTH", "HEIGHT")
+        "--size", type=whole(50, 4000), nargs=2, default=(600, 360), metavar=("WIDTH", "HEIGHT")
     )
     options = parser.parse_args(arguments)
+    least, most = 1 / FPS, LONGEST if options.out else math.inf
+    if not least <= options.seconds <= most:
+        parser.error(
+            f"--seconds {options.seconds:g}: must be at least {least:g}, one picture, and in a GIF "
+            f"at most {LONGEST:g}"
+        )
     chosen = options.preset or options.params
     params = parser.machine(options) if chosen else None
     if options.out is None:
@@ -68,7 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.out is None:
                 show(frames, tuple(options.size))
             else:
-                save_gif(list(frames), options.out, FPS)
+                encoded = io.BytesIO()
+                save_gif(list(frames), encoded, FPS)
+                with parser.out_of_room(options.out.parent):
+                    options.out.write_bytes(encoded.getvalue())
                 print(options.out)
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -64,6 +64,7 @@ class Study:
             raise ValueError(
                 f"front = {self.front}: must be two speeds (m/s), the least and the greatest"
             )
+        _ = self.front_speeds  # what is out of range is refused before a folder is claimed
         if len({self.on_tick(speed) for speed in self.speeds}) < len(self.speeds):
             raise ValueError(
                 f"further = {self.further}: two of these and speed = {self.speed} stand for the "

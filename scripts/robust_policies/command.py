@@ -14,7 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 from agents.policy_files import PRETRAINED
-from scripts.commandline import DEFAULT_PRESET, INTERRUPTED, Parser, terminated_like_ctrl_c
+from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c
 from scripts.feedback_laws.columns.changes import machines, nuisances, slopes
 from scripts.feedback_laws.columns.pushes import pushes
 from scripts.feedback_laws.sizes import FOR_A_TRIAL, FOR_FAST_LAWS
@@ -40,26 +40,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"a policy's file (.zip); one that comes with the package: {', '.join(PRETRAINED)}; "
         f"or a feedback law: {', '.join(laws.names())}",
     )
-    parser.add_machine(DEFAULT_PRESET)
+    parser.add_machine(None, "machine; None: a policy's own, and BUILDABLE for laws")
     parser.add_argument("--quick", action="store_true", help="a trial: shows only that all runs")
     parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
     options = parser.parse_args(arguments)
-    params, sizes = parser.machine(options), FOR_A_TRIAL if options.quick else FOR_FAST_LAWS
+    given = parser.machine(options) if options.preset or options.params else None
+    sizes = FOR_A_TRIAL if options.quick else FOR_FAST_LAWS
     if options.docs:
         if options.quick:
             parser.error(f"--docs {options.docs}: a page tells of no trials; leave out --quick")
         for marks in page.MARKS.values():
             parser.require_page(options.docs, marks, page.WANTED)
     found: dict[str, dict[str, Any]] = {}
-    total = len(options.policies) * len(COLUMNS)
+    with parser.refusing():  # all of them, before the first is measured
+        walkers = [walker(name, given) for name in options.policies]
+        names = [one.name for one in walkers]
+        for name in names:
+            if names.count(name) > 1:
+                parser.error(f"two policies are called {name}: give one of the files another name")
+    total = len(walkers) * len(COLUMNS)
     try:
         with (
             terminated_like_ctrl_c(),
             parser.refusing(),
             tqdm(total=total, desc="robustness") as bar,
         ):
-            for name in options.policies:
-                one = walker(name, params)
+            for one in walkers:
                 found[one.name] = {}
                 for column, measure in COLUMNS.items():
                     bar.set_postfix_str(f"{one.name}: {column}")

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from agents.evaluate import evaluate
 from agents.policies import Policy, controller_policy, learned_policy
-from agents.policy_files import PRETRAINED, CheckpointError, load_policy
+from agents.policy_files import CheckpointError, load_policy
 from agents.protocol import SHORT_PROTOCOL
+from rimless_gym import BUILDABLE
 from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -44,12 +45,12 @@ class Walking:
         return self.gait.params
 
 
-def walker(name: str, params: WheelParams) -> Walking:
+def walker(name: str, given: WheelParams | None) -> Walking:
     """A feedback law, a policy that comes with the package, or one in a file.
 
     Args:
         name: of the law or the policy, or the file's path.
-        params: the machine.
+        given: the machine; None: that of the policy, or BUILDABLE.
 
     Raises:
         CheckpointError: it is neither, the policy is for another machine or control, or it does
@@ -57,9 +58,11 @@ def walker(name: str, params: WheelParams) -> Walking:
         NoGaitError: there is no gait near its speed.
     """
     if name in laws.names():
+        params = given or BUILDABLE
         gait = _gait(params, SPEED)
         return Walking(name, controller_policy(params, laws.design(name, gait)), gait)
-    found = load_policy(PRETRAINED.get(name, Path(name)), params)
+    found = load_policy(name, given)
+    params = found.params
     if found.conditions.control != USUAL:
         raise CheckpointError(
             f"{name}: walks at a commanded speed, or does not decide every {CONTROL_PERIOD:g} s; "

@@ -44,3 +44,8 @@ def test_the_front_has_every_speed_at_which_laws_walk() -> None:
     assert {study.on_tick(speed) for speed in study.speeds} <= set(study.front_speeds)
     ticks = [BUILDABLE.step_length / speed / CONTROL_PERIOD for speed in study.front_speeds]
     assert ticks == pytest.approx(range(round(ticks[0]), round(ticks[-1]) - 1, -1))
+
+
+def test_a_front_beyond_every_gait_is_refused_before_any_work():
+    with pytest.raises(ValueError, match="at most"):
+        Study(front=(0.01, 20.0))

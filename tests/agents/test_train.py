@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from agents import learners
-from agents.policy_files import CheckpointError, load_policy, read_record
+from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
 from agents.train import train, walking_economy
@@ -202,3 +202,13 @@ def test_settings_of_a_cloning_need_an_expert_to_clone(tmp_path):
     with pytest.raises(ValueError, match="cloning: nothing is cloned; give init = 'imitation'"):
         run(tmp_path / "new", cloning=QUICK)
     assert not (tmp_path / "new").exists()
+
+
+def test_a_training_goes_on_only_with_the_cloning_that_it_began_with(tmp_path):
+    expert = str(PRETRAINED["evolution"])
+    arguments = {"init": "imitation", "expert": expert, "timesteps": 0, "params": BUILDABLE}
+    run(tmp_path, cloning=QUICK, **arguments)
+    other = dataclasses.replace(QUICK, gradient_steps=21)
+    with pytest.raises(ValueError, match="gradient_steps"):
+        run(tmp_path, cloning=other, **arguments)
+    assert run(tmp_path, cloning=QUICK, **arguments).timesteps == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from scripts import rimless, watch
+from agents.policy_files import PRETRAINED
+from scripts import publish_policy, rimless, warmup, watch
 
 #: Makes an interpreter in which a package cannot be imported.
 WITHOUT = "import sys; sys.modules[{name!r}] = None; "
@@ -80,6 +82,9 @@ def test_a_gait_is_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixtur
         (["--out", "walk.mp4"], "ends with .gif"),
         (["nobody", "--out", "walk.gif"], "nobody"),
         (["--size", "3", "3"], "--size"),
+        (["--size", "100000", "100000"], "at most 4000"),
+        (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.04, one picture"),
+        (["--seconds", "1e9", "--out", "walk.gif"], "at most 300"),
     ],
 )
 def test_what_cannot_be_watched_is_refused(
@@ -104,3 +109,35 @@ def test_without_a_display_the_remedy_is_named(
     with pytest.raises(SystemExit):
         watch.main(["gait"])
     assert "--out walk.gif" in capsys.readouterr().err
+
+
+def test_two_policies_of_one_name_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        shutil.copy(PRETRAINED["evolution"], tmp_path / folder / "best.zip")
+    with pytest.raises(SystemExit):
+        rimless.main(["robustness", *(str(tmp_path / f / "best.zip") for f in "ab")])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "two policies are called best: give one of the files another name" in line
+
+
+@pytest.mark.parametrize("name", ["imitation", "../x", "a b"])
+def test_a_card_is_not_written_over_one_of_the_comparison(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        publish_policy.main([name, str(PRETRAINED["evolution"]), "a title"])
+    assert "must be a plain name" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_a_command_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def pressed(arguments: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(warmup, "main", pressed)
+    assert rimless.main(["warmup"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
