@@ -39,7 +39,7 @@ class Learned:
     name: str
     init: str
     shown: dict[str, str]
-    effort: float
+    effort: float = 60.0
     after: tuple[str, ...] = ()
     algo: str = "ppo"
     speed: float | None = None
