@@ -39,9 +39,9 @@ def test_a_training_by_agents_train_is_judged_from_its_own_files(
     result = cell.run(tmp_path)
     clone, best = result.policies["clone"], result.policies["best kept"]
     assert (clone.share, best.share, result.steps) == (1.0, 1.0, 4096)
-    assert clone.cot is not None
-    assert best.cot is not None
-    assert clone.cot < best.cot
+    assert clone.speed is not None
+    assert best.speed is not None
+    assert clone.speed < best.speed  # those of two gaits
     row = dataclasses.replace(cell.row, trial=dataclasses.replace(trial, timesteps=1))
     with pytest.raises(KeyboardInterrupt):
         dataclasses.replace(cell, row=row).run(tmp_path)
