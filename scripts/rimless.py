@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""What the scripts do, as one command: rimless WORD, with its own --help."""
+"""What most of the scripts do, as one command: rimless WORD, with its own --help."""
 
 from __future__ import annotations
 

@@ -15,14 +15,10 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
 from trajopt.feedback import laws
-from trajopt.gaits.held.clock import held_speeds
 from trajopt.gaits.solution import Solution
 
 #: Speed of the gait that laws hold (m/s): that of the clones, too.
 SPEED = 0.56
-
-#: How far from its own speed the gait may be near which a policy walks (m/s).
-NEAR = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +55,7 @@ def walker(name: str, given: WheelParams | None) -> Walking:
     """
     if name in laws.names():
         params = given or BUILDABLE
-        gait = _gait(params, SPEED)
+        gait = periodic_gait(params, SPEED, 1, hold=CONTROL_PERIOD)
         return Walking(name, controller_policy(params, laws.design(name, gait)), gait)
     found = load_policy(name, given)
     params = found.params
@@ -72,11 +68,5 @@ def walker(name: str, given: WheelParams | None) -> Walking:
     walk = evaluate(policy, params, SHORT_PROTOCOL)
     if not walk.walking.any():
         raise CheckpointError(f"{name}: walks from no start; give a policy that walks")
-    return Walking(Path(name).stem, policy, _gait(params, walk.speed))
-
-
-def _gait(params: WheelParams, speed: float) -> Solution:
-    """The held gait of one step nearest in speed."""
-    speeds = held_speeds(params, speed - NEAR, speed + NEAR, CONTROL_PERIOD)
-    nearest = min(speeds, key=lambda each: abs(each - speed))
-    return periodic_gait(params, nearest, 1, hold=CONTROL_PERIOD)
+    gait = periodic_gait(params, walk.speed, 1, hold=CONTROL_PERIOD)
+    return Walking(Path(name).stem, policy, gait)

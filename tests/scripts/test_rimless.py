@@ -141,3 +141,13 @@ def test_ctrl_c_ends_a_command_in_one_line(
     monkeypatch.setattr(warmup, "main", pressed)
     assert rimless.main(["warmup"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.slow
+def test_robustness_tells_of_noise_pushes_and_other_machines(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert rimless.main(["robustness", "evolution", "--quick"]) == 0
+    tables = capsys.readouterr().out.split("\n\n")
+    assert len(tables) == 3
+    assert all("`evolution`" in table for table in tables)
