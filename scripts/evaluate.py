@@ -26,17 +26,14 @@ if not __package__:  # run as a file
 
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation, evaluate
-from agents.policies import Policy, controller_policy, learned_policy
-from agents.policy_files import PRETRAINED, load_policy
+from agents.policy_files import PRETRAINED
 from agents.statistics import bootstrap_interval, interquartile_mean
+from agents.walkers import Walker, walker
 from rimless_gym.envs.control import as_speeds
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
-from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import preset
 from scripts.commandline import (
-    DEFAULT_PRESET,
     DISTURBANCES,
     RANGES,
     Parser,
@@ -68,27 +65,6 @@ COMMANDS = 5
 
 #: Strides of the gaits to which the gap is measured.
 FRONT_STEPS = (1, 2, 3)
-
-
-@dataclasses.dataclass(frozen=True)
-class Walker:
-    """What is measured: a policy, its machine and control, and the task it was trained for.
-
-    Attributes:
-        name: in the table.
-        policy: that walks.
-        params: its machine.
-        task: whose reward is measured; None: that of the environment.
-        command: the speed that is commanded (m/s), if any.
-        period: how long an action is held (s).
-    """
-
-    name: str
-    policy: Policy
-    params: WheelParams
-    task: Task | None = None
-    command: float | None = None
-    period: float = CONTROL_PERIOD
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -195,28 +171,21 @@ def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespac
         ValueError: there is no gait, or the gait or the policy is for another machine.
         FileNotFoundError: there is no such file.
     """
-    if name not in laws.names():
-        p = load_policy(name, params, trust_pickle=options.trust_pickle)
-        policy, control = learned_policy(p.act), p.conditions.control
-        if control.speeds is None:
-            return [Walker(name, policy, p.params, p.task, None, control.period)]
-        commands = options.commands or np.linspace(*control.speeds, COMMANDS).round(6).tolist()
-        return [
-            Walker(f"{name} at {speed} m/s", policy, p.params, p.task, speed, control.period)
-            for speed in dict.fromkeys(commands)
-        ]
-    if options.gait is None:
-        of = params if params is not None else preset(DEFAULT_PRESET)
-        gait = periodic_gait(of, options.speed, options.steps, progress=True)
-    else:
-        gait = Solution.load(options.gait)
-    if params is not None and gait.params != params:
-        raise ValueError(
-            f"{options.gait}: a gait of another machine than --preset and --params say; leave "
-            "them out, or give a gait of theirs"
-        )
-    policy = controller_policy(gait.params, laws.design(name, gait))
-    return [Walker(name, policy, gait.params)]
+
+    def gait_for(machine: WheelParams) -> Solution:
+        if options.gait is not None:
+            return Solution.load(options.gait)
+        return periodic_gait(machine, options.speed, options.steps, progress=True)
+
+    found = walker(name, gait_for, params, trust_pickle=options.trust_pickle)
+    speeds = found.conditions.control.speeds
+    if speeds is None:
+        return [found]
+    commands = options.commands or np.linspace(*speeds, COMMANDS).round(6).tolist()
+    return [
+        dataclasses.replace(found, name=f"{name} at {speed} m/s", command=speed)
+        for speed in dict.fromkeys(commands)
+    ]
 
 
 def has_gaits(params: WheelParams) -> bool:

@@ -14,17 +14,16 @@ from pathlib import Path
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from agents.conditions import Conditions
 from agents.film import film, film_of_gait
-from agents.policies import controller_policy, learned_policy
-from agents.policy_files import PRETRAINED, load_policy
+from agents.policy_files import PRETRAINED
 from agents.rollout import Rollout, at_rest
+from agents.walkers import walker
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.display import Frame, Window, save_gif
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, whole
-from trajopt import periodic_gait
+from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 
 #: What is watched as it was solved.
@@ -103,19 +102,16 @@ def frames_of(options: argparse.Namespace, given: WheelParams | None) -> Iterato
     if options.what == GAIT:
         gait = periodic_gait(params, options.speed, options.steps)
         return film_of_gait(gait, options.seconds, fps=FPS, size=size)
-    conditions, command = Conditions(params), None
-    if options.what in laws.names():
-        gait = periodic_gait(params, options.speed, options.steps, hold=CONTROL_PERIOD)
-        policy = controller_policy(params, laws.design(options.what, gait))
-    else:
-        found = load_policy(options.what, given)
-        params = found.params
-        policy, conditions = learned_policy(found.act), found.conditions
-        command = options.speed if conditions.commanded else None
-    period = conditions.control.period
-    n_intervals = round(options.seconds / period)
-    walk = Rollout(conditions, policy, at_rest(params)[None], n_intervals, command=command)
-    return film(walk.machines[0], walk, fps=FPS, size=size, period=period)
+
+    def gait_for(machine: WheelParams) -> Solution:
+        return periodic_gait(machine, options.speed, options.steps, hold=CONTROL_PERIOD)
+
+    one = walker(options.what, gait_for, given)
+    command = options.speed if one.conditions.commanded else None
+    n_intervals = round(options.seconds / one.period)
+    start = at_rest(one.params)[None]
+    walk = Rollout(one.conditions, one.policy, start, n_intervals, command=command)
+    return film(one.params, walk, fps=FPS, size=size, period=one.period)
 
 
 def show(frames: Iterator[Frame], size: tuple[int, ...]) -> None:

@@ -19,7 +19,7 @@ from scripts.feedback_laws.columns.changes import machines, nuisances, slopes
 from scripts.feedback_laws.columns.pushes import pushes
 from scripts.feedback_laws.sizes import FOR_A_TRIAL, FOR_FAST_LAWS
 from scripts.robust_policies import page
-from scripts.robust_policies.walkers import walker
+from scripts.robust_policies.walkers import walking
 from trajopt.feedback import laws
 
 #: What is measured of every policy.
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.require_page(options.docs, marks, page.WANTED)
     found: dict[str, dict[str, Any]] = {}
     with parser.refusing():  # all of them, before the first is measured
-        walkers = [walker(name, given) for name in options.policies]
+        walkers = [walking(name, given) for name in options.policies]
         names = [one.name for one in walkers]
         for name in names:
             if names.count(name) > 1:

@@ -6,15 +6,14 @@ import dataclasses
 from pathlib import Path
 
 from agents.evaluate import evaluate
-from agents.policies import Policy, controller_policy, learned_policy
-from agents.policy_files import CheckpointError, load_policy
+from agents.policies import Policy
+from agents.policy_files import CheckpointError
 from agents.protocol import SHORT_PROTOCOL
-from rimless_gym import BUILDABLE
+from agents.walkers import walker
 from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import periodic_gait
-from trajopt.feedback import laws
 from trajopt.gaits.solution import Solution
 
 #: Speed of the gait that laws hold (m/s): that of the clones, too.
@@ -41,7 +40,7 @@ class Walking:
         return self.gait.params
 
 
-def walker(name: str, given: WheelParams | None) -> Walking:
+def walking(name: str, given: WheelParams | None) -> Walking:
     """A feedback law, a policy that comes with the package, or one in a file.
 
     Args:
@@ -53,20 +52,19 @@ def walker(name: str, given: WheelParams | None) -> Walking:
             not walk.
         NoGaitError: there is no gait near its speed.
     """
-    if name in laws.names():
-        params = given or BUILDABLE
-        gait = periodic_gait(params, SPEED, 1, hold=CONTROL_PERIOD)
-        return Walking(name, controller_policy(params, laws.design(name, gait)), gait)
-    found = load_policy(name, given)
-    params = found.params
+
+    def gait_for(machine: WheelParams, speed: float = SPEED) -> Solution:
+        return periodic_gait(machine, speed, 1, hold=CONTROL_PERIOD)
+
+    found = walker(name, gait_for, given)
+    if found.gait is not None:
+        return Walking(name, found.policy, found.gait)
     if found.conditions.control != USUAL:
         raise CheckpointError(
             f"{name}: walks at a commanded speed, or does not decide every {CONTROL_PERIOD:g} s; "
             "the gaits here are of other walks: give a policy for RimlessWheel-v0"
         )
-    policy = learned_policy(found.act)
-    walk = evaluate(policy, params, SHORT_PROTOCOL)
+    walk = evaluate(found.policy, found.params, SHORT_PROTOCOL)
     if not walk.walking.any():
         raise CheckpointError(f"{name}: walks from no start; give a policy that walks")
-    gait = periodic_gait(params, walk.speed, 1, hold=CONTROL_PERIOD)
-    return Walking(Path(name).stem, policy, gait)
+    return Walking(Path(name).stem, found.policy, gait_for(found.params, walk.speed))
