@@ -25,7 +25,8 @@ if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import evaluate
+from agents.gaps import gap_to_optimum
 from agents.policy_files import PRETRAINED
 from agents.statistics import bootstrap_interval, interquartile_mean
 from agents.walkers import Walker, walker
@@ -41,9 +42,8 @@ from scripts.commandline import (
     more_than_zero,
     whole,
 )
-from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
-from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.shipped import shipped
 from trajopt.provenance import provenance
 
@@ -62,9 +62,6 @@ COLUMNS = (
 
 #: Speeds at which a policy walks that is commanded one, unless they are given.
 COMMANDS = 5
-
-#: Strides of the gaits to which the gap is measured.
-FRONT_STEPS = (1, 2, 3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -139,11 +136,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for w in walkers
     ]
     names = [w.name for w in walkers]
-    wanted = [options.gap if options.gap is not None else has_gaits(w.params) for w in walkers]
+    wanted = [
+        w.period == CONTROL_PERIOD  # as often as the optimum may change its voltage
+        and (has_gaits(w.params) if options.gap is None else options.gap)
+        for w in walkers
+    ]
     figures = [
         {
             **e.to_dict(),
-            "gap": gap(e, w.params) if asked and w.period == CONTROL_PERIOD else None,
+            "gap": gap_to_optimum(w.params, e.cot, e.speed, progress=True) if asked else None,
             "command": w.command,
             "control_period": w.period,
         }
@@ -191,26 +192,6 @@ def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespac
 def has_gaits(params: WheelParams) -> bool:
     """Whether gaits of the machine are shipped, so that others are found within seconds."""
     return any(gait.params == params for gait in shipped())
-
-
-def gap(evaluation: Evaluation, params: WheelParams) -> float | None:
-    """CoT over the environment's own optimum at the walked speed, minus 1; None without one.
-
-    The policy must decide every 10 ms, as the optimum may change its voltage.
-    That is interpolated between the two nearest speeds at which a step lasts a whole number of
-    control intervals.
-    """
-    if not evaluation.walking.any():
-        return None
-    speed = evaluation.speed
-    ticks = math.floor(params.step_length / (speed * CONTROL_PERIOD))
-    nearest = [params.step_length / (n * CONTROL_PERIOD) for n in (ticks, ticks + 1)]
-    try:
-        best = cot_front(params, [speed], FRONT_STEPS, progress=True).envelope[0]
-        held = cot_front(params, nearest, [best.steps], hold=CONTROL_PERIOD, progress=True)
-        return evaluation.cot / float(held(speed)) - 1.0
-    except (NoGaitError, ValueError):  # no gait, or only on one side
-        return None
 
 
 def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:

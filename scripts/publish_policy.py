@@ -14,6 +14,7 @@ if not __package__:  # run as a file
 
 from agents.comparison.report import policy_row
 from agents.evaluate import evaluate
+from agents.gaps import gap_to_optimum
 from agents.policies import learned_policy
 from agents.policy_files import load_policy, read_record
 from rimless_gym.envs.control import USUAL
@@ -22,11 +23,6 @@ from rimless_gym.presets import machine_name
 from scripts.commandline import Parser
 from scripts.documents.cards import card
 from scripts.publish import POLICIES, PRETRAINED
-from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.held.clock import held_speeds
-
-#: How far around its speed the front of optimal gaits reaches (m/s): two gaits at least.
-AROUND = 0.02
 
 AGAIN = "docs/learning.md has the command that trains it;"
 
@@ -59,11 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         walk = evaluate(learned_policy(policy.act), policy.params, progress=True)
         if not walk.walking.any():
             parser.error(f"{options.policy}: walks from no start; a card is of one that walks")
-        speeds = held_speeds(
-            policy.params, walk.speed - AROUND, walk.speed + AROUND, CONTROL_PERIOD
-        )
-        front = cot_front(policy.params, speeds, hold=CONTROL_PERIOD, progress=True)
-    row = policy_row(options.title, {"evaluation": walk.to_dict(), "wall_time_s": 0.0}, front, None)
+    gap = gap_to_optimum(policy.params, walk.cot, walk.speed, progress=True)
+    row = policy_row(options.title, walk.to_dict(), gap, None)
     machine = machine_name(policy.params)
     text = card(options.name, read_record(options.policy), row, machine, init, AGAIN)
     shutil.copyfile(options.policy, PRETRAINED / f"{options.name}.zip")

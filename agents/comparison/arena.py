@@ -8,9 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from agents.comparison.report import policy_row
 from agents.comparison.stages import read_stage
 from agents.comparison.study import Study
 from agents.evaluate import evaluate
+from agents.gaps import gap_to_front
 from agents.policies import Policy
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
@@ -82,3 +84,12 @@ class Arena:
         """A result with the evaluation of a policy."""
         evaluation = evaluate(policy, self.params, progress=self.progress)
         return {"evaluation": evaluation.to_dict()}
+
+    def row(self, name: str, result: Result, at: float | None) -> Row:
+        """The row of a policy, from a result of `evaluated`; see `policy_row`."""
+        found = result["evaluation"]
+        return policy_row(name, found, self.gap(found["cot"], found["speed"]), at)
+
+    def gap(self, cot: float | None, speed: float | None) -> float | None:
+        """That of a gait or a walk to the environment's own optimum; None off its front."""
+        return gap_to_front(cot, speed, self.held_front)

@@ -13,9 +13,10 @@ from typing import Protocol
 
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.learned import Learned
-from agents.comparison.report import gait_row, policy_row
+from agents.comparison.report import gait_row
 from agents.comparison.study import Study
 from agents.folder import BEST, CLONE, LAST
+from agents.gaps import FRONT_STEPS
 from agents.policies import controller_policy
 from agents.train import EXPERT
 from agents.training import IMITATION, SCRATCH
@@ -25,9 +26,6 @@ from trajopt.feedback import laws
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.shipped import leads_for
-
-#: Strides considered for the optimal front.
-FRONT_STEPS = (1, 2, 3)
 
 #: What the table calls feedback laws whose names are abbreviations.
 ABBREVIATIONS = {"lqr": "LQR", "pid": "PD"}
@@ -90,8 +88,8 @@ class Gait:
         if "missing" in result:
             return []
         gait = Solution.load(arena.out / f"{self.name}.npz")
-        at = arena.study.speed
-        return [gait_row(self.title or strides(gait), gait, result, arena.held_front, at)]
+        title = self.title or strides(gait)
+        return [gait_row(title, gait, arena.gap(gait.cot, gait.speed), arena.study.speed)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +117,7 @@ class Front:
         """The rows of the best gaits at the study's speeds."""
         best = {speed: arena.best_gait(speed) for speed in arena.study.speeds}
         return [
-            gait_row(strides(gait), gait, result, arena.held_front, speed)
+            gait_row(strides(gait), gait, arena.gap(gait.cot, gait.speed), speed)
             for speed, gait in best.items()
         ]
 
@@ -166,9 +164,10 @@ class HeldFront:
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """The rows of the gaits nearest to the study's speeds."""
         title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
+        best = {speed: arena.held_gait(speed) for speed in arena.study.speeds}
         return [
-            gait_row(title, arena.held_gait(speed), result, arena.held_front, speed)
-            for speed in arena.study.speeds
+            gait_row(title, gait, arena.gap(gait.cot, gait.speed), speed)
+            for speed, gait in best.items()
         ]
 
 
@@ -197,7 +196,7 @@ class Law:
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """Its row."""
         title = ABBREVIATIONS.get(self.law, self.law.replace("_", " "))
-        return [policy_row(f"{title} about the optimum", result, arena.held_front, self.speed)]
+        return [arena.row(f"{title} about the optimum", result, self.speed)]
 
 
 def entrants(study: Study) -> tuple[Entrant, ...]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from agents.comparison.arena import Arena, Result, Row
-from agents.comparison.report import policy_row
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
@@ -75,7 +74,7 @@ class Learned:
         """A row for each policy shown."""
         (main, _), *others = self.shown.items()
         own = {main: result} | {title: result | result[Path(file).stem] for title, file in others}
-        return [policy_row(title, of, arena.held_front, self.speed) for title, of in own.items()]
+        return [arena.row(title, of, self.speed) for title, of in own.items()]
 
     def _expert(self, arena: Arena) -> Controller | str:
         """What it imitates, if it does."""

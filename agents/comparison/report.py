@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 from rimless_gym.envs.task import Task
-from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.solution import Solution
 
 #: Below the table.
@@ -25,16 +24,13 @@ stance and touchdowns, least Fy the least normal force in weights; both are thos
 still take steps at the end, so that they show why some do not count."""
 
 
-def gait_row(
-    name: str, gait: Solution, stage: dict[str, Any], front: CotFront, at: float | None
-) -> dict[str, Any]:
-    """The row of an optimal gait, from the stage that found it.
+def gait_row(name: str, gait: Solution, gap: float | None, at: float | None) -> dict[str, Any]:
+    """The row of an optimal gait.
 
     Args:
         name: what the table calls it.
         gait: its figures.
-        stage: the result of its stage.
-        front: that gaps are measured against.
+        gap: to the environment's own optimum; None: it is not known.
         at: the study's speed that it belongs to (m/s).
     """
     v = gait.verification
@@ -44,33 +40,30 @@ def gait_row(
         "cot": gait.cot,
         "return": (Task().value_of_distance - gait.cot) * gait.speed,
         "speed": gait.speed,
-        "gap": gap_to_front(gait.cot, gait.speed, front),
+        "gap": gap,
         "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
         "min_normal_force_over_weight": v.min_normal_force_over_weight,
         "walking_share": None,
-        "wall_time_s": stage["wall_time_s"],
     }
 
 
 def policy_row(
-    name: str, stage: dict[str, Any], front: CotFront, at: float | None
+    name: str, evaluation: dict[str, Any], gap: float | None, at: float | None
 ) -> dict[str, Any]:
-    """The row of a policy, from a stage that holds its `evaluation`; see `gait_row`.
+    """The row of a policy, from its evaluation as plain values; see `gait_row`.
 
     Of a policy that chooses its speed itself, `at` is None.
     """
-    evaluation = stage["evaluation"]
     return {
         "policy": name,
         "at": at,
         "cot": evaluation["cot"],
         "return": evaluation["objective"],
         "speed": evaluation["speed"],
-        "gap": gap_to_front(evaluation["cot"], evaluation["speed"], front),
+        "gap": gap,
         "friction_demand": _largest_demand(evaluation),
         "min_normal_force_over_weight": evaluation["min_normal_force_over_weight"],
         "walking_share": evaluation["walking_share"],
-        "wall_time_s": stage["wall_time_s"],
     }
 
 
@@ -78,14 +71,6 @@ def _largest_demand(evaluation: dict[str, Any]) -> float | None:
     """Of stance and touchdowns; None where no start takes steps, or where the foot lifts."""
     demands = evaluation["friction_demand"], evaluation["impulse_friction_demand"]
     return None if None in demands else max(demands)
-
-
-def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
-    """CoT over the optimal one at the same speed, minus 1; None off the front or without a walk."""
-    speeds = [gait.speed for gait in front.envelope]
-    if cot is None or speed is None or not speeds[0] - 1e-9 <= speed <= speeds[-1] + 1e-9:
-        return None
-    return cot / float(front(speed)) - 1.0
 
 
 def format_table(rows: list[dict[str, Any]]) -> str:

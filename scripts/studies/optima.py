@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterable
 from concurrent.futures import as_completed
@@ -10,13 +9,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.comparison.entrants import FRONT_STEPS
-from agents.comparison.report import gap_to_front
-from rimless_gym.hybrid import CONTROL_PERIOD
+from agents.gaps import best_held, gap_to_gaits, ticks_around
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
-from trajopt import NoGaitError, Solution
-from trajopt.gaits.fronts import CotFront, cot_front
+from trajopt import Solution
 from trajopt.processes import pool
 
 #: The folder of the gaits, in that of the study.
@@ -41,23 +37,13 @@ class Optima:
         self, params: WheelParams, policies: Iterable[Figures], folder: Path, workers: int
     ) -> None:
         self._params = params
-        ticks = sorted({n for each in policies for n in self._around(each.speed)})
+        ticks = sorted({n for each in policies for n in ticks_around(params, each.speed)})
         self._gaits = _solved(params, ticks, folder / GAITS, workers)
 
     def gap(self, of: Figures) -> float | None:
         """CoT over the optimum at the same speed, minus 1; None without a walk or a gait."""
-        around = [self._gaits.get(n) for n in self._around(of.speed)]
-        gaits = [gait for gait in around if gait is not None]
-        if len(gaits) < 2:
-            return None
-        return gap_to_front(of.cot, of.speed, CotFront(tuple(gaits)))
-
-    def _around(self, speed: float | None) -> tuple[int, ...]:
-        """Control intervals of a step, faster and slower than at a speed; none without one."""
-        if speed is None or not speed > 0.0:
-            return ()
-        fewest = math.floor(self._params.step_length / (speed * CONTROL_PERIOD))
-        return fewest, fewest + 1
+        around = ticks_around(self._params, of.speed)
+        return gap_to_gaits(of.cot, of.speed, [self._gaits.get(n) for n in around])
 
 
 def _solved(
@@ -78,21 +64,3 @@ def _solved(
                 found[futures[future]] = future.result()
                 bar.update()
     return found
-
-
-def best_held(params: WheelParams, ticks: int, folder: Path) -> Solution | None:
-    """The best gait whose steps last so many control intervals; None if there is none.
-
-    It has as many steps per stride as the best one with a continuous voltage.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    if ticks < 2:
-        return None
-    speed = params.step_length / (ticks * CONTROL_PERIOD)
-    try:
-        free = cot_front(params, [speed], FRONT_STEPS, folder=folder)
-        steps = [gait.steps for gait in free.envelope]
-        held = cot_front(params, [speed], steps, hold=CONTROL_PERIOD, folder=folder)
-    except NoGaitError:
-        return None
-    return held.envelope[0]

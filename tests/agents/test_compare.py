@@ -10,13 +10,7 @@ import pytest
 from agents.comparison.arena import Arena
 from agents.comparison.compare import Comparison
 from agents.comparison.entrants import entrants
-from agents.comparison.report import (
-    by_speed,
-    format_table,
-    gait_row,
-    gap_to_front,
-    policy_row,
-)
+from agents.comparison.report import by_speed, format_table, gait_row, policy_row
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
 from rimless_gym import BUILDABLE, Task
@@ -128,7 +122,7 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
     arena.held_front = CotFront(tuple(shipped()[:2]))
     with pytest.warns(UserWarning, match=r"nothing, .* does not hold its gait by itself"):
         result = now["at_rest"].compete(arena)
-    [row] = now["at_rest"].rows(arena, result | {"wall_time_s": 1.0})
+    [row] = now["at_rest"].rows(arena, result)
     assert (row["policy"], row["walking_share"]) == ("at rest about the optimum", 0.0)
 
 
@@ -147,9 +141,9 @@ def test_a_policy_that_does_not_walk_has_dashes_in_the_table() -> None:
 
 def test_the_table_shows_what_gaits_and_policies_ask_of_the_ground() -> None:
     gait = shipped()[0]
-    v, front = gait.verification, CotFront((gait, shipped()[1]))
+    v = gait.verification
     demand = max(v.max_friction_demand, v.max_impulse_friction_demand)
-    row = gait_row("optimal", gait, {"wall_time_s": 1.0}, front, 0.5)
+    row = gait_row("optimal", gait, 0.0, 0.5)
     line = format_table([row]).splitlines()[2]
     assert line.endswith(f"| - | {demand:.2f} | {v.min_normal_force_over_weight:.2f} |")
     slipping = {
@@ -161,14 +155,14 @@ def test_the_table_shows_what_gaits_and_policies_ask_of_the_ground() -> None:
         "min_normal_force_over_weight": 0.06,
         "walking_share": 0.0,
     }
-    row = policy_row("slipping", {"evaluation": slipping, "wall_time_s": 1.0}, front, None)
+    row = policy_row("slipping", slipping, None, None)
     line = format_table([row]).splitlines()[2]
     assert line == "| slipping | - | 0.100 | - | - | 0% | 1.20 | 0.06 |"
 
 
 def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
     gait = next(gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1)
-    row = gait_row("optimal", gait, {"wall_time_s": 1.0}, CotFront((gait,)), None)
+    row = gait_row("optimal", gait, None, None)
     v, energy = gait.verification, gait.verification.electrical_positive
     reward = Task().value_of_distance * v.distance - energy / gait.params.weight
     assert row["return"] == pytest.approx(reward / v.time, rel=1e-6)
@@ -177,15 +171,3 @@ def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
 def test_rows_stand_in_order_of_their_speeds_and_those_of_no_speed_at_the_end() -> None:
     listed = [{"policy": str(at), "at": at} for at in (None, 0.6, 0.5, 0.6)]
     assert [row["at"] for row in by_speed(listed)] == [0.5, 0.6, 0.6, None]
-
-
-def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() -> None:
-    gaits = [gait for gait in shipped() if gait.steps == 1]
-    slow, fast = min(gaits, key=lambda g: g.speed), max(gaits, key=lambda g: g.speed)
-    front = CotFront((slow, fast))
-    middle = (slow.speed + fast.speed) / 2
-    optimal = (slow.cot + fast.cot) / 2
-    assert gap_to_front(1.25 * optimal, middle, front) == pytest.approx(0.25)
-    assert gap_to_front(slow.cot, slow.speed, front) == pytest.approx(0.0)
-    assert gap_to_front(1.0, fast.speed + 0.01, front) is None
-    assert gap_to_front(None, None, front) is None

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import importlib
 import json
-import math
 import os
 import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from agents.evaluate import evaluate
@@ -21,8 +18,7 @@ from agents.protocol import Protocol
 from agents.train import train
 from scripts import evaluate as command
 from scripts.commandline import terminated_like_ctrl_c, whole
-from trajopt import periodic_gait
-from trajopt.gaits.shipped import FOLDER, shipped
+from trajopt.gaits.shipped import FOLDER
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
@@ -333,16 +329,3 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     with pytest.raises(SystemExit):
         command.main([*arguments, "--seeds"])
     assert "not summarised" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> None:
-    best = periodic_gait("THESIS_PHYSICAL", 0.5, 1, hold=0.01)
-    walking = SimpleNamespace(walking=np.array([True]), speed=best.speed, cot=1.1 * best.cot)
-    assert command.gap(walking, best.params) == pytest.approx(0.1, abs=2e-3)
-
-
-def test_there_is_no_gap_where_nothing_walks() -> None:
-    best = shipped()[0]
-    standing = SimpleNamespace(walking=np.array([False]), speed=math.nan, cot=math.nan)
-    assert command.gap(standing, best.params) is None

@@ -1,0 +1,89 @@
+"""The gap of a walk: its cost of transport over the environment's own optimum, minus 1.
+
+The environment's own optimum is the best periodic gait of 1 to 3 steps per stride whose voltage is
+held for its control period. A step of such a gait lasts a whole number of periods; at the speeds in
+between, the cost of transport is interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from trajopt import NoGaitError, Solution
+from trajopt.gaits.fronts import CotFront, cot_front
+from trajopt.gaits.held.clock import MOST_TICKS
+
+#: Steps per stride of the gaits that gaps are measured against.
+FRONT_STEPS = (1, 2, 3)
+
+
+def gap_to_optimum(
+    params: WheelParams, cot: float, speed: float, progress: bool = False
+) -> float | None:
+    """The gap of a walk, with gaits that are solved now; None without a walk or a gait.
+
+    Args:
+        params: the machine.
+        cot: of the walk; NaN where there is none.
+        speed: of the walk (m/s); NaN where there is none.
+        progress: whether to show progress bars.
+    """
+    gaits = [best_held(params, n, progress=progress) for n in ticks_around(params, speed)]
+    return gap_to_gaits(cot, speed, gaits)
+
+
+def gap_to_gaits(
+    cot: float | None, speed: float | None, gaits: Iterable[Solution | None]
+) -> float | None:
+    """The gap to the best held gaits around a speed; None without a walk or one of the gaits."""
+    found = tuple(gait for gait in gaits if gait is not None)
+    return gap_to_front(cot, speed, CotFront(found)) if len(found) > 1 else None
+
+
+def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
+    """The gap to a front of held gaits; None off the front or without a walk."""
+    speeds = [gait.speed for gait in front.envelope]
+    if cot is None or speed is None or not speeds[0] - 1e-9 <= speed <= speeds[-1] + 1e-9:
+        return None
+    return cot / float(front(speed)) - 1.0
+
+
+def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
+    """Control intervals of a step, faster and slower than at a speed (m/s); none without one."""
+    if speed is None or not speed > 0.0:
+        return ()
+    fewest = math.floor(params.step_length / (speed * CONTROL_PERIOD))
+    return fewest, fewest + 1
+
+
+def best_held(
+    params: WheelParams, ticks: int, folder: Path | None = None, progress: bool = False
+) -> Solution | None:
+    """The best gait whose steps last so many control intervals; None if there is none.
+
+    It has as many steps per stride as the best one with a continuous voltage.
+
+    Args:
+        params: the machine.
+        ticks: control intervals of a step.
+        folder: where the gaits are kept, and read from the next time.
+        progress: whether to show progress bars.
+    """
+    if not 2 <= ticks <= MOST_TICKS // max(FRONT_STEPS):
+        return None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    speed = params.step_length / (ticks * CONTROL_PERIOD)
+    try:
+        free = cot_front(params, [speed], FRONT_STEPS, folder=folder, progress=progress)
+        (best,) = free.envelope
+        held = cot_front(
+            params, [speed], [best.steps], hold=CONTROL_PERIOD, folder=folder, progress=progress
+        )
+    except NoGaitError:
+        return None
+    return held.envelope[0]
