@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -32,7 +33,9 @@ def gap_to_optimum(
         speed: of the walk (m/s); NaN where there is none.
         progress: whether to show progress bars.
     """
-    gaits = [best_held(params, n, progress=progress) for n in ticks_around(params, speed)]
+    with TemporaryDirectory() as folder:
+        around = ticks_around(params, speed)
+        gaits = [best_held(params, n, Path(folder), progress) for n in around]
     return gap_to_gaits(cot, speed, gaits)
 
 
@@ -61,7 +64,7 @@ def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
 
 
 def best_held(
-    params: WheelParams, ticks: int, folder: Path | None = None, progress: bool = False
+    params: WheelParams, ticks: int, folder: Path, progress: bool = False
 ) -> Solution | None:
     """The best gait whose steps last so many control intervals; None if there is none.
 
@@ -70,13 +73,12 @@ def best_held(
     Args:
         params: the machine.
         ticks: control intervals of a step.
-        folder: where the gaits are kept, and read from the next time.
+        folder: where the gaits are kept, and read from if they are there.
         progress: whether to show progress bars.
     """
     if not 2 <= ticks <= MOST_TICKS // max(FRONT_STEPS):
         return None
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     speed = params.step_length / (ticks * CONTROL_PERIOD)
     try:
         free = cot_front(params, [speed], FRONT_STEPS, folder=folder, progress=progress)

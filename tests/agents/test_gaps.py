@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -37,8 +38,10 @@ def test_there_is_no_gap_where_nothing_walks() -> None:
 
 
 @pytest.mark.parametrize("ticks", [1, 2000])
-def test_there_is_no_optimum_where_a_step_is_too_short_or_too_long_to_solve(ticks: int) -> None:
-    assert best_held(BUILDABLE, ticks) is None
+def test_there_is_no_optimum_where_a_step_is_too_short_or_too_long_to_solve(
+    ticks: int, tmp_path: Path
+) -> None:
+    assert best_held(BUILDABLE, ticks, tmp_path) is None
 
 
 def test_a_speed_lies_between_those_of_the_steps_around_it() -> None:
