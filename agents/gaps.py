@@ -12,10 +12,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from agents.conditions import Conditions
+from agents.evaluate import Evaluation
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
-from trajopt.gaits.fronts import CotFront, cot_front
+from trajopt.gaits.fronts import CotFront, NoFrontError, cot_front, shipped_front
 from trajopt.gaits.held.clock import MOST_TICKS
 
 #: Steps per stride of the gaits that gaps are measured against.
@@ -48,11 +50,35 @@ def gap_to_gaits(
 
 
 def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
-    """The gap to a front of held gaits; None off the front or without a walk."""
+    """The gap to a front of gaits; None off the front or without a walk."""
     speeds = [gait.speed for gait in front.envelope]
     if cot is None or speed is None or not speeds[0] - 1e-9 <= speed <= speeds[-1] + 1e-9:
         return None
     return cot / float(front(speed)) - 1.0
+
+
+def gap_to_continuous_optimum(evaluation: Evaluation, conditions: Conditions) -> float:
+    """The gap of a policy to the shipped gaits, whose voltage may change at any time.
+
+    Linear interpolation between them is right to about 1 %. The environment's own optimum is about
+    0.5 % above them.
+
+    Args:
+        evaluation: of the policy.
+        conditions: in which it walked.
+
+    Returns:
+        NaN if it walks from no start or at a speed that the gaits do not reach, if no gaits of its
+        machine are shipped or machines are drawn from ranges, or if speeds are commanded.
+    """
+    if math.isnan(evaluation.speed) or conditions.commanded or conditions.ranges.bounds:
+        return math.nan
+    try:
+        front = shipped_front(conditions.params)
+    except NoFrontError:
+        return math.nan
+    gap = gap_to_front(evaluation.cot, evaluation.speed, front)
+    return math.nan if gap is None else gap
 
 
 def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:

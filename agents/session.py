@@ -19,6 +19,7 @@ from agents.interrupts import StopRequest
 from agents.learner import Learner
 from agents.logs import EventLog
 from agents.milestones import Milestone
+from agents.gaps import gap_to_continuous_optimum
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
 from agents.protocol import Protocol
@@ -186,6 +187,8 @@ class Session:
         self._standing.curve.append(Milestone.of(result, intervals, plan.minutes()))
         for name in ("walking_share", "speed", "cot", "cot_with_regeneration", "objective"):
             self._record(f"eval/{name}", getattr(result, name))
+        gap = gap_to_continuous_optimum(result, conditions)
+        self._record("eval/gap_to_continuous_optimum", gap)
         score = float(plan.score(result))
         if math.isnan(score):  # such as the cost of transport of a policy that does not walk
             score = -math.inf

@@ -12,7 +12,6 @@ from agents.page.packing import packed
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.params import WheelParams
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 
 SAMPLED = 0.008  # s: the longest time between two samples of a gait
@@ -23,29 +22,6 @@ FINE = 16  # points per sample, over which power is integrated
 COLUMNS = ("phi", "theta", "voltage", "power", "energy")
 
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
-
-
-class NoFrontError(ValueError):
-    """No gaits of this machine are shipped."""
-
-
-def shipped_front(params: WheelParams) -> CotFront:
-    """The shipped gaits of a machine without regeneration.
-
-    Raises:
-        NoFrontError: there are none.
-    """
-    found = tuple(
-        gait
-        for gait in shipped()
-        if gait.params == params and not gait.regeneration and gait.verification.passed
-    )
-    if not found:
-        raise NoFrontError(
-            "no gaits of this machine are shipped: choose a preset that has a front, such as "
-            "BUILDABLE, or search one with scripts/front.py"
-        )
-    return CotFront(found)
 
 
 def front_data(front: CotFront) -> list[dict[str, Any]]:

@@ -7,11 +7,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from agents.page.gaits import COLUMNS, front_data, shipped_front
+from agents.page.gaits import COLUMNS, front_data
 from agents.page.network import network_data
 from agents.policy_files import load_policy
 from rimless_gym.javascript.simulator import simulator
 from rimless_gym.params import WheelParams
+from trajopt.gaits.fronts import shipped_front
 
 #: The page's own program, in order; the simulator comes before it.
 SCRIPTS = (

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from agents.gaps import best_held, gap_to_front, gap_to_optimum, ticks_around
-from rimless_gym import BUILDABLE
+from agents.conditions import Conditions
+from agents.evaluate import Evaluation, evaluate
+from agents.gaps import (
+    best_held,
+    gap_to_continuous_optimum,
+    gap_to_front,
+    gap_to_optimum,
+    ticks_around,
+)
+from agents.protocol import Protocol
+from rimless_gym import BUILDABLE, PROTOTYPE
 from trajopt import periodic_gait
-from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.shipped import shipped
 
 
@@ -48,3 +59,31 @@ def test_a_speed_lies_between_those_of_the_steps_around_it() -> None:
     fewer, more = ticks_around(BUILDABLE, 0.57)
     assert BUILDABLE.step_length / (0.01 * more) < 0.57 < BUILDABLE.step_length / (0.01 * fewer)
     assert (ticks_around(BUILDABLE, None), ticks_around(BUILDABLE, -0.1)) == ((), ())
+
+
+@pytest.fixture(scope="module")
+def standing() -> Evaluation:
+    brief = Protocol(starts=1, duration=1.0, window=0.5, alive=0.5)
+    return evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
+
+
+def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_at_the_same_speed(
+    standing: Evaluation,
+) -> None:
+    usual = Conditions(BUILDABLE)
+    slow, fast = (gait for gait in shipped_front(BUILDABLE).envelope if 0.52 < gait.speed < 0.61)
+    halfway = {"speed": (slow.speed + fast.speed) / 2, "cot": 1.1 * (slow.cot + fast.cot) / 2}
+    walks = dataclasses.replace(standing, **halfway)
+    assert gap_to_continuous_optimum(walks, usual) == pytest.approx(0.1)
+
+
+def test_where_no_such_optimum_is_known_there_is_no_gap(standing: Evaluation) -> None:
+    walks = dataclasses.replace(standing, speed=0.57, cot=0.06)
+    drawn = Conditions.of(BUILDABLE, {"hub_friction": (0.01, 0.03)}, None)
+    commanded = Conditions.of(BUILDABLE, None, None, (0.4, 0.6))
+    for conditions in (Conditions(PROTOTYPE), drawn, commanded):
+        assert math.isnan(gap_to_continuous_optimum(walks, conditions))
+    usual = Conditions(BUILDABLE)
+    running = dataclasses.replace(walks, speed=9.0)
+    for evaluation in (standing, running):
+        assert math.isnan(gap_to_continuous_optimum(evaluation, usual))

@@ -19,7 +19,7 @@ from trajopt.gaits.front_files import Wanted, keep, kept
 from trajopt.gaits.held.clock import held_speed
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.resting import Rest, rests
-from trajopt.gaits.shipped import by_promise, leads_for
+from trajopt.gaits.shipped import by_promise, leads_for, shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.solving.ties import clearly_less
@@ -72,6 +72,29 @@ class CotFront:
                 "m/s; pass cot_front speeds that enclose it"
             )
         return np.interp(wanted, speeds, [s.cot for s in self.envelope])
+
+
+class NoFrontError(ValueError):
+    """No gaits of this machine are shipped."""
+
+
+def shipped_front(params: WheelParams) -> CotFront:
+    """The shipped gaits of a machine without regeneration.
+
+    Raises:
+        NoFrontError: there are none.
+    """
+    found = tuple(
+        gait
+        for gait in shipped()
+        if gait.params == params and not gait.regeneration and gait.verification.passed
+    )
+    if not found:
+        raise NoFrontError(
+            "no gaits of this machine are shipped: choose a preset that has a front, such as "
+            "BUILDABLE, or search one with scripts/front.py"
+        )
+    return CotFront(found)
 
 
 def cot_front(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.page.gaits import COLUMNS, NoFrontError, front_data, shipped_front
+from agents.page.gaits import COLUMNS, front_data
 from agents.page.network import network_data
 from agents.page.write import page, write_page
 from agents.policy_files import load_policy
@@ -21,6 +21,7 @@ from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.envs.observation import observe
 from rimless_gym.javascript.simulator import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
+from trajopt.gaits.fronts import NoFrontError, shipped_front
 
 STATIC = Path(page.__code__.co_filename).parent / "static"
 
