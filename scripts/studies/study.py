@@ -12,6 +12,7 @@ from typing import Any
 from agents.folder import sole_user
 from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
 from rimless_gym.params import WheelParams
+from rimless_gym.presets import machine_name, preset
 from scripts.studies import page
 from scripts.studies.cells import Cell, Result, kept
 from scripts.studies.figures import Figures
@@ -33,7 +34,7 @@ class Study:
     Attributes:
         rows: all that may stand in the tables.
         seeds: of every row, 0, 1, ...
-        params: the machine.
+        params: the machine, where a row has none of its own.
         protocol: by which policies are judged.
     """
 
@@ -50,10 +51,14 @@ class Study:
     def cells(self) -> list[Cell]:
         """Row by row."""
         return [
-            Cell(row, seed, self.params, self.protocol)
+            Cell(row, seed, self.machine(row), self.protocol)
             for row in self.rows
             for seed in range(self.seeds)
         ]
+
+    def machine(self, row: Row) -> WheelParams:
+        """The machine of a row."""
+        return self.params if row.machine is None else preset(row.machine)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,17 +122,16 @@ def _told(
     folder: Path,
     workers: int,
 ) -> Found:
-    walking = [
-        policy
-        for cell, result in results.items()
-        for policy in result.policies.values()
-        if cell.row.table != FIRST_EVENING and walks(cell.row, policy)
-    ]
-    optima = Optima(study.params, walking, folder, workers)
+    walking: dict[WheelParams, list[Figures]] = {study.machine(row): [] for row in study.rows}
+    for cell, result in results.items():
+        if cell.row.table != FIRST_EVENING:
+            every = result.policies.values()
+            walking[cell.params] += [policy for policy in every if walks(cell.row, policy)]
+    optima = {params: Optima(params, own, folder, workers) for params, own in walking.items()}
 
     def gap(row: Row, of: Figures) -> float | None:
         """Those of a first evening decide every 40 ms, and the optima every 10 ms."""
-        return None if row.table == FIRST_EVENING else optima.gap(of)
+        return None if row.table == FIRST_EVENING else optima[study.machine(row)].gap(of)
 
     table, whole = lines(results, gap), everywhere(results)
     counts = {row: sum(cell.row == row for cell in results) for row in study.rows}
@@ -141,7 +145,7 @@ def _told(
         ),
     )
     written: dict[str, Any] = {
-        "params": study.params.to_dict(),
+        "machines": {machine_name(params): params.to_dict() for params in optima},
         "lines": [dataclasses.asdict(line) | {"row": line.row.name} for line in table],
         "cells": {
             cell.key: dataclasses.asdict(result)

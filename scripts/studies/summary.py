@@ -53,6 +53,7 @@ class Line:
         middle: median share of starts.
         most: share of starts of the seed that walks from the most.
         gap: to the optimum at the learned speed; None if no seed that walks has one.
+        above: the same as a difference of costs of transport.
         cot: of the seeds that walk.
         speed: of the seeds that walk (m/s).
         falls: share of all starts of all seeds that fall.
@@ -69,6 +70,7 @@ class Line:
     middle: float
     most: float
     gap: Average | None
+    above: Average | None
     cot: Average | None
     speed: Average | None
     falls: float
@@ -130,7 +132,7 @@ def _line(row: Row, which: str, results: Sequence[Result], gap: Gap) -> Line:
     policies = [result.policies[which] for result in results]
     walking = [each for each in policies if walks(row, each)]
     shares = [each.share for each in policies]
-    gaps = [value for each in walking if (value := gap(row, each)) is not None]
+    gaps = [(each.cot, value) for each in walking if (value := gap(row, each)) is not None]
     return Line(
         row=row,
         which=which,
@@ -139,7 +141,8 @@ def _line(row: Row, which: str, results: Sequence[Result], gap: Gap) -> Line:
         least=min(shares),
         middle=median(shares),
         most=max(shares),
-        gap=Average.of(gaps),
+        gap=Average.of([value for _, value in gaps]),
+        above=Average.of([cot - cot / (1.0 + value) for cot, value in gaps if cot is not None]),
         cot=Average.of([each.cot for each in walking if each.cot is not None]),
         speed=Average.of([each.speed for each in walking if each.speed is not None]),
         falls=fmean(each.falls for each in policies),

@@ -15,12 +15,16 @@ from agents.folder import BEST, CLONE
 from agents.imitation import Cloning
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from agents.train import EXPERT, train
+from agents.train import EXPERT, EXPERT_SPEED, EXPERT_STEPS, train
 from agents.training import IMITATION, SCRATCH
 from rimless_gym.envs.speed import PERIOD, SPEEDS
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from scripts.studies.figures import Figures
+from trajopt.feedback import laws
+from trajopt.feedback.law import Controller
 from trajopt.files import jsonable
+from trajopt.gaits.fronts import cot_front
 
 #: The file of a finished cell, in the folder of its training.
 RESULT = "cell.json"
@@ -64,12 +68,16 @@ class Trained:
         init: "scratch" or "imitation", which also says whose settings are used.
         timesteps: control intervals; None: as many as the learner says.
         judged: what distinguishes a policy -> its file in the training's folder.
+        hyperparameters: that differ from the learner's own.
     """
 
     algo: str
     init: str = SCRATCH
     timesteps: int | None = None
     judged: tuple[tuple[str, str], ...] = (("", BEST),)
+    hyperparameters: Mapping[str, Any] = dataclasses.field(
+        default_factory=dict, hash=False, kw_only=True
+    )
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -87,7 +95,8 @@ class Trained:
             folder,
             timesteps=self.timesteps,
             params=params,
-            expert=self.expert(seed, folder),
+            settings=learners.learner(self.algo).settings(self.init, self.hyperparameters),
+            expert=self.expert(seed, folder, params),
             plans=folder.parent / PLANS,
             progress=False,
             **self.environment,
@@ -105,7 +114,7 @@ class Trained:
         """What it begins from: the name of a way to begin, or a policy's file."""
         return self.init
 
-    def expert(self, seed: int, folder: Path) -> str:
+    def expert(self, seed: int, folder: Path, params: WheelParams) -> Controller | str:
         """Whom it imitates, if it does."""
         return EXPERT
 
@@ -173,18 +182,15 @@ class Disturbed(Trained):
     Attributes:
         disturbances: of the training, as the environment takes them.
         task: prices in training that differ from the environment's.
-        changes: hyperparameters that differ from the learner's own.
     """
 
     disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
     task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
-    changes: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
 
     @property
     def environment(self) -> dict[str, Any]:
-        """Disturbances, task and hyperparameters."""
-        settings = learners.learner(self.algo).settings(self.init, self.changes)
-        return {"disturbances": self.disturbances, "task": self.task, "settings": settings}
+        """Disturbances and task."""
+        return {"disturbances": self.disturbances, "task": self.task}
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""
@@ -198,6 +204,24 @@ class Disturbed(Trained):
                 walk = evaluate(policy, params, by, disturbances=disturbances)
                 found[f"{which}: {name.replace('_', ' ')}"] = Figures.of(walk)
         return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Holding(Trained):
+    """An imitation of the usual law, about the best held gait of one step nearest to a speed.
+
+    Attributes:
+        speed: m/s.
+    """
+
+    speed: float = EXPERT_SPEED
+
+    def expert(self, seed: int, folder: Path, params: WheelParams) -> Controller:
+        """The law. Its gait and its plans are shared by all seeds."""
+        plans = folder.parent / PLANS
+        plans.mkdir(exist_ok=True)
+        front = cot_front(params, [self.speed], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=plans)
+        return laws.design(EXPERT, front.envelope[0], plans)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,7 +240,7 @@ class Distilled(Trained):
         taught = learners.learner(self.teacher).settings(SCRATCH).written
         return super().settings | {"taught_by": dict(jsonable(taught))}
 
-    def expert(self, seed: int, folder: Path) -> str:
+    def expert(self, seed: int, folder: Path, params: WheelParams) -> str:
         """The policy's file, in the folder beside this one's."""
         return str(_of_another(self.teacher, seed, folder, BEST))
 

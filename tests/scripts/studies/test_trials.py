@@ -74,7 +74,7 @@ def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
 
     def trained(*given: Any, **arguments: Any) -> TrainResult:
         asked.append(arguments)
-        return train(*given, **arguments, settings=small)
+        return train(*given, **arguments | {"settings": small})
 
     full = learners.learner("ppo").settings(SCRATCH)
     small = dataclasses.replace(
@@ -110,7 +110,7 @@ def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_wit
         (("last", LAST),),
         disturbances={"actuator_delay": 1, "sensor_noise": {"leg_rate": 0.1}},
         task={"value_of_distance": 3.0},
-        changes={"n_envs": 2, "n_steps": 32, "batch_size": 32},
+        hyperparameters={"n_envs": 2, "n_steps": 32, "batch_size": 32},
     )
     cell = Cell(Row("rough", "rough", DISTURBED, trial), 0, protocol=FEW)
     found = cell.run(tmp_path)
