@@ -15,11 +15,11 @@ from tqdm import tqdm
 from agents.evaluate import Evaluation, evaluate
 from agents.film import film
 from agents.folder import BEST, CLONING, LAST, STATE
+from agents.gaps import gap_to_continuous_optimum
 from agents.interrupts import StopRequest
 from agents.learner import Learner
 from agents.logs import EventLog
 from agents.milestones import Milestone
-from agents.gaps import gap_to_continuous_optimum
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
 from agents.protocol import Protocol
