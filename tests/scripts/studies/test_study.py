@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-from rimless_gym import BUILDABLE
+import pytest
+
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, WheelParams
+from scripts.studies import optima
 from scripts.studies.cells import RESULT, Cell
-from scripts.studies.rows import FIRST_EVENING, LEARNED
+from scripts.studies.rows import FIRST_EVENING, LEARNED, THESIS
 from scripts.studies.running import completed
 from scripts.studies.study import Study, run
 from tests.scripts.studies.toys import cells_of, toy
@@ -41,6 +47,28 @@ def test_rows_that_were_finished_before_stay_in_the_tables(tmp_path: Path, no_ga
     assert "| a second | all of these | 1 of 2 |" in evening
     written = json.loads((tmp_path / "results.json").read_text())
     assert written["cells"]["second_0"]["policies"]["best"]["share"] == 0.0
+
+
+def test_a_row_may_have_a_machine_of_its_own_and_its_optimum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = set()
+
+    def best_held(params: WheelParams, ticks: int, folder: Path) -> Any:
+        asked.add(params)
+        cot = {BUILDABLE: 0.05, THESIS_PHYSICAL: 0.01}[params]
+        return SimpleNamespace(speed=params.step_length / (0.01 * ticks), cot=cot)
+
+    monkeypatch.setattr(optima, "best_held", best_held)
+    other = dataclasses.replace(toy("other", THESIS), machine="THESIS_PHYSICAL")
+    study = Study((toy("usual"), other), 1, BUILDABLE)
+    assert [cell.params for cell in study.cells()] == [BUILDABLE, THESIS_PHYSICAL]
+    found = run(study, ["usual", "other"], tmp_path, 1)
+    assert asked == {BUILDABLE, THESIS_PHYSICAL}
+    assert "| +20.0 % (" in found.sections[LEARNED]
+    best = found.sections[THESIS].splitlines()[2]
+    assert "| +500.0 % (" in best
+    assert best.endswith("| 0.0500 |")  # above the optimum
 
 
 def test_a_row_tells_of_its_first_seeds_if_they_are_at_least_three(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,7 +20,7 @@ from rimless_gym import BUILDABLE
 from scripts.studies import trials
 from scripts.studies.cells import RESULT, Cell
 from scripts.studies.rows import DISTURBED, FRONT, LEARNED, Row
-from scripts.studies.trials import Continued, Distilled, Disturbed, Following, Trained
+from scripts.studies.trials import Continued, Distilled, Disturbed, Following, Holding, Trained
 from tests.scripts.studies.toys import FEW
 
 
@@ -65,6 +66,21 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
     (tmp_path / "evolution_3" / RESULT).touch()
     trial.train(3, own, BUILDABLE)
     assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
+
+
+def test_a_law_about_another_speed_holds_the_gait_nearest_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def front(params: Any, speeds: list[float], steps: list[int], hold: float, folder: Path) -> Any:
+        return SimpleNamespace(envelope=((speeds, steps, hold, folder),))
+
+    monkeypatch.setattr(trials, "cot_front", front)
+    monkeypatch.setattr(trials.laws, "design", lambda *given: given)
+    trial = Holding("ppo", IMITATION, 0, speed=0.48)
+    law, gait, kept = trial.expert(0, tmp_path / "slow_0", BUILDABLE)  # type: ignore[misc]
+    assert (law, kept) == ("lqr", tmp_path / "plans")
+    assert gait == ([0.48], [1], 0.01, tmp_path / "plans")
+    assert trial.settings != dataclasses.replace(trial, speed=0.5).settings
 
 
 def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
