@@ -44,7 +44,10 @@ class HeldActions(VecEnvWrapper):
     Noise that changes every 10 ms hardly moves the pendulum: an untrained policy explores more if
     its actions last longer. The observations are the same, so that the policy may decide in every
     control interval later. When an episode ends in between, the action goes on into the next one,
-    and the learner sees none of its rewards; a monitor below this wrapper does.
+    and the learner sees none of its rewards.
+
+    A monitor belongs below: `HeldActions(VecMonitor(envs), 4)`. One above works too, but counts
+    decisions instead of control intervals, and its returns lack the rewards that nobody sees.
 
     Args:
         venv: environments.

@@ -3,11 +3,14 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.conditions import Conditions
-from agents.sb3.training_env import training_env
+from agents.sb3.training_env import HeldActions, training_env
+from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.task import TERM_NAMES
+from tests.agents.sb3_rows import ID
 
 
 def test_rewards_are_scaled_for_the_learner_only():
@@ -77,3 +80,22 @@ def test_an_episode_that_ends_while_an_action_is_held_is_reported_as_it_ended():
                 infos[i]["terminal_observation"], last[i]["terminal_observation"]
             )
     assert ends > 3
+
+
+def test_a_monitor_below_counts_control_intervals_and_one_above_decisions():
+    def envs():
+        env = Sb3VecEnv(gym.make_vec(ID, num_envs=8, autoreset_mode="SameStep"))
+        env.seed(6)
+        return env
+
+    below, above = HeldActions(VecMonitor(envs()), 4), VecMonitor(HeldActions(envs(), 4))
+    below.reset(), above.reset()
+    action, first = np.ones((8, 1), dtype=np.float32), [False] * 8
+    for _ in range(60):
+        (*_, dones, inside), (*_, outside) = below.step(action), above.step(action)
+        for i in (dones & ~np.array(first)).nonzero()[0]:
+            first[i] = True  # later episodes begin with rewards that only the monitor below sees
+            exact, seen = inside[i]["episode"], outside[i]["episode"]
+            assert exact["r"] == pytest.approx(seen["r"], rel=1e-5)
+            assert seen["l"] == -(-exact["l"] // 4)
+    assert sum(first) > 3
