@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import compress
 from statistics import fmean
 from typing import Any
 
@@ -47,6 +48,12 @@ def signed(value: float | None) -> str:
 def number(value: float | None, digits: int) -> str:
     """With so many digits."""
     return NONE if value is None else f"{value:.{digits}f}"
+
+
+def measured_columns(head: list[str], body: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """The head and the lines of a table without the columns that tell nothing of any line."""
+    kept = [any(line[i] != NONE for line in body) for i in range(len(head))]
+    return list(compress(head, kept)), [list(compress(line, kept)) for line in body]
 
 
 def micro(seconds: float | None) -> float | None:

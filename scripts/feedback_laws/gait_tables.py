@@ -15,6 +15,7 @@ from scripts.feedback_laws.figures import (
     Row,
     at,
     law_name,
+    measured_columns,
     micro,
     multipliers_text,
     number,
@@ -118,7 +119,7 @@ def pushes_table(rows: Mapping[str, Row]) -> str:
                 _slopes(slopes),
             ]
         )
-    return table(head, body)
+    return table(*measured_columns(head, body))
 
 
 def _push(pushes: Mapping[str, Any], side: str) -> str:

@@ -21,6 +21,7 @@ from scripts.feedback_laws.sizes import FOR_A_TRIAL, FOR_FAST_LAWS
 from scripts.robust_policies import page
 from scripts.robust_policies.walkers import walking
 from trajopt.feedback import laws
+from trajopt.files import jsonable
 
 #: What is measured of every policy.
 COLUMNS = {"nuisances": nuisances, "pushes": pushes, "slopes": slopes, "machines": machines}
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 found[one.name] = {}
                 for column, measure in COLUMNS.items():
                     bar.set_postfix_str(f"{one.name}: {column}")
-                    found[one.name][column] = measure(one, sizes)
+                    found[one.name][column] = jsonable(measure(one, sizes))
                     bar.update()
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)

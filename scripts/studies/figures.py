@@ -9,6 +9,7 @@ from typing import Any
 from agents.commanded import SLIPS, Leg
 from agents.evaluate import Evaluation
 from agents.verdicts import FALLS
+from trajopt.files import jsonable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Figures:
         share: of the starts that walk, in [0, 1].
         falls: of the starts that fall.
         slips: of the starts that still take steps at the end, but whose foot slips.
-        cot: cost of transport of those that walk, from E+; None if none does.
+        cot: cost of transport of those that walk, from E+; None if none gets anywhere.
         speed: of those that walk (m/s); None if none does.
     """
 
@@ -33,25 +34,23 @@ class Figures:
     def of(cls, evaluation: Evaluation) -> Figures:
         """Those of an evaluation."""
         faults, starts = evaluation.faults, len(evaluation.verdicts)
-        walks = evaluation.walking_share > 0.0
         return cls(
             share=evaluation.walking_share,
             falls=faults.get(FALLS, 0) / starts,
             slips=sum(faults.get(verdict, 0) for verdict in SLIPS) / starts,
-            cot=evaluation.cot if walks else None,
-            speed=evaluation.speed if walks else None,
+            cot=jsonable(evaluation.cot),
+            speed=jsonable(evaluation.speed),
         )
 
     @classmethod
     def of_leg(cls, leg: Leg) -> Figures:
         """Those of the part of a walk under one command."""
-        walks = leg.walking_share > 0.0
         return cls(
             share=leg.walking_share,
             falls=leg.fallen_share,
             slips=leg.slipping_share,
-            cot=leg.cot if walks else None,
-            speed=leg.speed if walks else None,
+            cot=jsonable(leg.cot),
+            speed=jsonable(leg.speed),
         )
 
     @classmethod
