@@ -27,6 +27,7 @@ from typing import Any, NoReturn, TypeVar
 from rimless_gym.checks import integer, positive
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PRESETS, preset
+from trajopt.processes import KilledError
 
 T = TypeVar("T")
 
@@ -84,9 +85,16 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def out_of_room(self, folder: Path) -> Iterator[None]:
-        """Report a full disk, or a folder that cannot be written, in one line with a remedy."""
+        """Report what the computer lacks in one line with a remedy.
+
+        That is room on a disk, a folder that can be written, or the memory that a worker needs.
+        """
         try:
             yield
+        except KilledError as error:
+            self.error(
+                f"{error}; what was finished is kept in {folder}, and the same command goes on"
+            )
         except FileNotFoundError:
             raise
         except OSError as error:

@@ -11,16 +11,20 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Collection, Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeAlias
 
 #: (function, *arguments) -> the future of its result in another process.
 Submit: TypeAlias = Callable[..., Future[Any]]
+
+
+class KilledError(RuntimeError):
+    """A worker process ended before its work was done."""
 
 
 @contextmanager
@@ -37,7 +41,7 @@ def pool(
         arguments: of `begin`; they are pickled.
 
     Raises:
-        RuntimeError: a worker ended before its work was done.
+        KilledError: a worker ended before its work was done.
     """
     context = get_context("spawn")
     watched, alive = context.Pipe(duplex=False)
@@ -51,7 +55,7 @@ def pool(
         yield submit
         executor.shutdown()
     except BrokenProcessPool as error:
-        raise RuntimeError(
+        raise KilledError(
             "a worker process ended before its work was done: in a script, code that uses workers "
             'must stand below `if __name__ == "__main__":`; if it does, the worker was killed or '
             "ran out of memory: use fewer workers"
@@ -60,6 +64,59 @@ def pool(
         alive.close()  # at an exception the workers end at once
         executor.shutdown(cancel_futures=True)
         watched.close()
+
+
+class Crew:
+    """Processes that do one piece of work each, so that it is known whose was killed.
+
+    Args:
+        free: how to give work to each of them.
+    """
+
+    def __init__(self, free: Collection[Submit]) -> None:
+        self._free = list(free)
+        self._busy: dict[Future[Any], tuple[str, Submit]] = {}
+
+    @property
+    def free(self) -> int:
+        """How many have nothing to do."""
+        return len(self._free)
+
+    @property
+    def busy(self) -> list[str]:
+        """The names of the work that is being done, in the order in which it was begun."""
+        return [name for name, _ in self._busy.values()]
+
+    def begin(self, name: str, function: Callable[..., Any], *inputs: Any) -> None:
+        """Give work to one that is free."""
+        submit = self._free.pop()
+        self._busy[submit(function, *inputs)] = name, submit
+
+    def done(self, timeout: float | None = None) -> Iterator[tuple[str, Any]]:
+        """Wait until some work is done, or for so long (s); its names and results.
+
+        Raises:
+            KilledError: its process ended before; or whatever the work raises.
+        """
+        done, _ = wait(self._busy, timeout, FIRST_COMPLETED)
+        for future in sorted(done, key=lambda each: each.exception() is not None):
+            name, submit = self._busy.pop(future)
+            try:
+                result = future.result()
+            except (BrokenProcessPool, KilledError) as error:
+                raise KilledError(
+                    f"{name}: its process was killed, most likely because memory ran out: make "
+                    "room, or use fewer workers"
+                ) from error
+            self._free.append(submit)
+            yield name, result
+
+
+@contextmanager
+def crew(workers: int) -> Iterator[Crew]:
+    """So many processes (at least 1) for as long as the context lasts; see `pool`."""
+    with ExitStack() as stack:
+        yield Crew([stack.enter_context(pool(1)) for _ in range(workers)])
 
 
 def require_picklable(name: str, value: Any) -> None:

@@ -11,7 +11,6 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import redirect_stderr, suppress
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from agents.comparison.arena import Arena, Result
 from agents.comparison.entrants import Entrant
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
-from trajopt.processes import pool
+from trajopt.processes import crew
 from trajopt.provenance import provenance
 
 #: How often the line that shows what is running is written anew (s).
@@ -43,6 +42,7 @@ def completed(arena: Arena, entrants: Sequence[Entrant], workers: int) -> dict[s
 
     Raises:
         ValueError: a kept result is damaged, or of another study.
+        KilledError: the process of an entrant was killed; the same call goes on.
         KeyboardInterrupt: somebody asked to stop; the same call goes on.
     """
     before = {each.name: _kept(arena, each) for each in entrants}
@@ -120,25 +120,24 @@ def _one_by_one(arena: Arena, todo: Sequence[Entrant], workers: int) -> Iterator
 
 def _side_by_side(arena: Arena, todo: Sequence[Entrant], workers: int) -> Iterator[str]:
     """Run entrants as soon as nobody they wait for is left, the most urgent first."""
-    left, running = list(todo), dict[Future[None], str]()
+    left = list(todo)
     with (
-        pool(workers) as submit,
+        crew(workers) as at_work,
         tqdm(
             total=len(todo), desc="compare", bar_format=BAR, disable=not arena.progress, leave=False
         ) as bar,
     ):
-        while left or running:
-            unfinished = {each.name for each in left} | set(running.values())
+        while left or at_work.busy:
+            unfinished = {each.name for each in left} | set(at_work.busy)
             ready = [each for each in left if not unfinished & set(each.after)]
-            for entrant in ready[: workers - len(running)]:
+            for entrant in ready[: at_work.free]:
                 left.remove(entrant)
                 inputs = arena.study, arena.out, arena.progress, entrant
-                running[submit(_apart, *inputs)] = entrant.name
-            bar.set_postfix_str("; ".join(_state(arena.out, name) for name in running.values()))
-            for future in wait(running, timeout=TICK, return_when=FIRST_COMPLETED).done:
-                future.result()
+                at_work.begin(entrant.name, _apart, *inputs)
+            bar.set_postfix_str("; ".join(_state(arena.out, name) for name in at_work.busy))
+            for name, _ in at_work.done(TICK):
                 bar.update()
-                yield _read_log(arena, running.pop(future))
+                yield _read_log(arena, name)
 
 
 def _apart(study: Study, out: Path, progress: bool, entrant: Entrant) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
 from pathlib import Path
 from typing import TypeAlias
 
@@ -13,7 +12,7 @@ from tqdm import tqdm
 
 from scripts.studies.cells import Cell, Result, keep, kept
 from scripts.studies.estimate import Estimate
-from trajopt.processes import pool
+from trajopt.processes import crew
 from trajopt.provenance import provenance
 
 #: Of one cell, in words: what went wrong. Other cells go on.
@@ -49,6 +48,7 @@ def completed(
 
     Raises:
         ValueError: a kept cell is damaged, or of another study.
+        KilledError: the process of a cell was killed; the same call goes on.
         KeyboardInterrupt: somebody asked to stop; the same call goes on.
     """
     results = {cell: before for cell in cells if (before := kept(folder, cell)) is not None}
@@ -78,12 +78,14 @@ def _ran(
         for cell in cells:
             yield cell, run(cell, folder)
         return
-    with pool(workers) as submit:
-        waiting = {submit(run, cell, folder): cell for cell in cells}
-        while waiting:
-            done, _ = wait(waiting, timeout=TICK, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield waiting.pop(future), future.result()
+    left, by_key = list(cells), {cell.key: cell for cell in cells}
+    with crew(workers) as at_work:
+        while left or at_work.busy:
+            for _ in range(min(at_work.free, len(left))):
+                cell = left.pop(0)
+                at_work.begin(cell.key, run, cell, folder)
+            for key, found in at_work.done(TICK):
+                yield by_key[key], found
             bar.set_postfix_str(estimate.words)
 
 

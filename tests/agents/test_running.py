@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from agents.comparison.arena import Arena
 from agents.comparison.entrants import entrants
 from agents.comparison.running import completed, most_urgent_first
 from agents.comparison.study import Study
+from trajopt.processes import KilledError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,10 +26,13 @@ class Toy:
     after: tuple[str, ...] = ()
     effort: float = 1.0
     fails: bool = False
+    killed: bool = False
 
     def compete(self, arena: Arena) -> dict[str, Any]:
         if self.fails:
             raise ValueError(f"{self.name} went wrong")
+        if self.killed:
+            os.kill(os.getpid(), signal.SIGKILL)
         found = [json.loads((arena.out / f"{each}.json").read_text()) for each in self.after]
         return {"sum": 1 + sum(each["result"]["sum"] for each in found)}
 
@@ -77,3 +83,12 @@ def test_stages_side_by_side_find_what_they_find_one_after_the_other(tmp_path: P
     assert {"a", "b", "c"} <= {path.stem for path in tmp_path.glob("*.json")}
     assert sums(tmp_path, 2) == EXPECTED
     assert {path.name for path in tmp_path.glob("*.log")} <= {"d.log"}  # says what went wrong
+
+
+@pytest.mark.slow
+def test_a_stage_whose_process_is_killed_is_named_and_the_same_call_goes_on(tmp_path: Path) -> None:
+    toys = tuple(dataclasses.replace(toy, killed=toy.name == "d") for toy in TOYS)
+    with pytest.raises(KilledError, match=r"^d: its process was killed"):
+        sums(tmp_path, 2, toys)
+    assert {"a", "b", "c"} <= {path.stem for path in tmp_path.glob("*.json")}
+    assert sums(tmp_path, 2) == EXPECTED

@@ -19,6 +19,7 @@ from agents.train import train
 from scripts import evaluate as command
 from scripts.commandline import terminated_like_ctrl_c, whole
 from trajopt.gaits.shipped import FOLDER
+from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
@@ -329,3 +330,18 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     with pytest.raises(SystemExit):
         command.main([*arguments, "--seeds"])
     assert "not summarised" in capsys.readouterr().err
+
+
+def test_a_killed_worker_is_told_of_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def run(comparison: Any) -> None:
+        raise KilledError("evolution: its process was killed")
+
+    monkeypatch.setattr("scripts.compare.Comparison.run", run)
+    with pytest.raises(SystemExit) as ended:
+        importlib.import_module("scripts.compare").main(["--out", str(tmp_path)])
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "error: evolution: its process was killed; what was finished is kept" in line
+    assert "the same command goes on" in line

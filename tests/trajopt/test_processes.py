@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from trajopt.processes import pool
+from trajopt.processes import Crew, KilledError, crew, pool
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,3 +96,27 @@ def test_work_is_finished_when_nothing_goes_wrong() -> None:
     with pool(1) as submit:
         results = [submit(pow, 2, n) for n in range(5)]
     assert [future.result() for future in results] == [1, 2, 4, 8, 16]
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def names_done(at_work: Crew) -> list[str]:
+    """The names of all work in the order in which it is done."""
+    done = []
+    while at_work.busy:
+        done += [name for name, _ in at_work.done()]
+    return done
+
+
+def test_work_whose_process_is_killed_is_named_and_what_is_done_comes_first() -> None:
+    with crew(2) as at_work:
+        at_work.begin("a", pow, 2, 3)
+        assert list(at_work.done()) == [("a", 8)]
+        at_work.begin("b", killed)
+        at_work.begin("c", time.sleep, 0.0)
+        assert (at_work.free, at_work.busy) == (0, ["b", "c"])
+        with pytest.raises(KilledError, match=r"b: its process was killed.*memory"):
+            names_done(at_work)
+    assert not multiprocessing.active_children()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from scripts.studies import running
 from scripts.studies.cells import Cell, Result, kept
 from scripts.studies.running import completed, ran
 from tests.scripts.studies.toys import cells_of, toy
+from trajopt.processes import KilledError
 
 
 def test_a_study_that_was_interrupted_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -44,6 +47,21 @@ def test_a_study_that_was_interrupted_goes_on_where_it_was(tmp_path: Path) -> No
     assert list(results) == list(untouched) == cells
     assert [r.policies for r in results.values()] == [r.policies for r in untouched.values()]
     assert [result.steps for result in results.values()] == [1000, 2000, 3000, 4000, 5000]
+
+
+def dies(cell: Cell, folder: Path) -> Result | str:
+    if cell.seed == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return ran(cell, folder)
+
+
+@pytest.mark.slow
+def test_a_cell_whose_process_is_killed_is_named_and_the_others_are_kept(tmp_path: Path) -> None:
+    cells = cells_of(toy(), 2)
+    with pytest.raises(KilledError, match=r"^toy_1: its process was killed"):
+        completed(tmp_path, cells, 2, dies)
+    results, _ = completed(tmp_path, cells, 1)
+    assert list(results) == cells
 
 
 def test_cells_of_another_revision_are_named(
