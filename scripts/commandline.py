@@ -13,6 +13,7 @@ A mistake ends the script with exit status 2.
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import re
@@ -27,6 +28,7 @@ from typing import Any, NoReturn, TypeVar
 from rimless_gym.checks import integer, positive
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PRESETS, preset
+from trajopt.files import part_of
 from trajopt.processes import KilledError
 
 T = TypeVar("T")
@@ -77,10 +79,12 @@ class Parser(argparse.ArgumentParser):
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
-        """Report a ValueError or FileNotFoundError in the block as a command-line mistake."""
+        """Report a ValueError or OSError in the block as a command-line mistake."""
         try:
             yield
-        except (ValueError, FileNotFoundError) as error:
+        except OSError as error:
+            self.error(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        except ValueError as error:
             self.error(str(error))
 
     @contextmanager
@@ -95,9 +99,9 @@ class Parser(argparse.ArgumentParser):
             self.error(
                 f"{error}; what was finished is kept in {folder}, and the same command goes on"
             )
-        except FileNotFoundError:
-            raise
         except OSError as error:
+            if error.errno in (None, errno.ENOENT, errno.ENAMETOOLONG):
+                raise
             self.error(
                 f"{error.filename or folder}: {error.strerror or error}: make room, or choose "
                 "another --out; what was saved before is kept, and the same command goes on"
@@ -143,12 +147,13 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{page}: has no place to fill: put the lines {wanted} where you want it")
 
     def _require_writable(self, path: Path) -> None:
-        new = not os.path.lexists(path)
         try:
-            with path.open("ab"):
-                pass
-            if new:
-                path.unlink()
+            for each in (path, part_of(path)):
+                new = not os.path.lexists(each)
+                with each.open("ab"):
+                    pass
+                if new:
+                    each.unlink()
         except IsADirectoryError:
             self.error(f"{path}: is a folder, but a file is to be written there; give another path")
         except OSError as error:

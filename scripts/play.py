@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_machine(DEFAULT_PRESET)
     options = parser.parse_args(arguments)
     params = parser.machine(options)
-    require_display(parser)
+    require_display(parser, "rimless page writes a page to play on in a browser")
     play(gymnasium.make("RimlessWheel-v0", params=params, render_mode="rgb_array"))
     return 0
 

@@ -21,7 +21,7 @@ from agents.walkers import walker
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
-from rimless_gym.rendering.display import Frame, Window, save_gif
+from rimless_gym.rendering.display import Frame, Window, has_display, save_gif
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, whole
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = options.preset or options.params
     params = parser.machine(options) if chosen else None
     if options.out is None:
-        require_display(parser)
+        require_display(parser, "write a GIF with --out walk.gif")
     elif options.out.suffix.lower() != ".gif":
         parser.error(f"--out {options.out}: is written as a GIF; give a name that ends with .gif")
     else:
@@ -123,17 +123,10 @@ def show(frames: Iterator[Frame], size: tuple[int, ...]) -> None:
     window.close()
 
 
-def require_display(parser: Parser) -> None:
+def require_display(parser: Parser, remedy: str) -> None:
     """Refuse to go on where no window can be shown."""
-    from rimless_gym.rendering._pygame import pygame
-
-    try:
-        pygame.display.init()
-        shown = pygame.display.get_driver() not in ("dummy", "offscreen")
-    except pygame.error:
-        shown = False
-    if not shown:
-        parser.error("no display: nothing can be shown here; write a GIF with --out walk.gif")
+    if not has_display():
+        parser.error(f"no display: nothing can be shown here; {remedy}")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -53,10 +53,15 @@ def write_text(path: Path, text: str) -> None:
         file.write(text.encode())
 
 
+def part_of(path: Path) -> Path:
+    """The file that holds what is to be written to another one until it is complete."""
+    return path.with_name(path.name + ".part")
+
+
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
     """A new file that replaces `path` once it is complete."""
-    unfinished = path.with_name(path.name + ".part")
+    unfinished = part_of(path)
     try:
         with unfinished.open("wb") as file:
             yield file
@@ -64,7 +69,8 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
             os.fsync(file.fileno())  # or a power cut could leave an empty file
         os.replace(unfinished, path)
     except OSError as error:  # a full disk, perhaps: the part must not stay
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 

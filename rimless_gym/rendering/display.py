@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,6 +16,9 @@ from PIL import Image
 from rimless_gym.rendering._pygame import pygame
 
 Frame = NDArray[np.uint8]
+
+#: The file descriptor of stderr.
+STDERR = 2
 
 
 class Window:
@@ -28,7 +34,8 @@ class Window:
     """
 
     def __init__(self, size: tuple[int, int], fps: float, title: str = "rimless-gym") -> None:
-        pygame.display.init()
+        with _silent_libraries():
+            pygame.display.init()
         self._screen = pygame.display.set_mode(size)
         pygame.display.set_caption(title)
         self._clock = pygame.time.Clock()
@@ -51,6 +58,30 @@ class Window:
         if self.is_open:
             self.is_open = False
             pygame.display.quit()
+
+
+def has_display() -> bool:
+    """Whether a window can be shown."""
+    try:
+        with _silent_libraries():
+            pygame.display.init()
+    except pygame.error:
+        return False
+    return pygame.display.get_driver() not in ("dummy", "offscreen")
+
+
+@contextmanager
+def _silent_libraries() -> Iterator[None]:
+    """Keep from stderr what compiled libraries print there, besides the error that they give."""
+    sys.stderr.flush()
+    kept = os.dup(STDERR)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), STDERR)
+    try:
+        yield
+    finally:
+        os.dup2(kept, STDERR)
+        os.close(kept)
 
 
 def save_gif(

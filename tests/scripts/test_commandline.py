@@ -73,6 +73,7 @@ def places(tmp_path: Path) -> dict[str, Path]:
         "below a file": tmp_path / "file" / "below",
         "no folder can be made": Path("/proc/nothing/here"),
         "a name that is too long": tmp_path / ("x" * 300),
+        "no room for its part": tmp_path / ("x" * 252),
         "a folder": tmp_path / "folder",
         "its files are folders": tmp_path / "taken",
     }
@@ -94,13 +95,24 @@ def test_folders_that_cannot_be_written_are_refused(
 
 
 @pytest.mark.parametrize(
-    "place", ["a folder", "below a file", "no folder can be made", "a name that is too long"]
+    "place",
+    [
+        "a folder",
+        "below a file",
+        "no folder can be made",
+        "a name that is too long",
+        "no room for its part",
+    ],
 )
 def test_files_that_cannot_be_written_are_refused(
     refused: Callable, places: dict[str, Path], place: str
 ) -> None:
     line = refused("solve_gait", "--out", places[place])
     assert str(places[place]) in line or str(places[place].parent) in line
+
+
+def test_names_of_inputs_that_are_too_long_are_refused(refused: Callable) -> None:
+    assert "File name too long" in refused("evaluate", "x" * 300)
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")

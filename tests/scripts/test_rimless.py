@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from agents.policy_files import PRETRAINED
-from scripts import publish_policy, rimless, warmup, watch
+from scripts import play, publish_policy, rimless, warmup, watch
 
 #: Makes an interpreter in which a package cannot be imported.
 WITHOUT = "import sys; sys.modules[{name!r}] = None; "
@@ -106,9 +106,11 @@ def test_without_a_display_the_remedy_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    with pytest.raises(SystemExit):
-        watch.main(["gait"])
-    assert "--out walk.gif" in capsys.readouterr().err
+    for command, remedy in ((watch, "--out walk.gif"), (play, "rimless page")):
+        with pytest.raises(SystemExit):
+            command.main([])
+        (line,) = capsys.readouterr().err.splitlines()
+        assert remedy in line
 
 
 def test_two_policies_of_one_name_are_refused(
