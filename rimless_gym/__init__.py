@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rimless_gym.envs import EPISODE_STEPS, SPEED_EPISODE_STEPS
+from rimless_gym.envs import (
+    EPISODE_STEPS,
+    REWARD_THRESHOLD,
+    SPEED_EPISODE_STEPS,
+    SPEED_REWARD_THRESHOLD,
+)
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL, preset
 
@@ -88,6 +93,7 @@ gymnasium.register(
     id="RimlessWheel-v0",
     entry_point="rimless_gym.envs.env:RimlessWheelEnv",
     vector_entry_point="rimless_gym.envs.vector_env:RimlessWheelVectorEnv",
+    reward_threshold=REWARD_THRESHOLD,
     max_episode_steps=EPISODE_STEPS,
     order_enforce=False,
     disable_env_checker=True,
@@ -96,6 +102,7 @@ gymnasium.register(
     id="RimlessWheelSpeed-v0",
     entry_point="rimless_gym.envs.speed:RimlessWheelSpeedEnv",
     vector_entry_point="rimless_gym.envs.speed:RimlessWheelSpeedVectorEnv",
+    reward_threshold=SPEED_REWARD_THRESHOLD,
     max_episode_steps=SPEED_EPISODE_STEPS,
     order_enforce=False,
     disable_env_checker=True,

@@ -1,0 +1,1 @@
+"""What an episode pays: the returns of default episodes, whoever walks."""
