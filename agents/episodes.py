@@ -25,7 +25,7 @@ class Episode:
         actions: float32 (T, 1).
         rewards: (T,).
         terminations, truncations: bool (T,); the last of one of them is True.
-        infos: entries of `info` that were asked for, (T,) each.
+        infos: entries of `info` that were asked for, first those of the reset, (T + 1,) each.
     """
 
     seed: int
@@ -65,26 +65,36 @@ def episodes(
     Raises:
         ValueError: the policy gives NaN or the wrong shape, or an option is not valid.
     """
-    observations, _ = envs.reset(seed=seed, options=options)
+    observations, info = envs.reset(seed=seed, options=options)
     running, lengths = np.ones(envs.num_envs, dtype=bool), np.zeros(envs.num_envs, dtype=int)
-    seen, steps = [observations], []
-    with tqdm(total=envs.max_episode_steps, desc=progress, disable=not progress, leave=False) as bar:
+    seen, told, steps = [observations], [[info[name] for name in keep]], []
+    with tqdm(
+        total=envs.max_episode_steps, desc=progress, disable=not progress, leave=False
+    ) as bar:
         while running.any():
             rows = running.nonzero()[0]
             actions = np.zeros((envs.num_envs, 1), dtype=np.float32)
             actions[rows, 0] = np.clip(policy(envs.states[rows], observations[rows]), -1.0, 1.0)
             observations, rewards, terminated, truncated, info = envs.step(actions)
             seen.append(observations)
-            steps.append((actions, rewards, terminated, truncated, *(info[name] for name in keep)))
+            told.append([info[name] for name in keep])
+            steps.append((actions, rewards, terminated, truncated))
             lengths[rows] += 1
             running &= ~(terminated | truncated)
             bar.update()
-    columns = [np.array(column) for column in zip(*steps, strict=True)]
-    stacked = np.array(seen)
-    found = []
-    for row, length in enumerate(lengths.tolist()):
-        own = [column[:length, row] for column in columns]
-        infos = dict(zip(keep, own[4:], strict=True))
-        first = stacked[: length + 1, row]
-        found.append(Episode(seed + row, options, first, *own[:4], infos))
-    return found
+    done, paid, terminations, truncations = map(np.array, zip(*steps, strict=True))
+    noted = dict(zip(keep, (np.array(column) for column in zip(*told, strict=True)), strict=True))
+    states = np.array(seen)
+    return [
+        Episode(
+            seed + row,
+            options,
+            states[: length + 1, row],
+            done[:length, row],
+            paid[:length, row],
+            terminations[:length, row],
+            truncations[:length, row],
+            {name: column[: length + 1, row] for name, column in noted.items()},
+        )
+        for row, length in enumerate(lengths.tolist())
+    ]

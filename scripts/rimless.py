@@ -36,6 +36,7 @@ COMMANDS = {
     "evaluate": Command("scripts.evaluate", "measure policies and feedback laws"),
     "compare": Command("scripts.compare", "learned against optimal: the main job"),
     "page": Command("scripts.page", "one HTML file to pass on: the front, a wheel to drive"),
+    "data": Command("scripts.data", "walks as Minari datasets, for offline learners"),
     "thesis": Command("scripts.thesis.command", "the thesis's experiments"),
     "bench": Command("scripts.benchmarks.command", "speed, ours and other people's"),
     "warmup": Command("scripts.warmup", "compile the simulator now"),

@@ -1,4 +1,4 @@
-"""Measure the returns of default episodes: baselines, laws, shipped policies, the front's best gait.
+"""Measure what default episodes pay: baselines, laws, shipped policies, the front's best gait.
 
 Every walker walks the 100 episodes that reset(seed=0) to reset(seed=99) begin, as gym.make gives
 them. Prints the tables of docs/environment.md. It takes a quarter of an hour, most of it for the

@@ -67,6 +67,12 @@ def test_what_needs_an_extra_says_so_and_the_rest_works() -> None:
         assert status == (2 if word in needing else 0), (word, said)
 
 
+def test_data_says_which_extra_brings_minari() -> None:
+    code = WITHOUT.format(name="minari") + "from scripts.rimless import main; main(['data', '-h'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "minari is not installed: it comes with pip install 'rimless-gym[data]'" in done.stderr
+
+
 def test_a_gait_is_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "walk.gif"
     arguments = ["gait", "--seconds", "0.4", "--size", "120", "80", "--out", str(out)]

@@ -11,7 +11,7 @@ from statistics import median
 from typing import Any
 
 import gymnax  # type: ignore[import-not-found]
-import jax  # type: ignore[import-not-found]
+import jax
 
 from scripts.benchmarks.protocol import Measure, serve, timed
 

@@ -1,0 +1,1 @@
+"""Walks as Minari datasets, for other people's offline learners."""

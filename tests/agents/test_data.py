@@ -1,0 +1,154 @@
+"""Walks as Minari datasets."""
+
+from __future__ import annotations
+
+import json
+
+import minari
+import numpy as np
+import pytest
+
+from agents.baselines import BASELINES
+from agents.conditions import Conditions
+from agents.data.figures import figures
+from agents.data.files import CARD, dataset_id, recipe_of, write_dataset
+from agents.data.walks import KEPT, optimal_walks
+from agents.data.write import Wanted, require_free, write_all
+from agents.episodes import episodes
+from rimless_gym import BUILDABLE, PROTOTYPE
+
+FEW = Wanted(None, 3, 11, 0.56)
+
+
+def written(folder, *names, wanted=FEW):
+    return dict(write_all(folder, names, wanted))
+
+
+def require_repeated(dataset):
+    """Step the environment of a dataset with what is recorded in it."""
+    env = dataset.recover_environment()
+    for about, episode in zip(
+        dataset.storage.get_episode_metadata(range(dataset.total_episodes)),
+        dataset.iterate_episodes(),
+        strict=True,
+    ):
+        observation, _ = env.reset(seed=about["seed"], options=about.get("options"))
+        np.testing.assert_array_equal(observation, episode.observations[0])
+        for k, action in enumerate(episode.actions):
+            observation, reward, terminated, truncated, _ = env.step(action)
+            np.testing.assert_array_equal(observation, episode.observations[k + 1])
+            assert reward == episode.rewards[k]
+            assert (terminated, truncated) == (episode.terminations[k], episode.truncations[k])
+        assert terminated or truncated
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Datasets of noise and of an evolved policy."""
+    made = tmp_path_factory.mktemp("data")
+    written(made, "random", "evolution")
+    return made
+
+
+@pytest.fixture
+def local(folder, monkeypatch):
+    """The same, as Minari's local storage."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
+    return folder
+
+
+def test_the_environment_repeats_what_minari_reads(local):
+    assert set(minari.list_local_datasets()) == {dataset_id("random"), dataset_id("evolution")}
+    for name in minari.list_local_datasets():
+        dataset = minari.load_dataset(name)
+        assert dataset.total_episodes == 3
+        require_repeated(dataset)
+
+
+def test_a_card_tells_the_figures_of_its_dataset(local):
+    dataset = minari.load_dataset("rimless-wheel/evolution-v0")
+    totals = [episode.rewards.sum() for episode in dataset.iterate_episodes()]
+    sums = {
+        name: sum(episode.infos[name].sum() for episode in dataset.iterate_episodes())
+        for name in ("distance", "electrical_positive", "idle")
+    }
+    cot = (sums["electrical_positive"] + sums["idle"]) / (BUILDABLE.weight * sums["distance"])
+    card = (local / dataset.spec.dataset_id / CARD).read_text()
+    for told in (
+        f"| {np.mean(totals):.3f}, {min(totals):.3f}, {max(totals):.3f} |",
+        f"| cost of transport, the way to the gait included | {cot:.4f} |",
+        f"| episodes, steps | 3, {dataset.total_steps:,}; the environment's own starts, seeds 11",
+        "the policy `evolution`, which comes with the package",
+        "`rimless data evolution --seed 11 --episodes 3`",
+        "| licence | MIT",
+        'minari.load_dataset("rimless-wheel/evolution-v0")',
+    ):
+        assert told in card
+    assert dataset.storage.metadata["description"] == card
+
+
+def test_the_stored_terms_add_up_to_the_reward(local):
+    for episode in minari.load_dataset("rimless-wheel/random-v0").iterate_episodes():
+        terms = [values[1:] for name, values in episode.infos.items() if name.startswith("reward_")]
+        np.testing.assert_allclose(sum(terms), episode.rewards, rtol=0, atol=1e-12)
+
+
+def test_what_is_there_is_kept_and_what_was_cut_off_is_written_again(tmp_path, monkeypatch):
+    def cut(*arguments):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("agents.data.files.MinariStorage.update_metadata", cut)
+        with pytest.raises(KeyboardInterrupt):
+            written(tmp_path, "idle")
+    names = ("idle", "random")
+    assert require_free(tmp_path, names, FEW) == ["idle", "random"]
+    written(tmp_path, "idle")
+    assert require_free(tmp_path, names, FEW) == ["random"]
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    assert set(minari.list_local_datasets()) == {dataset_id("idle")}
+
+
+def test_a_dataset_of_other_walks_is_neither_taken_nor_replaced(folder, tmp_path):
+    for other in (Wanted(None, 4, 11, 0.56), Wanted(PROTOTYPE, 3, 11, 0.56)):
+        with pytest.raises(ValueError, match=r"random-v0: is there already.*choose another --out"):
+            require_free(folder, ["random"], other)
+    (tmp_path / dataset_id("idle")).mkdir(parents=True)
+    with pytest.raises(ValueError, match="not a dataset of rimless-gym"):
+        recipe_of(tmp_path, dataset_id("idle"))
+
+
+def test_two_walkers_of_one_name_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"two datasets would be called rimless-wheel/best-v0"):
+        require_free(tmp_path, ["a/best.zip", "b/best.zip"], FEW)
+
+
+def test_another_machine_is_in_the_dataset_and_on_the_card(tmp_path, monkeypatch):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    written(tmp_path, "idle", wanted=Wanted(PROTOTYPE, 1, 0, 0.56))
+    dataset = minari.load_dataset("rimless-wheel/idle-v0")
+    assert dataset.recover_environment().unwrapped.params == PROTOTYPE
+    require_repeated(dataset)
+    changed = json.dumps({"wheel_mass": PROTOTYPE.wheel_mass})[1:-1]
+    assert changed in (tmp_path / dataset.spec.dataset_id / CARD).read_text()
+
+
+def test_who_does_not_get_on_has_no_cost_of_transport():
+    envs = Conditions(BUILDABLE).envs(1, max_episode_steps=5)
+    begin = {"mode": "double_stance"}
+    rest = episodes(envs, BASELINES["idle"](), options=begin, keep=KEPT)
+    assert figures(rest, BUILDABLE.weight)["cot"] is None
+
+
+@pytest.mark.slow
+def test_optimal_gaits_are_walked_at_their_cost(tmp_path, monkeypatch):
+    walks = optimal_walks(BUILDABLE, tmp_path, 0, (0.56, 0.6))
+    assert walks.steps >= 200
+    for one, speed in zip(walks.episodes, (0.56, 0.6), strict=True):
+        assert one.truncations[-1]
+        found = figures([one], BUILDABLE.weight)
+        assert found["distance"] / (0.01 * walks.steps) == pytest.approx(speed, rel=0.05)
+        assert found["cot"] == pytest.approx(0.048, abs=0.005)
+    write_dataset(tmp_path, dataset_id("optimal"), walks, {}, "a card")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    require_repeated(minari.load_dataset(dataset_id("optimal")))
