@@ -7,12 +7,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agents.page.gaits import shipped_front
 from rimless_gym.envs.speed import TASK
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
-from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.fronts import cot_front, shipped_front
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 
