@@ -14,9 +14,6 @@ from agents.scores import economy
 from rimless_gym.extras import extra
 from trajopt.feedback.law import Floats
 
-with extra("learn"):
-    import cma
-
 #: The starts of all looks are those of this seed beside the search's own.
 LOOK_SEED = 64
 
@@ -72,6 +69,8 @@ class Contender:
         seed: tuple[int, ...],
         floor: float,
     ) -> None:
+        with extra("learn"):  # here: a policy that has evolved walks without it
+            import cma
         rng = np.random.default_rng(seed)
         options = {
             "popsize": settings.population,

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -122,3 +124,13 @@ def test_what_it_cannot_train_with_is_refused(tmp_path):
     run(tmp_path / "c", timesteps=0)
     with pytest.raises(ValueError, match="hyperparameters"):
         run(tmp_path / "c", settings=other, timesteps=0)
+
+
+def test_a_shipped_policy_walks_without_what_only_learning_needs() -> None:
+    code = (
+        "import sys; sys.modules.update(cma=None, torch=None, stable_baselines3=None)\n"
+        "from agents import load_policy; import numpy as np\n"
+        "print(load_policy('evolution').act(np.zeros((1, 6), np.float32)).shape)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "(1,)\n"
