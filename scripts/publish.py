@@ -1,13 +1,13 @@
 #!/usr/bin/env python
-"""Copy a finished comparison's table, plots, animation and policies into the README and package.
+"""Copy a finished comparison's table, plots, animation and policies into the documents and package.
 
-Every policy gets a card that says what it is and how it walks.
+The README gets the headline, docs/comparison.md the whole table. Every policy gets a card that says
+what it is and how it walks.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -17,11 +17,13 @@ if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from agents.comparison.entrants import entrants
+from agents.comparison.headline import headline
 from agents.comparison.learned import Learned
 from agents.comparison.study import Study
 from agents.policy_files import read_record
 from scripts.commandline import Parser
 from scripts.documents.cards import card
+from scripts.documents.marked import marks, refresh, wanted
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIES = {
@@ -39,7 +41,9 @@ POLICIES = {
     "distilled": "distilled/clone.zip",
 }
 PRETRAINED = ROOT / "agents" / "pretrained"
-TABLE = re.compile(r"(<!-- table: .*? -->\n).*?(<!-- end of table -->)", re.DOTALL)
+COMMAND = "compare"  # that leaves the sections
+#: Sections that are written, and their pages.
+PAGES = {"headline": "README.md", "table": "docs/comparison.md"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,11 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for source in ("table.md", *COPIES, *POLICIES.values(), *notes, "results.json"):
         if not (study / source).is_file():
             parser.error(f"{study / source} is missing: run make compare to its end first")
-    readme, table = ROOT / "README.md", (study / "table.md").read_text()
-    parser.require_page(readme, TABLE, "<!-- table: ... --> and <!-- end of table -->")
-    text, found = TABLE.subn(lambda m: m[1] + table + m[2], readme.read_text())
-    if found != 1:
-        parser.error(f"{readme}: has {found} marked tables, not 1; leave one of them")
+    around = marks(COMMAND, tuple(PAGES))
+    for name, page in PAGES.items():
+        parser.require_page(ROOT / page, around[name], wanted(COMMAND, (name,)))
     for target in COPIES.values():
         parser.require_file(ROOT / target)
     for name in POLICIES:
@@ -66,7 +68,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, source in POLICIES.items():
         shutil.copyfile(study / source, PRETRAINED / f"{name}.zip")
         (PRETRAINED / f"{name}.md").write_text(cards[name])
-    readme.write_text(text)
+    results = json.loads((study / "results.json").read_text())
+    sections = {
+        "headline": headline(results["table"], results["study"]["speed"]) + "\n",
+        "table": (study / "table.md").read_text(),
+    }
+    for name, page in PAGES.items():
+        refresh(ROOT / page, around, {name: sections[name]})
     return 0
 
 

@@ -73,15 +73,13 @@ def _largest_demand(evaluation: dict[str, Any]) -> float | None:
     return None if None in demands else max(demands)
 
 
+def figure(value: float | None, form: str) -> str:
+    """A figure of a row in words; what does not apply or does not walk is a dash."""
+    return "-" if value is None or not math.isfinite(value) else format(value, form)
+
+
 def format_table(rows: list[dict[str, Any]]) -> str:
-    """The comparison as a Markdown table; what does not apply or does not walk is a dash.
-
-    Rows that read alike are one.
-    """
-
-    def figure(value: float | None, form: str) -> str:
-        return "-" if value is None or not math.isfinite(value) else format(value, form)
-
+    """The comparison as a Markdown table. Rows that read alike are one."""
     lines = [
         "| | CoT | return (m/s) | speed (m/s) | gap to the optimum | starts that walk "
         "| friction demand | least Fy / weight |",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 
 from agents.comparison.entrants import entrants
+from agents.comparison.headline import SHOWN
 from agents.comparison.learned import Learned
 from agents.comparison.study import Study
 from agents.policy_files import PRETRAINED
@@ -23,6 +25,11 @@ ROW = {
     "friction_demand": 0.7,
     "min_normal_force_over_weight": 0.1,
 }
+
+
+def section(name: str, text: str) -> str:
+    """A page with a section."""
+    return f"before\n<!-- compare: {name} -->\n{text}<!-- end of {name} -->\nafter\n"
 
 
 @pytest.fixture
@@ -42,6 +49,8 @@ def study(tmp_path: Path) -> Path:
         for one in learned
         for title in one.shown
     ]
+    table.append(ROW | {"policy": "LQR about the optimum", "at": 0.53, "gap": 0.2})
+    table.append(ROW | {"policy": "LQR about the optimum", "at": Study().speed, "cot": None})
     of = dataclasses.asdict(Study(changes={"drag": 0.1}))
     (folder / "results.json").write_text(json.dumps({"study": of, "table": table}))
     return folder
@@ -53,8 +62,8 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     root = tmp_path / "root"
     for folder in ("docs", "agents/pretrained"):
         (root / folder).mkdir(parents=True)
-    marked = "before\n<!-- table: make compare -->\n| old |\n<!-- end of table -->\nafter\n"
-    (root / "README.md").write_text(marked)
+    for name, page in publish.PAGES.items():
+        (root / page).write_text(section(name, "| old |\n"))
     monkeypatch.setattr(publish, "ROOT", root)
     monkeypatch.setattr(publish, "PRETRAINED", root / "agents" / "pretrained")
     return root
@@ -64,8 +73,8 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
     study: Path, root: Path
 ) -> None:
     assert publish.main(["--study", str(study)]) == 0
-    marked = "before\n<!-- table: make compare -->\n| new table |\n<!-- end of table -->\nafter\n"
-    assert (root / "README.md").read_text() == marked
+    table = (root / "docs" / "comparison.md").read_text()
+    assert table == section("table", "| new table |\n")
     for source, target in publish.COPIES.items():
         assert (root / target).read_text() == f"picture {source}"
     for name in publish.POLICIES:
@@ -77,6 +86,29 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
         assert "| CoT | 0.0500 |" in text
 
 
+def test_the_headline_is_of_the_studys_own_speed_and_tells_what_does_not_walk(
+    study: Path, root: Path
+) -> None:
+    publish.main(["--study", str(study)])
+    lines = (root / "README.md").read_text().splitlines()[4:-2]
+    assert [line.split(" | ")[1:] for line in lines] == [
+        ["-", "+10.0%", "0.600", "100% |"],
+        *[["0.0500", "+10.0%", "0.600", "100% |"]] * 4,
+    ]
+
+
+def test_the_published_headline_is_taken_from_the_published_table() -> None:
+    whole = (publish.ROOT / "docs" / "comparison.md").read_text()
+    rows = [line.strip("| ").split(" | ") for line in whole.splitlines() if line[:2] == "| "]
+    known = {tuple(row[n] for n in (1, 4, 3, 5)) for row in rows if len(row) == 8}
+    readme = (publish.ROOT / "README.md").read_text()
+    shown = re.search(r"<!-- compare: headline -->\n(.*?)<!-- end of headline", readme, re.DOTALL)
+    assert shown
+    lines = [line.strip("| ").split(" | ") for line in shown[1].splitlines()[2:]]
+    assert [line[0] for line in lines] == list(SHOWN.values())
+    assert {tuple(line[1:]) for line in lines} <= known
+
+
 def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
     publish.main(["--study", str(study)])
     once = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
@@ -84,11 +116,13 @@ def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == once
 
 
-def test_a_readme_without_marks_is_refused_before_anything_is_copied(
-    study: Path, root: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", publish.PAGES)
+def test_a_page_without_marks_is_refused_before_anything_is_copied(
+    study: Path, root: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    (root / "README.md").write_text("no table\n")
+    (root / publish.PAGES[name]).write_text("no table\n")
     with pytest.raises(SystemExit):
         publish.main(["--study", str(study)])
-    assert "<!-- table: ... -->" in capsys.readouterr().err
-    assert [path.name for path in root.rglob("*") if path.is_file()] == ["README.md"]
+    assert f"<!-- compare: {name} -->" in capsys.readouterr().err
+    left = {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
+    assert left == set(publish.PAGES.values())

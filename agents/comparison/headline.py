@@ -1,0 +1,46 @@
+"""The headline: the rows of a comparison that say most, in few columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from agents.comparison.report import figure
+
+#: Titles of rows of the comparison, and what they are for somebody who reads nothing else.
+SHOWN = {
+    "optimal, voltage held for 10 ms": "optimal gait",
+    "LQR about the optimum": "feedback law that holds it (LQR)",
+    "imitation": "network cloned from the law",
+    "fine-tuned, best kept": "clone fine-tuned by PPO",
+    "evolution from scratch": "evolution from nothing",
+    "PPO from scratch": "PPO from nothing",
+}
+
+
+def headline(rows: list[dict[str, Any]], speed: float) -> str:
+    """A Markdown table of the rows in `SHOWN`.
+
+    Args:
+        rows: of the comparison (`agents.comparison.report`).
+        speed: of the study (m/s); rows that belong to its other speeds are left out.
+    """
+    lines = [
+        "| | cost of transport | over the optimum at its speed | speed (m/s) | starts that walk |"
+    ]
+    lines.append("|---|---|---|---|---|")
+    for title, meaning in SHOWN.items():
+        for row in rows:
+            if row["policy"] == title and row["at"] in (speed, None):
+                lines.append(_line(meaning, row))
+    return "\n".join(lines)
+
+
+def _line(meaning: str, row: dict[str, Any]) -> str:
+    cells = (
+        meaning,
+        figure(row["cot"], ".4f"),
+        figure(row["gap"], "+z.1%"),
+        figure(row["speed"], ".3f"),
+        figure(row["walking_share"], ".0%"),
+    )
+    return "| " + " | ".join(cells) + " |"
