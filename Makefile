@@ -1,4 +1,4 @@
-# make install | compare | study | front | page | feedback | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | study | front | page | feedback | docs | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -19,7 +19,7 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare study front page feedback test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare study front page feedback docs test test-slow test-cpus test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
@@ -28,6 +28,7 @@ help:
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
 	@echo "make page        one HTML file to pass on, into runs/page.html: the front, a wheel to drive"
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
+	@echo "make docs        the documentation site, into runs/site; a warning is an error"
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
@@ -66,6 +67,10 @@ page: $(INSTALLED)
 
 feedback: $(INSTALLED)
 	$(BIN)/python scripts/feedback.py --docs docs/feedback.md
+
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx --fail-on-warning --quiet docs runs/site
+	@echo "open runs/site/index.html"
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

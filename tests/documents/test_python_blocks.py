@@ -1,16 +1,16 @@
 """The documents' code runs from top to bottom, as a reader would run it."""
 
-from pathlib import Path
-
 import pytest
 from sybil import Document
 from sybil.parsers.markdown import PythonCodeBlockParser
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.documents.pages import PAGES, ROOT, names
+
+WITH_BLOCKS = [path for path in PAGES[1:] if "```python" in path.read_text()]
 
 
-def blocks_of(name):
-    document = Document.parse(str(ROOT / name), PythonCodeBlockParser())
+def blocks_of(path):
+    document = Document.parse(str(path), PythonCodeBlockParser())
     return document, list(document.examples())
 
 
@@ -19,7 +19,7 @@ def test_every_block_of_the_readme_runs_by_itself_and_prints_something(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
-    document, blocks = blocks_of("README.md")
+    document, blocks = blocks_of(ROOT / "README.md")
     assert blocks
     for block in blocks:
         document.namespace.clear()
@@ -28,11 +28,7 @@ def test_every_block_of_the_readme_runs_by_itself_and_prints_something(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path",
-    [path for path in sorted((ROOT / "docs").glob("*.md")) if "```python" in path.read_text()],
-    ids=lambda path: path.name,
-)
+@pytest.mark.parametrize("path", WITH_BLOCKS, ids=names(WITH_BLOCKS))
 def test_the_blocks_of_a_page_run_one_after_the_other(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for block in blocks_of(path)[1]:

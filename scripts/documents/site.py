@@ -1,0 +1,84 @@
+"""What Sphinx needs to build the site from pages that code-hosting sites show too.
+
+The front page is the README. An environment's class docstring is its documentation page, written in
+Markdown as Gymnasium's are: the directive `class-page` puts it into a page.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+#: Where links between files lead, in Markdown; not those to other sites or within the page.
+_TARGET = re.compile(r"(\]\()(?![a-z]+:|#)([^)\s]+)")
+
+#: A heading in the docstring of a class with a page of its own. All other docstrings have none, and
+#: are read as reStructuredText.
+_HEADING = "## "
+
+
+def seen_from_docs(readme: str) -> str:
+    """The README with links that start in docs/."""
+
+    def moved(link: re.Match[str]) -> str:
+        target = link[2].removeprefix("docs/")
+        return link[1] + (target if target != link[2] else f"../{target}")
+
+    return _TARGET.sub(moved, readme)
+
+
+def with_front_page(page: str) -> str:
+    """A page of docs/ whose links to the README lead to the site's front page."""
+    return page.replace("](../README.md", "](index.md")
+
+
+class ClassPage(SphinxDirective):
+    """The docstring of a class, `module.Class`, as a part of the page."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """The docstring's nodes."""
+        module, _, name = self.arguments[0].rpartition(".")
+        text = inspect.getdoc(getattr(import_module(module), name)) or ""
+        text = text.replace(f"\n{_HEADING}", f"\n#{_HEADING}")  # under the page's heading
+        found = nodes.Element()
+        lines = StringList(text.splitlines(), source=self.arguments[0])
+        self.state.nested_parse(lines, self.content_offset, found, match_titles=True)
+        return found.children
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register with Sphinx."""
+    app.add_directive("class-page", ClassPage)
+    app.connect("source-read", _read)
+    app.connect("include-read", _included)
+    app.connect("autodoc-process-docstring", _adapted)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _read(app: Sphinx, page: str, source: list[str]) -> None:
+    source[0] = with_front_page(source[0])
+
+
+def _included(app: Sphinx, path: Path, parent: str, content: list[str]) -> None:
+    if path.name == "README.md":
+        content[0] = seen_from_docs(content[0])
+
+
+def _adapted(
+    app: Sphinx, what: str, name: str, documented: Any, options: Any, lines: list[str]
+) -> None:
+    """Leave a class's headed sections to its page; let | be the sign of absolute values."""
+    first = next((n for n, line in enumerate(lines) if line.startswith(_HEADING)), None)
+    if what == "class" and first is not None:
+        lines[first:] = ["Its documentation page has the rest.", ""]
+    lines[:] = [line.replace("|", r"\|") for line in lines]

@@ -1,0 +1,40 @@
+"""Commands that the documents show exist, with their options."""
+
+import re
+import runpy
+import shlex
+import tomllib
+from importlib import import_module
+
+import pytest
+
+from scripts.rimless import COMMANDS
+from tests.documents.pages import PAGES, ROOT, commands_of, names
+
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=names(PAGES))
+def test_every_command_has_the_options_with_which_it_is_shown(path, capsys):
+    for command in commands_of(path):
+        match command.split()[:2]:
+            case ["make", target]:
+                assert target in TARGETS, command
+            case ["pip", "install"]:
+                for extra in re.findall(r"\[([\w,]+)\]", command):
+                    assert set(extra.split(",")) <= set(EXTRAS), command
+            case ["rimless", word]:
+                assert word in COMMANDS, command
+                require_options(command, import_module(COMMANDS[word].module).main, capsys)
+            case ["python", script] if script.startswith("scripts/") and "NAME" not in script:
+                assert (ROOT / script).is_file(), command
+                require_options(command, runpy.run_path(str(ROOT / script))["main"], capsys)
+
+
+def require_options(command, main, capsys):
+    options = {word.split("=")[0] for word in shlex.split(command) if word.startswith("--")}
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    assert options <= set(re.findall(r"--[\w-]+", capsys.readouterr().out)), command

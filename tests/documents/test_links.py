@@ -1,0 +1,49 @@
+"""Links between the documents lead somewhere, on a code-hosting site and on the built one."""
+
+import re
+
+import pytest
+
+from scripts.documents.site import seen_from_docs, with_front_page
+from tests.documents.pages import NOTEBOOKS, PAGES, ROOT, names, prose_of, text_of
+
+LINK = re.compile(r"\]\((?![a-z]+:)([^)\s#]*)(?:#([^)\s]+))?\)")
+ALL = [*PAGES, *NOTEBOOKS]
+
+
+def anchors(path):
+    """Of a page's headings, as code-hosting sites make them."""
+    titles = re.findall(r"^#+ (.*)$", prose_of(path), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("path", ALL, ids=names(ALL))
+def test_every_link_to_a_file_or_heading_leads_somewhere(path):
+    for target, anchor in LINK.findall(prose_of(path)):
+        file = path.parent / target if target else path
+        assert file.is_file(), f"{path}: {target}"
+        assert file.resolve().is_relative_to(ROOT)
+        assert not anchor or anchor in anchors(file), f"{path}: {target}#{anchor}"
+
+
+def test_a_page_that_no_contents_list_is_missed():
+    index = ROOT / "docs"
+    listed = {
+        (page.parent / name).resolve()
+        for page in PAGES
+        for block in re.findall(r"```{toctree}\n(.*?)```", text_of(page), re.DOTALL)
+        for name in block.split("\n")
+        if name and not name.startswith(":")
+    }
+    pages = {path.resolve().with_suffix("") for path in ALL if path.is_relative_to(index)}
+    assert pages - listed == {index / "index"}
+
+
+def test_the_readmes_links_start_in_docs_on_the_site():
+    readme = "[a](docs/a.md#b) ![c](docs/c.png) [d](agents/d.py) [e](https://e.org/docs/) [f](#g)"
+    there = "[a](a.md#b) ![c](c.png) [d](../agents/d.py) [e](https://e.org/docs/) [f](#g)"
+    assert seen_from_docs(readme) == there
+
+
+def test_links_to_the_readme_lead_to_the_front_page_on_the_site():
+    assert with_front_page("[a](../README.md#b) [c](d.md)") == "[a](index.md#b) [c](d.md)"
