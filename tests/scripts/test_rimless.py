@@ -159,3 +159,13 @@ def test_robustness_tells_of_noise_pushes_and_other_machines(
     tables = capsys.readouterr().out.split("\n\n")
     assert len(tables) == 3
     assert all("`evolution`" in table for table in tables)
+
+
+@pytest.mark.slow
+def test_warmup_compiles_every_part_and_says_how_long_each_took(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert rimless.main(["warmup"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in told] == list(warmup.PARTS)
+    assert all(float(line.split()[-2]) >= 0.0 for line in told)

@@ -12,15 +12,24 @@ import pytest
 
 from agents import learners
 from agents.folder import BEST, CLONE, LAST
+from agents.imitation import Cloning
 from agents.policy_files import PRETRAINED, read_record
 from agents.protocol import PROTOCOL
-from agents.train import TrainResult, train
+from agents.train import EXPERT, TrainResult, train
 from agents.training import IMITATION, SCRATCH
 from rimless_gym import BUILDABLE
 from scripts.studies import trials
 from scripts.studies.cells import RESULT, Cell
 from scripts.studies.rows import DISTURBED, FRONT, LEARNED, Row
-from scripts.studies.trials import Continued, Distilled, Disturbed, Following, Holding, Trained
+from scripts.studies.trials import (
+    PLANS,
+    Continued,
+    Distilled,
+    Disturbed,
+    Following,
+    Holding,
+    Trained,
+)
 from tests.scripts.studies.toys import FEW
 
 
@@ -114,6 +123,30 @@ def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
         *("0.4 m/s after 0.5", "0.6 m/s after 0.4"),
     ]
     assert found.policies["0.45 m/s"].share == 0.0
+
+
+def test_a_clone_that_follows_is_made_between_its_speeds_with_its_own_labels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def trained(*given: Any, **arguments: Any) -> TrainResult:
+        asked.append((given, arguments))
+        return TrainResult(tmp_path, tmp_path, tmp_path, 0, False, (), ())
+
+    monkeypatch.setattr(trials, "train", trained)
+    trial = Following("ppo", IMITATION, 0, speeds=(0.4, 0.6), cloning={"rounds": 3})
+    trial.train(7, tmp_path / "front_7", BUILDABLE)
+    [(given, arguments)] = asked
+    assert given[1] == IMITATION
+    assert (arguments["speeds"], arguments["expert"]) == ((0.4, 0.6), EXPERT)
+    assert arguments["cloning"] == dataclasses.replace(Cloning(), rounds=3)
+    assert arguments["plans"] == tmp_path / PLANS
+    from_scratch = dataclasses.replace(trial, init=SCRATCH)
+    assert from_scratch.environment["cloning"] is None
+    assert trial.settings != dataclasses.replace(trial, cloning={}).settings
+    with pytest.raises((TypeError, ValueError), match="runds"):
+        dataclasses.replace(trial, cloning={"runds": 3}).train(7, tmp_path / "x_7", BUILDABLE)
 
 
 def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_without(
