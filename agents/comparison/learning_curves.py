@@ -42,7 +42,7 @@ def plot_learning_curves(path: Path, curves: Mapping[str, Curve], front: CotFron
         figure, plots = plt.subplots(2, 2, figsize=(11, 6.6), sharex="col", sharey="row")
         figure.subplots_adjust(0.085, 0.085, 0.985, 0.98, wspace=0.05, hspace=0.08)
         _scale(plots, curves)
-        figures = (lambda milestone: gap(milestone, front)), _share
+        figures = (lambda milestone: gap(milestone, front)), share
         for column, across in zip(plots.T, ACROSS, strict=True):
             for axes, of in zip(column, figures, strict=True):
                 ends = _plot(axes, across, of, curves, front)
@@ -62,7 +62,8 @@ def gap(milestone: Mapping[str, Any], front: CotFront) -> float:
     return 100.0 * (float(milestone["cot"]) / float(front(speed)) - 1.0)
 
 
-def _share(milestone: Mapping[str, Any]) -> float:
+def share(milestone: Mapping[str, Any]) -> float:
+    """Of the starts that walk, in per cent."""
     return 100.0 * float(milestone["walking_share"])
 
 
@@ -111,6 +112,10 @@ def _plot(
 
 def _face(milestone: Mapping[str, Any], front: CotFront, colour: str) -> str:
     """Filled if it walks at one of the front's speeds, or not at all."""
+    return "white" if beyond(milestone, front) else colour
+
+
+def beyond(milestone: Mapping[str, Any], front: CotFront) -> bool:
+    """Whether it walks slower or faster than the front."""
     ends = front.envelope[0].speed, front.envelope[-1].speed
-    beyond = milestone["walking_share"] and not ends[0] <= milestone["speed"] <= ends[1]
-    return "white" if beyond else colour
+    return bool(milestone["walking_share"] and not ends[0] <= milestone["speed"] <= ends[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from agents.comparison.labels import Named, write_names
-from agents.comparison.style import COLOURS, FAINT, INK, STYLE
+from agents.comparison.style import INK, NAMES, STYLE
+from agents.reports.colours import LIGHT
+from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import CotFront
 
 #: Policies with a larger gap are named in the upper plot, the others in the lower one.
@@ -37,7 +39,7 @@ def plot_cot_against_speed(path: Path, front: CotFront, held: CotFront, rows: Ro
     """
     ends = [gait.speed for gait in (front.envelope[0], front.envelope[-1])]
     policies = [row for row in rows if row["walking_share"] and row["cot"] is not None]
-    others = [row for row in rows if row["walking_share"] is None and not _near(row)]
+    others = [row for row in rows if row["walking_share"] is None and not is_near(row)]
     speeds = [row["speed"] for row in (*policies, *others)] + ends
     span = max(speeds) - min(speeds) or 0.01
     with matplotlib.rc_context(STYLE):
@@ -47,22 +49,32 @@ def plot_cot_against_speed(path: Path, front: CotFront, held: CotFront, rows: Ro
         figure.subplots_adjust(left=0.09, right=0.98, top=0.98, bottom=0.07, hspace=0.06)
         below.set_xlim(min(speeds) - 0.04 * span, max(speeds) + ROOM * span)
         _plot_costs(above, front, held, [*policies, *others])
-        _plot_gaps(below, front, held, [row for row in policies if _near(row)])
+        _plot_gaps(below, front, held, [row for row in policies if is_near(row)])
         figure.savefig(path, dpi=150)
         plt.close(figure)
 
 
-def _near(row: dict[str, Any]) -> bool:
+def is_near(row: Mapping[str, Any]) -> bool:
+    """Whether its gap is small."""
     return row["gap"] is not None and abs(row["gap"]) <= NEAR
 
 
-def _colour(row: dict[str, Any]) -> str:
+def colour_name(row: Mapping[str, Any]) -> str:
     """Laws, clones, fine-tuned and those from scratch are told apart."""
     kinds = ("imitation", "fine-tuned", "PPO", "evolution")
     found = [k for k, kind in enumerate(kinds) if row["policy"].startswith(kind)]
     if row["walking_share"] is None:
-        return FAINT
-    return COLOURS[found[0] + 1] if found else COLOURS[0]
+        return "faint"
+    return NAMES[found[0] + 1] if found else NAMES[0]
+
+
+def short_name(row: Mapping[str, Any]) -> str:
+    """What stands beside its point."""
+    return str(row["policy"]).removesuffix(" about the optimum")
+
+
+def _colour(row: Mapping[str, Any]) -> str:
+    return LIGHT[colour_name(row)]
 
 
 def _mark(axes: Axes, row: dict[str, Any], y: float) -> None:
@@ -71,7 +83,7 @@ def _mark(axes: Axes, row: dict[str, Any], y: float) -> None:
 
 def _named(row: dict[str, Any], y: float) -> Named:
     colour = INK if row["walking_share"] is None else _colour(row)
-    return Named(row["speed"], y, row["policy"].removesuffix(" about the optimum"), colour)
+    return Named(row["speed"], y, short_name(row), colour)
 
 
 def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
@@ -101,14 +113,12 @@ def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None
         textcoords="offset points",
         fontsize=8,
     )
-    write_names(axes, [_named(row, row["cot"]) for row in rows if not _near(row)])
+    write_names(axes, [_named(row, row["cot"]) for row in rows if not is_near(row)])
 
 
 def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
     """Gaps in per cent."""
-    shared = [gait for gait in front.envelope if _on(held, gait.speed)]
-    speeds = np.array([gait.speed for gait in shared])
-    free = 100.0 * (np.array([gait.cot for gait in shared]) / held(speeds) - 1.0)
+    speeds, free = shared_gaps(front, held)
     gaps = [100.0 * row["gap"] for row in rows]
     axes.plot([gait.speed for gait in held.envelope], np.zeros(len(held.envelope)), color=INK)
     axes.plot(speeds, free, "--", color=INK, linewidth=1.5)
@@ -123,6 +133,13 @@ def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
         Named(speeds[-1], float(free[-1]), "optimal, voltage free", INK),
     ]
     write_names(axes, [_named(row, gap) for row, gap in zip(rows, gaps, strict=True)] + optima)
+
+
+def shared_gaps(front: CotFront, held: CotFront) -> tuple[Floats, Floats]:
+    """Speeds (m/s) of one front's gaits that lie on the other, and their gaps to it (%)."""
+    shared = [gait for gait in front.envelope if _on(held, gait.speed)]
+    speeds = np.array([gait.speed for gait in shared])
+    return speeds, 100.0 * (np.array([gait.cot for gait in shared]) / held(speeds) - 1.0)
 
 
 def _on(front: CotFront, speed: float) -> bool:

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-INK, FAINT = "#26303b", "#8a97a6"
-COLOURS = ("#0b8f83", "#e5562e", "#3b6fb6", "#b0892b", "#8459a8")
+from agents.reports.colours import LIGHT
+
+#: Colours of policies, by their names.
+NAMES = ("teal", "orange", "blue", "ochre", "violet")
+
+INK, FAINT = LIGHT["ink"], LIGHT["faint"]
+COLOURS = tuple(LIGHT[name] for name in NAMES)
 
 STYLE: Any = {  # matplotlib types its keys one by one
     "font.size": 10,

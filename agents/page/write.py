@@ -12,6 +12,7 @@ from agents.page.network import network_data
 from agents.policy_files import load_policy
 from rimless_gym.javascript.simulator import simulator
 from rimless_gym.params import WheelParams
+from trajopt.files import write_text
 from trajopt.gaits.fronts import shipped_front
 
 #: The page's own program, in order; the simulator comes before it.
@@ -40,7 +41,7 @@ def page(policy: str | Path = "imitation") -> str:
         "network": network_data(checkpoint),
     }
     parts = {
-        "style": _static("style.css"),
+        "style": "".join(_static(name) for name in ("base.css", "style.css")),
         "program": "\n".join(
             [
                 f"const DATA = {json.dumps(data, separators=(',', ':'))};",
@@ -56,11 +57,14 @@ def page(policy: str | Path = "imitation") -> str:
 
 
 def write_page(path: str | Path, policy: str | Path = "imitation") -> Path:
-    """Write the page to a file and return its path; see `page` for what it raises."""
+    """Write the page to a file and return its path; see `page` for what it raises.
+
+    A file that was there is replaced as a whole.
+    """
     path = Path(path)
     text = page(policy)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path
 
 

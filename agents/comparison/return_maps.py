@@ -1,0 +1,233 @@
+"""Return maps: how fast the leg comes down, step after step, after small pushes.
+
+A walk repeats itself where the points meet the diagonal. How fast it comes back there after a push,
+its multipliers tell: the sizes by which small deviations grow or shrink in a step, in the loop that
+is closed by the policy and its clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.conditions import Conditions
+from agents.policies import Policy
+from agents.reports.charts import Axis, Chart, Series
+from agents.rollout import Interval, Rollout
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import DPHI, MODE, PHI, THETA, advance
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+
+#: Walks that are pushed, the size of a push in standard deviations of the walk, and steps drawn.
+PUSHED, PUSH, STEPS = 24, 0.01, 10
+
+#: Size of the deviations that are followed, in the same unit. Networks have single precision.
+SMALL = 1e-4
+
+#: Steps over which multipliers are averaged, after some in which the deviations find their
+#: directions.
+AVERAGED, FINDING = 30, 4
+
+#: A direction whose signs have a larger mean than this does not turn.
+STEADY_SIDE = 0.8
+
+#: Pushed walks are shown as far out as this share of their points (%).
+SHOWN = 98
+
+#: Longest step (s).
+LONGEST = 2.0
+
+#: So long before a touchdown the leg's rate is read (s).
+BEFORE = 1e-9
+
+
+class Multiplier(NamedTuple):
+    """By how much a small deviation grows in a step.
+
+    Attributes:
+        size: less than 1 where it shrinks.
+        sign: 1, or -1 where it changes sides with every step; 0 where its direction turns.
+    """
+
+    size: float
+    sign: int
+
+
+class ReturnMap(NamedTuple):
+    """The touchdowns of pushed walks.
+
+    Attributes:
+        rates: of the leg just before each touchdown (rad/s), (PUSHED, STEPS); NaN after a fall.
+        steady: the same without a push, the mean over the last steps (rad/s).
+        multipliers: see `multipliers`; None if the walk does not go on.
+    """
+
+    rates: Floats
+    steady: float
+    multipliers: Sequence[Multiplier] | None
+
+
+def return_map(params: WheelParams, policy: Policy, walk: Sequence[Interval]) -> ReturnMap:
+    """The return map of a policy about its steady walk.
+
+    Args:
+        params: the machine.
+        policy: decides every 10 ms.
+        walk: of the policy, until it is steady.
+
+    Raises:
+        ValueError: the walk has no step in its last two seconds.
+    """
+    late = walk[-round(LONGEST / CONTROL_PERIOD) :]
+    begun = [interval.after[0] for interval in late if _at_middle(interval)]
+    if not begun:
+        raise ValueError(f"no step in the last {LONGEST:g} s of the walk: it does not walk")
+    scale = np.std([interval.states[0, :MODE] for interval in walk[len(walk) // 2 :]], axis=0)
+    scale[THETA] = 1.0  # it turns: its standard deviation means nothing
+    rng = np.random.default_rng(0)
+    starts = np.tile(begun[-1], (PUSHED, 1))
+    starts[:, :MODE] += PUSH * scale * rng.standard_normal((PUSHED, MODE))
+    pushed = touchdown_rates(params, policy, starts, STEPS)
+    steady = touchdown_rates(params, policy, begun[-1][None], STEPS)
+    return ReturnMap(
+        pushed, float(np.nanmean(steady)), multipliers(params, policy, begun[-1], scale)
+    )
+
+
+def touchdown_rates(params: WheelParams, policy: Policy, starts: Floats, steps: int) -> Floats:
+    """The leg's rate (rad/s) just before each of the first touchdowns of some walks.
+
+    Args:
+        params: the machine.
+        policy: decides every 10 ms.
+        starts: (N, STATE_SIZE).
+        steps: touchdowns.
+
+    Returns:
+        Shape (N, steps), NaN after a fall.
+    """
+    rates = np.full((len(starts), steps), np.nan)
+    seen = np.zeros(len(starts), dtype=int)
+    n_intervals = math.ceil(steps * LONGEST / CONTROL_PERIOD)
+    for interval in Rollout(Conditions(params), policy, starts, n_intervals):
+        for j in np.flatnonzero(interval.info["steps"] > 0):
+            row = interval.running[j]
+            if seen[row] < steps:
+                rates[row, seen[row]] = _rate(params, interval, int(j))
+                seen[row] += 1
+        if (seen[interval.running] >= steps).all():
+            break
+    return rates
+
+
+def _rate(params: WheelParams, interval: Interval, j: int) -> float:
+    """Of the leg just before the touchdown in an interval of walk j (rad/s)."""
+    state = interval.states[j : j + 1].copy()
+    until = float(interval.info["touchdown_time"][j]) - BEFORE
+    if until > 0.0:
+        advance(params, state, params.voltage_limit * interval.actions[j : j + 1], until)
+    return float(state[0, DPHI])
+
+
+def multipliers(
+    params: WheelParams, policy: Policy, start: Floats, scale: Floats
+) -> list[Multiplier] | None:
+    """By how much small deviations from a walk grow in a step, largest first, four of them.
+
+    Four deviations are followed from one middle of a step to the next, and made small and
+    perpendicular again there (Benettin et al., Meccanica 15, 1980). In a walk that repeats itself
+    these are its Floquet multipliers. In one that drifts through the ticks of the control, the
+    largest is 1.
+
+    Args:
+        params: the machine.
+        policy: decides every 10 ms.
+        start: state in the middle of a step, (STATE_SIZE,).
+        scale: unit of each coordinate, (4,).
+
+    Returns:
+        None if a walk falls or stops.
+    """
+    frame, sizes, signs = np.eye(MODE), list[Floats](), list[Floats]()
+    for _ in range(FINDING + AVERAGED):
+        nudges = np.zeros((2 * MODE + 1, len(start)))
+        nudges[1 : MODE + 1, :MODE] = SMALL * scale * frame.T
+        nudges[MODE + 1 :] = -nudges[1 : MODE + 1]
+        ends = _a_step_later(params, policy, start + nudges)
+        if ends is None:
+            return None
+        start = ends[0]
+        moved = ((ends[1 : MODE + 1, :MODE] - ends[MODE + 1 :, :MODE]) / (2 * SMALL * scale)).T
+        signs.append(np.sign(np.sum(frame * moved, axis=0)))
+        frame, grown = np.linalg.qr(moved)
+        sizes.append(np.maximum(np.abs(np.diag(grown)), np.finfo(float).tiny))
+    growth = np.exp(np.mean(np.log(sizes[FINDING:]), axis=0))
+    side = np.mean(signs[FINDING:], axis=0)
+    sides = np.where(np.abs(side) > STEADY_SIDE, np.sign(side), 0.0)
+    found = [Multiplier(float(size), int(sign)) for size, sign in zip(growth, sides, strict=True)]
+    return sorted(found, key=lambda each: -each.size)
+
+
+def _a_step_later(params: WheelParams, policy: Policy, starts: Floats) -> Floats | None:
+    """States when the first walk is in the middle of its next step; None if one does not come."""
+    walks = Rollout(Conditions(params), policy, starts, round(LONGEST / CONTROL_PERIOD))
+    stepped = False
+    for interval in walks:
+        if len(interval.running) < len(starts):
+            return None
+        stepped = stepped or interval.info["steps"][0] > 0
+        if stepped and _at_middle(interval):
+            return interval.after
+    return None
+
+
+def _at_middle(interval: Interval) -> bool:
+    """Whether the first walk's leg passes the vertical in an interval."""
+    before, after = interval.states[0, PHI], interval.after[0, PHI]
+    upright = (before - math.pi / 2) * (after - math.pi / 2) <= 0.0
+    return bool(upright and interval.info["touchdowns"][0] == 0)
+
+
+def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = None) -> Chart:
+    """A return map with the diagonal, the steady walk, and the slopes of the first multipliers.
+
+    Args:
+        name: of the policy.
+        found: its return map.
+        colour: of the points.
+        free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
+    """
+    before, after = found.rates[:, :-1].ravel(), found.rates[:, 1:].ravel()
+    notes = [f"step {n + 1} after the push" for n in range(STEPS - 1)] * len(found.rates)
+    at = found.steady
+    reach = 1.05 * float(np.nanpercentile(np.abs(found.rates - at), SHOWN))
+    ends = np.array([-1.0, 1.0]) * reach
+    series = [Series("the same again", at + ends, at + ends, colour="faint", line="dashed")]
+    first = (found.multipliers or [])[:2]
+    lines = [("slope of a multiplier", each.sign * each.size, "solid") for each in first]
+    if free is not None:
+        lines.append((f"slope {free:.1f}, without feedback", free, "dashed"))
+    for title, slope, line in lines:
+        reached = ends / max(1.0, abs(slope))
+        y = at + slope * reached
+        if slope:
+            series.append(Series(title, at + reached, y, colour="ink", line=line, width=1.0))
+    series += [
+        Series(name, before, after, colour=colour, line="none", marks=True, notes=notes),
+        Series("steady walk", [at], [at], colour="ink", line="none", marks=True),
+    ]
+    limits = at - reach, at + reach
+    x = Axis("leg rate at a touchdown (rad/s)", limits=limits)
+    y_axis = Axis("at the next one (rad/s)", limits=limits)
+    return Chart(f"{name}: {multipliers_text(first)}" if first else name, x, y_axis, series)
+
+
+def multipliers_text(found: Sequence[Multiplier]) -> str:
+    """Multipliers in words."""
+    sizes = [f"{each.sign or 1:+d}"[0].replace("+", "") + f"{each.size:.2f}" for each in found]
+    turning = [" (turning)" if each.sign == 0 else "" for each in found]
+    return "multipliers " + ", ".join(map("".join, zip(sizes, turning, strict=True)))

@@ -1,0 +1,81 @@
+"""The walks that are drawn: the best law, its clone and what else has a name for the plots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from agents.comparison.arena import Arena
+from agents.comparison.entrants import ABBREVIATIONS, Entrant
+from agents.comparison.learned import Learned
+from agents.comparison.speed_figure import colour_of_policy
+from agents.conditions import Conditions
+from agents.policies import Policy, controller_policy, learned_policy
+from agents.policy_files import load_policy
+from agents.rollout import Interval, Rollout, at_rest
+from agents.train import EXPERT
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from trajopt.feedback import laws
+from trajopt.gaits.solution import Solution
+
+#: Seconds of a walk, and those at its end in which it is steady.
+DRAWN, STEADY = 20.0, 10.0
+
+
+class Walker(NamedTuple):
+    """A policy whose walk is drawn.
+
+    Attributes:
+        name: what the plots call it.
+        colour: of its walk, a name in `agents.reports.colours`.
+        policy: see `agents.policies`.
+        walk: from rest, as long as `DRAWN`, or until it falls.
+        optimum: the environment's own best gait, at the walk's speed as nearly as there is one.
+        holds: whether it is to hold that gait; else it chose its speed itself.
+    """
+
+    name: str
+    colour: str
+    policy: Policy
+    walk: list[Interval]
+    optimum: Solution
+    holds: bool
+
+
+def walkers(arena: Arena, entrants: Sequence[Entrant]) -> list[Walker]:
+    """Those of a comparison that is over, the law first."""
+    gait = arena.held_gait(arena.study.speed)
+    law = controller_policy(arena.params, laws.design(EXPERT, gait, arena.out))
+    found = [_walker(arena, ABBREVIATIONS.get(EXPERT, EXPERT), law, arena.study.speed)]
+    for each in entrants:
+        if isinstance(each, Learned) and each.drawn:
+            policy = learned_policy(load_policy(each.main_file(arena.out)).act)
+            found.append(_walker(arena, each.drawn, policy, each.speed))
+    return found
+
+
+def _walker(arena: Arena, name: str, policy: Policy, speed: float | None) -> Walker:
+    walk = list(walk_from_rest(arena.params, policy, DRAWN))
+    held = arena.held_gait(_speed(walk) if speed is None else speed)
+    return Walker(name, colour_of_policy(name), policy, walk, held, speed is not None)
+
+
+def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollout:
+    """One walk of a policy."""
+    n_intervals = round(seconds / CONTROL_PERIOD)
+    return Rollout(Conditions(params), policy, at_rest(params)[None], n_intervals)
+
+
+def _speed(walk: Sequence[Interval]) -> float:
+    """Over its last seconds (m/s)."""
+    steady = walk[-round(STEADY / CONTROL_PERIOD) :]
+    distance = sum(float(interval.info["distance"][0]) for interval in steady)
+    return distance / (len(steady) * CONTROL_PERIOD)
+
+
+def is_steady(walker: Walker) -> bool:
+    """Whether it walks to the end of its time, and still takes steps there."""
+    steady = walker.walk[-round(STEADY / CONTROL_PERIOD) :]
+    whole = len(walker.walk) == round(DRAWN / CONTROL_PERIOD)
+    return whole and sum(float(interval.info["steps"][0]) for interval in steady) > 1

@@ -1,0 +1,66 @@
+"""The same charts for print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.reports.charts import Axis, Chart, Series
+from agents.reports.colours import LIGHT
+
+DASHES = {"solid": "-", "dashed": "--", "none": "none"}
+
+#: Of one chart (inches).
+WIDTH, HEIGHT = 3.4, 2.8
+
+
+def printed(charts: Sequence[Chart], across: int) -> Figure:
+    """Charts in rows, with one legend for all."""
+    down = -(-len(charts) // across)
+    size = WIDTH * across, HEIGHT * down
+    figure, panels = plt.subplots(down, across, figsize=size, layout="constrained", squeeze=False)
+    named: dict[str, Any] = {}
+    for axes, chart in zip(panels.flat, charts, strict=False):
+        for series in chart.series:
+            drawn = _draw(axes, series)
+            named.setdefault(series.name, drawn)
+        axes.set_title(chart.title, fontsize=10)
+        _scale(axes, chart.x, "x")
+        _scale(axes, chart.y, "y")
+    for axes in panels.flat[len(charts) :]:
+        axes.set_axis_off()
+    if len(named) > 1:
+        figure.legend(
+            list(named.values()), list(named), loc="outside lower center", ncols=4, frameon=False
+        )
+    return figure
+
+
+def _draw(axes: Axes, series: Series) -> Any:
+    x, y = series.points
+    (line,) = axes.plot(
+        *(x, y),
+        linestyle=DASHES[series.line],
+        color=LIGHT[series.colour],
+        linewidth=series.width,
+        label=series.name,
+        marker="o" if series.marks else None,
+        markersize=5.0 if len(x) < 30 else 2.0,
+    )
+    if series.hollow:
+        at = list(series.hollow)
+        axes.plot(x[at], y[at], "o", mfc="white", color=LIGHT[series.colour], markersize=3.5)
+    return line
+
+
+def _scale(axes: Axes, axis: Axis, name: str) -> None:
+    axes.set(**{f"{name}label": axis.label})
+    settings = {"linthresh": axis.threshold} if axis.scale == "symlog" else {}
+    getattr(axes, f"set_{name}scale")(axis.scale, **settings)
+    if axis.limits:
+        getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
