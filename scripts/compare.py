@@ -3,9 +3,10 @@
 
 Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
 latter with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO and
-evolution from scratch, and measures them all in the same way. Writes results.json, table.md, three
-plots and an animation. Stages that need nothing of each other run side by side. However it was
-stopped, the same command goes on, and ends with the same table.
+evolution from scratch, and measures them all in the same way. Writes results.json, table.md, plots,
+an animation, and report.html, in which tables can be sorted and plots hovered. Stages that need
+nothing of each other run side by side. However it was stopped, the same command goes on, and ends
+with the same table.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.machine(parsed)
     options = vars(parsed)
     out, workers = options.pop("out"), options.pop("workers")
-    parser.require_folder(out, "results.json", "table.md")
+    parser.require_folder(out, "results.json", "table.md", "report.html", "page.html")
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(out):
             study = Study(changes=options.pop("params"), **options)
@@ -98,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return INTERRUPTED
     print(format_table(results["table"]))
-    print(f"\nresults, plots and the animation are in {out}")
+    print(f"\nresults, plots and the animation are in {out}; open {out / 'report.html'}")
     return 0
 
 

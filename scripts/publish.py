@@ -30,7 +30,8 @@ COPIES = {
     "imitation.gif": "docs/walking.gif",
     "cot_against_speed.png": "docs/cot_against_speed.png",
     "learning_curves.png": "docs/learning_curves.png",
-    "limit_cycles.png": "docs/limit_cycles.png",
+    "deviations.png": "docs/deviations.png",
+    "return_maps.png": "docs/return_maps.png",
 }
 #: Policies that come with the package, by name; the folder is that of the entrant.
 POLICIES = {

@@ -9,27 +9,28 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import matplotlib
 
 from agents.comparison.arena import Arena
-from agents.comparison.entrants import entrants
-from agents.comparison.figures import plot_limit_cycles
+from agents.comparison.entrants import Entrant, entrants
+from agents.comparison.html_report import write_report
 from agents.comparison.learned import Learned, learning_curve
 from agents.comparison.learning_curves import plot_learning_curves
 from agents.comparison.report import by_speed, format_table
 from agents.comparison.running import completed
+from agents.comparison.shown import cycle_charts, return_charts, shown_walks, walk_from_rest
 from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
-from agents.conditions import Conditions
+from agents.comparison.style import STYLE
 from agents.film import film
 from agents.folder import sole_user
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from agents.rollout import Rollout, at_rest
-from rimless_gym.hybrid import CONTROL_PERIOD
+from agents.reports.paper import printed, save
 from rimless_gym.rendering.wheel import save_gif
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
@@ -37,8 +38,8 @@ from trajopt.provenance import provenance
 #: Pictures of the animation per second.
 FPS = 25
 
-#: Seconds of a walk that are drawn, and those of them that are animated.
-DRAWN, ANIMATED = 20.0, 7.0
+#: Seconds of a walk that are animated.
+ANIMATED = 7.0
 
 
 class Comparison:
@@ -97,32 +98,31 @@ class Comparison:
         _write_json(self.out / "results.json", report)
         write_text(self.out / "table.md", format_table(rows) + "\n")
         learned = [each for each in competing if isinstance(each, Learned)]
-        self._draw(rows, [each for each in learned if each.drawn])
         curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
-        plot_learning_curves(self.out / "learning_curves.png", curves, self._arena.held_front)
+        self._draw(rows, competing, curves)
         return report
 
-    def _draw(self, rows: list[dict[str, Any]], drawn: list[Learned]) -> None:
-        """Plots, and an animation of the first of the learners that are drawn."""
-        params, walks = self.study.params, {}
-        for each in drawn:
-            walk = self._walk(each, DRAWN)
-            walks[str(each.drawn)] = np.concatenate([i.states for i in walk])
-        plot_limit_cycles(
-            self.out / "limit_cycles.png", self._arena.held_gait(self.study.speed), walks
-        )
-        path = self.out / "cot_against_speed.png"
-        plot_cot_against_speed(path, self._arena.front, self._arena.held_front, rows)
-        if drawn:
-            frames = list(film(params, self._walk(drawn[0], ANIMATED), fps=FPS))
-            save_gif(frames, self.out / f"{drawn[0].name}.gif", FPS)
-
-    def _walk(self, each: Learned, seconds: float) -> Rollout:
-        """A walk of a learner's main policy from rest."""
-        params = self.study.params
-        policy = learned_policy(load_policy(each.main_file(self.out)).act)
-        n_intervals = round(seconds / CONTROL_PERIOD)
-        return Rollout(Conditions(params), policy, at_rest(params)[None], n_intervals)
+    def _draw(
+        self,
+        rows: list[dict[str, Any]],
+        competing: Sequence[Entrant],
+        curves: Mapping[str, Sequence[Mapping[str, Any]]],
+    ) -> None:
+        """Plots, an animation of the first of the learners that are drawn, the HTML report."""
+        arena, out = self._arena, self.out
+        plot_cot_against_speed(out / "cot_against_speed.png", arena.front, arena.held_front, rows)
+        plot_learning_curves(out / "learning_curves.png", curves, arena.held_front)
+        shown = shown_walks(arena, competing)
+        cycles, returns = cycle_charts(shown), return_charts(arena.params, shown)
+        with matplotlib.rc_context(STYLE):
+            save(printed(cycles, across=4), out / "deviations.png")
+            save(printed(returns, across=4), out / "return_maps.png")
+        filmed = [each for each in competing if isinstance(each, Learned) and each.drawn]
+        if filmed:
+            policy = learned_policy(load_policy(filmed[0].main_file(out)).act)
+            walk = walk_from_rest(arena.params, policy, ANIMATED)
+            save_gif(list(film(arena.params, walk, fps=FPS)), out / f"{filmed[0].name}.gif", FPS)
+        write_report(arena, rows, (cycles, returns), curves)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

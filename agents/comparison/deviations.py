@@ -92,11 +92,14 @@ def _from(steps: Sequence[Step], gait: Solution, first: int) -> list[Deviation]:
     return found
 
 
-def deviation_charts(found: Mapping[str, tuple[Sequence[Deviation], str]]) -> list[Chart]:
+def deviation_charts(
+    found: Mapping[str, tuple[Sequence[Deviation], str]], where: str
+) -> list[Chart]:
     """A chart for each coordinate.
 
     Args:
         found: name of a walk -> its deviations, and a colour.
+        where: which optimum they deviate from, for the titles.
     """
     charts = []
     for i, (name, unit, scale) in enumerate(DRAWN):
@@ -104,13 +107,13 @@ def deviation_charts(found: Mapping[str, tuple[Sequence[Deviation], str]]) -> li
             Series(walk, *_joined(steps, i, scale), colour=colour, width=1.0)
             for walk, (steps, colour) in found.items()
         ]
-        charts.append(Chart(name, Axis("share of the step"), Axis(f"deviation ({unit})"), series))
+        title = f"{name}, {where}"
+        charts.append(Chart(title, Axis("share of the step"), Axis(f"deviation ({unit})"), series))
     return charts
 
 
 def _joined(steps: Sequence[Deviation], coordinate: int, scale: float) -> tuple[Floats, Floats]:
     """All steps as one line that is interrupted between them."""
-    gap = [np.nan]
-    x = [part for step in steps for part in (step.phases, gap)]
-    y = [part for step in steps for part in (scale * step.states[:, coordinate], gap)]
+    x = [np.append(step.phases, np.nan) for step in steps]
+    y = [np.append(scale * step.states[:, coordinate], np.nan) for step in steps]
     return np.concatenate(x), np.concatenate(y)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from agents.comparison.report import figure
+from agents.reports.tables import figure
 
 #: Titles of rows of the comparison, and what they are for somebody who reads nothing else.
 SHOWN = {

@@ -5,8 +5,20 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from agents.reports.tables import Column
 from rimless_gym.envs.task import Task
 from trajopt.gaits.solution import Solution
+
+COLUMNS = (
+    Column("policy", "policy"),
+    Column("CoT", "cot", ".4f", "cost of transport: energy drawn per weight and distance"),
+    Column("return (m/s)", "return", ".3f", "the environment's reward per second"),
+    Column("speed (m/s)", "speed", ".3f"),
+    Column("gap to the optimum", "gap", "+z.1%", "at the row's own speed"),
+    Column("starts that walk", "walking_share", ".0%"),
+    Column("friction demand", "friction_demand", ".2f", "the largest |Fx| / Fy"),
+    Column("least Fy / weight", "min_normal_force_over_weight", ".2f"),
+)
 
 #: Below the table.
 NOTES = """\
@@ -73,31 +85,27 @@ def _largest_demand(evaluation: dict[str, Any]) -> float | None:
     return None if None in demands else max(demands)
 
 
-def figure(value: float | None, form: str) -> str:
-    """A figure of a row in words; what does not apply or does not walk is a dash."""
-    return "-" if value is None or not math.isfinite(value) else format(value, form)
-
-
 def format_table(rows: list[dict[str, Any]]) -> str:
     """The comparison as a Markdown table. Rows that read alike are one."""
+    headings = [column.heading for column in COLUMNS[1:]]
     lines = [
-        "| | CoT | return (m/s) | speed (m/s) | gap to the optimum | starts that walk "
-        "| friction demand | least Fy / weight |",
-        "|---|---|---|---|---|---|---|---|",
+        f"| | {' | '.join(headings)} |",
+        "|" + "---|" * len(COLUMNS),
     ]
+    lines += ["| " + " | ".join(_cells(row)) + " |" for row in distinct(rows)]
+    return "\n".join([*lines, "", NOTES])
+
+
+def distinct(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows without those that read like an earlier one."""
+    first: dict[tuple[str, ...], dict[str, Any]] = {}
     for row in rows:
-        cells = (
-            row["policy"],
-            figure(row["cot"], ".4f"),
-            figure(row["return"], ".3f"),
-            figure(row["speed"], ".3f"),
-            figure(row["gap"], "+z.1%"),
-            figure(row["walking_share"], ".0%"),
-            figure(row["friction_demand"], ".2f"),
-            figure(row["min_normal_force_over_weight"], ".2f"),
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*dict.fromkeys(lines), "", NOTES])
+        first.setdefault(_cells(row), row)
+    return list(first.values())
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    return tuple(column.text(row) for column in COLUMNS)
 
 
 def by_speed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -28,6 +28,9 @@ PUSHED, PUSH, STEPS = 24, 0.01, 10
 #: Size of the deviations that are followed, in the same unit. Networks have single precision.
 SMALL = 1e-4
 
+#: A coordinate with a smaller standard deviation stands still.
+STILL = 1e-6
+
 #: Steps over which multipliers are averaged, after some in which the deviations find their
 #: directions.
 AVERAGED, FINDING = 30, 4
@@ -87,6 +90,7 @@ def return_map(params: WheelParams, policy: Policy, walk: Sequence[Interval]) ->
     if not begun:
         raise ValueError(f"no step in the last {LONGEST:g} s of the walk: it does not walk")
     scale = np.std([interval.states[0, :MODE] for interval in walk[len(walk) // 2 :]], axis=0)
+    scale[scale < STILL] = 1.0
     scale[THETA] = 1.0  # it turns: its standard deviation means nothing
     rng = np.random.default_rng(0)
     starts = np.tile(begun[-1], (PUSHED, 1))

@@ -60,11 +60,14 @@ def is_near(row: Mapping[str, Any]) -> bool:
 
 
 def colour_name(row: Mapping[str, Any]) -> str:
+    """Of a row's point, a name in `agents.reports.colours`."""
+    return "faint" if row["walking_share"] is None else colour_of_policy(row["policy"])
+
+
+def colour_of_policy(name: str) -> str:
     """Laws, clones, fine-tuned and those from scratch are told apart."""
     kinds = ("imitation", "fine-tuned", "PPO", "evolution")
-    found = [k for k, kind in enumerate(kinds) if row["policy"].startswith(kind)]
-    if row["walking_share"] is None:
-        return "faint"
+    found = [k for k, kind in enumerate(kinds) if name.startswith(kind)]
     return NAMES[found[0] + 1] if found else NAMES[0]
 
 

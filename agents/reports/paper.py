@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -15,28 +16,36 @@ from agents.reports.colours import LIGHT
 
 DASHES = {"solid": "-", "dashed": "--", "none": "none"}
 
-#: Of one chart (inches).
-WIDTH, HEIGHT = 3.4, 2.8
+#: Width and height of one chart (inches).
+SIZE = (3.4, 2.8)
 
 
-def printed(charts: Sequence[Chart], across: int) -> Figure:
-    """Charts in rows, with one legend for all."""
+#: Width of a name in the legend (inches).
+NAME = 2.2
+
+
+def printed(charts: Sequence[Chart], across: int, size: tuple[float, float] = SIZE) -> Figure:
+    """Charts in rows of so many, each of a size (inches), with one legend for all."""
     down = -(-len(charts) // across)
-    size = WIDTH * across, HEIGHT * down
-    figure, panels = plt.subplots(down, across, figsize=size, layout="constrained", squeeze=False)
+    whole = size[0] * across, size[1] * down
+    figure, panels = plt.subplots(down, across, figsize=whole, layout="constrained", squeeze=False)
     named: dict[str, Any] = {}
     for axes, chart in zip(panels.flat, charts, strict=False):
         for series in chart.series:
             drawn = _draw(axes, series)
             named.setdefault(series.name, drawn)
-        axes.set_title(chart.title, fontsize=10)
+        axes.set_title(chart.title, fontsize=9)
         _scale(axes, chart.x, "x")
         _scale(axes, chart.y, "y")
     for axes in panels.flat[len(charts) :]:
         axes.set_axis_off()
     if len(named) > 1:
         figure.legend(
-            list(named.values()), list(named), loc="outside lower center", ncols=4, frameon=False
+            list(named.values()),
+            list(named),
+            loc="outside lower center",
+            ncols=round(whole[0] / NAME),
+            frameon=False,
         )
     return figure
 
@@ -64,3 +73,9 @@ def _scale(axes: Axes, axis: Axis, name: str) -> None:
     getattr(axes, f"set_{name}scale")(axis.scale, **settings)
     if axis.limits:
         getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
+
+
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+    """Write a figure to a file and let go of it."""
+    figure.savefig(path, dpi=dpi)
+    plt.close(figure)

@@ -8,7 +8,7 @@ from html import escape
 from typing import Any, NamedTuple
 
 #: In place of a value that is missing.
-NONE = "\N{EN DASH}"
+NONE = "-"
 
 
 class Column(NamedTuple):
@@ -26,6 +26,10 @@ class Column(NamedTuple):
     form: str = ""
     meaning: str = ""
 
+    def text(self, row: Mapping[str, Any]) -> str:
+        """What the row has in this column, in words."""
+        return figure(row[self.key], self.form)
+
 
 def table(
     columns: Sequence[Column], rows: Sequence[Mapping[str, Any]], links: Sequence[str] = ()
@@ -41,8 +45,8 @@ def table(
     targets = links or [""] * len(rows)
     body = "\n".join(_row(columns, row, target) for row, target in zip(rows, targets, strict=True))
     return (
-        f'<div class="scrolling" tabindex="0"><table class="sortable"><thead><tr>{head}</tr></thead>'
-        f"<tbody>\n{body}\n</tbody></table></div>"
+        '<div class="scrolling" tabindex="0"><table class="sortable">'
+        f"<thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>"
     )
 
 
@@ -54,23 +58,24 @@ def _heading(column: Column) -> str:
 
 def _row(columns: Sequence[Column], row: Mapping[str, Any], target: str) -> str:
     first, *others = columns
-    name = _text(row[first.key], first.form)
+    name = escape(first.text(row))
     if target:
         name = f'<a href="#{escape(target)}">{name}</a>'
     cells = "".join(
-        f'<td data-value="{_sorted_by(row[each.key])}">{_text(row[each.key], each.form)}</td>'
+        f'<td data-value="{_sorted_by(row[each.key])}">{escape(each.text(row))}</td>'
         for each in others
     )
     value = _sorted_by(row[first.key])
     return f'<tr><th scope="row" data-value="{value}">{name}</th>{cells}</tr>'
 
 
+def figure(value: Any, form: str) -> str:
+    """A value in words; what is missing, or not finite, is a dash."""
+    return NONE if _missing(value) else format(value, form)
+
+
 def _missing(value: Any) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
-
-
-def _text(value: Any, form: str) -> str:
-    return NONE if _missing(value) else escape(format(value, form))
 
 
 def _sorted_by(value: Any) -> str:

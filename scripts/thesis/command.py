@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.prototype:
         parser.require_folder(folder, "results.json", "prototype.png")
     else:
-        parser.require_folder(options.out, "results.json", "report.html")
+        parser.require_folder(options.out, "results.json", "report.html", "page.html")
         parser.require_folder(folder)
     if options.docs:
         place = page if options.prototype else document

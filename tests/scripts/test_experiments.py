@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rimless_gym.extras import MissingExtraError
 from scripts.thesis.experiments import document, report
 from scripts.thesis.experiments.cases import (
     EXPERIMENTS,
@@ -20,6 +21,7 @@ from scripts.thesis.experiments.solve import solved
 from scripts.thesis.experiments.starts import WaypointStarts
 from scripts.thesis.experiments.steps import steps
 from scripts.thesis.experiments.tables import COST_4_5, TABLE_4_4
+from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
 from trajopt.gaits.playback import played
 from trajopt.ocp.search.multi_start import multi_start
@@ -85,12 +87,24 @@ def test_results_have_every_key_with_a_value_of_its_type(elastic_chain):
             json.dumps(row, allow_nan=False)
 
 
-def test_the_report_is_self_contained(elastic_chain, tmp_path):
+def test_the_report_is_self_contained(elastic_chain, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "write_page", lambda path: path)
     report.write(elastic_chain, tmp_path)
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 6
-    assert "http" not in page
+    assert page.count('<figure class="card chart">') == 12
+    assert_valid(page)
+    assert_loads_nothing(page)
+    assert 'href="page.html"' in page
     assert len(json.loads((tmp_path / "results.json").read_text())) == 2
+
+
+def test_a_report_without_the_learners_has_no_link(elastic_chain, tmp_path, monkeypatch):
+    def missing(path):
+        raise MissingExtraError("torch is not installed")
+
+    monkeypatch.setattr(report, "write_page", missing)
+    report.write(elastic_chain, tmp_path)
+    assert "page.html" not in (tmp_path / "report.html").read_text()
 
 
 def test_a_passive_step_costs_no_voltage():

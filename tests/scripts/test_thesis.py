@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from scripts.thesis import command as thesis
-from scripts.thesis.experiments import case_files, run
+from scripts.thesis.experiments import case_files, report, run
 from scripts.thesis.experiments.case import Case, Effort
 from scripts.thesis.experiments.cases import every_case, experiment_1, needed
 from scripts.thesis.experiments.solve import solved
@@ -31,6 +31,17 @@ def press(number: signal.Signals) -> None:
 def one() -> Solved:
     """A solved case."""
     return solved(experiment_1()[1])
+
+
+@pytest.fixture(autouse=True)
+def quick_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page of no content: the real one takes seconds, and has tests of its own."""
+
+    def empty(path: Path) -> Path:
+        path.write_text("")
+        return path
+
+    monkeypatch.setattr(report, "write_page", empty)
 
 
 @pytest.fixture
@@ -71,7 +82,8 @@ def test_an_interrupted_experiment_goes_on_with_what_is_missing(
     assert begun == ["cost 4.3", "cost 4.4"]
     rows = json.loads((tmp_path / "results.json").read_text())
     assert [row["variant"] for row in rows] == ["cost 4.3", "cost 4.4"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "results.json"]
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == ["page.html", "report.html", "results.json"]
 
 
 def test_a_case_in_a_file_is_the_case_that_was_solved(one: Solved, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ function drawChart(plot, chart) {
   const y = scaled(chart.y, all('y'), box.bottom, box.top, 6);
   drawAxes(svg, chart, box, x, y);
   const spots = chart.series.flatMap((each) => drawSeries(svg, each, x, y));
-  drawNames(svg, spots.filter(({ named }) => named), box);
+  drawNames(svg, spots, box);
   return { svg, spots };
 }
 
@@ -77,23 +77,25 @@ function drawSeries(svg, series, x, y) {
   return spots;
 }
 
-// Writes names beside their points, below each other where they would overlap.
+// Writes names beside their points, as near to them as there is room.
 function drawNames(svg, spots, box) {
-  const taken = [];
-  const overlaps = (one) => taken.some((other) => one.left < other.right && other.left < one.right && Math.abs(one.y - other.y) < 16);
-  for (const { series, px, py } of [...spots].sort((one, other) => one.py - other.py)) {
+  const taken = spots.map(({ px, py }) => ({ left: px - 4, right: px + 4, y: py, high: 9 }));
+  const covers = (one, other) => one.left < other.right && other.left < one.right && Math.abs(one.y - other.y) < other.high;
+  const free = (one) => one.y > box.top && one.y < box.bottom && !taken.some((other) => covers(one, other));
+  const named = spots.filter((spot) => spot.named).sort((one, other) => one.py - other.py);
+  for (const { series, px, py } of named) {
     const text = drawn(svg, 'text', { class: 'name' }, series.name);
     text.style.fill = colourOf(series);
     const width = text.getComputedTextLength();
-    const left = Math.min(px + 10, box.right - width);
-    const at = { left, right: left + width, y: Math.max(py - (left < px + 8 ? 14 : 0), box.top + 6) };
-    while (overlaps(at)) at.y += 3;
+    const onRight = px + 10 + width <= box.right || px - 10 - width < box.left;
+    const left = onRight ? Math.min(px + 10, box.right - width) : px - 10 - width;
+    const at = { left, right: left + width, y: py, high: 16 };
+    for (let away = 0; away < 60 && !free(at); away++) at.y = py + 3 * Math.ceil(away / 2) * (away % 2 ? 1 : -1);
     taken.push(at);
     text.setAttribute('x', at.left);
     text.setAttribute('y', at.y + 4);
-    if (Math.abs(at.y - py) > 15) {
-      const leader = drawn(svg, 'line', { class: 'leader', x1: px, y1: py, x2: at.left - 2, y2: at.y });
-      svg.insertBefore(leader, text);
+    if (Math.abs(at.y - py) > 10) {
+      svg.insertBefore(drawn(svg, 'line', { class: 'leader', x1: px, y1: py, x2: onRight ? at.left - 2 : at.right + 2, y2: at.y }), text);
     }
   }
 }

@@ -42,7 +42,7 @@ function tell(plot, spot) {
   name.textContent = series.name;
   const lines = [`${plot.chart.x.label}: ${valueText(series.x[i])}`, `${plot.chart.y.label}: ${valueText(series.y[i])}`];
   if (series.notes.length) lines.push(series.notes[i]);
-  tip.append(name, ...lines.flatMap((line) => [line, document.createElement('br')]));
+  tip.append(name, lines.join('\n'));
   plot.append(tip);
   const { width, height } = tip.getBoundingClientRect();
   const room = plot.getBoundingClientRect();

@@ -35,7 +35,7 @@ function decadeTicks(low, high, least, count) {
 
 // A scale for an axis whose values lie between two; `from` and `to` are places on the screen.
 function scaled({ scale, threshold, limits }, values, from, to, count) {
-  const known = values.filter((x) => Number.isFinite(TRANSFORMS[scale](x)));
+  const known = values.filter((x) => Number.isFinite(TRANSFORMS[scale](x, threshold)));
   let [low, high] = limits ?? [Math.min(...known), Math.max(...known)];
   if (!known.length && !limits) [low, high] = [0, 1];
   const move = (x) => TRANSFORMS[scale](x, threshold);
@@ -45,7 +45,8 @@ function scaled({ scale, threshold, limits }, values, from, to, count) {
     [a, b] = [a - room, b + room];
   }
   const place = (x) => from + ((move(x) - a) / (b - a)) * (to - from);
-  const within = (x) => move(x) >= a - 1e-9 && move(x) <= b + 1e-9;
+  const most = 1e-4 * (b - a); // numbers of single precision may lie just outside
+  const within = (x) => move(x) >= a - most && move(x) <= b + most;
   let ticks = roundedTicks(a, b, count);
   if (scale === 'log') ticks = decadeTicks(10 ** a, 10 ** b, 10 ** a, count);
   if (scale === 'symlog') ticks = [0, ...decadeTicks(low, high, threshold, count)];

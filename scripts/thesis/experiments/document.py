@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from agents.reports.paper import printed, save
 from scripts.thesis.experiments import figures
 from scripts.thesis.experiments.solved import Solved
 
@@ -19,6 +20,13 @@ SHOWN = {
     "experiment_4": (4, "cost 4.6, m2 = 1 kg"),
     "experiment_5": (5, "plastic, phi'(0) <= 10"),
     "experiment_6": (6, "elastic, step 2"),
+}
+
+#: What is drawn of each, by the end of its file's name.
+DRAWN = {
+    "": figures.trajectories,
+    "_verified": figures.verification,
+    "_power": figures.power,
 }
 
 MARKS = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
@@ -43,9 +51,9 @@ def refresh(page: Path, solutions: Sequence[Solved]) -> None:
     for name, key in SHOWN.items():
         for solution in solutions:
             if solution.key == key:
-                figures.trajectories(solution).savefig(folder / f"{name}.png", dpi=70)
-                figures.verification(solution).savefig(folder / f"{name}_verified.png", dpi=70)
-                figures.power(solution).savefig(folder / f"{name}_power.png", dpi=70)
+                for suffix, draw in DRAWN.items():
+                    drawn = printed(draw(solution), across=1, size=(7.0, 2.0))
+                    save(drawn, folder / f"{name}{suffix}.png", dpi=70)
     page.write_text(filled(page.read_text(), rows))
 
 

@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from agents.reports.charts import Axis, Chart, Series
 from scripts.thesis.experiments.power import powers
 from scripts.thesis.experiments.replay import Replay, sampled_times
 from scripts.thesis.experiments.solved import Solved
@@ -16,83 +15,84 @@ from trajopt.gaits.stance import STATES
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
-#: Columns of the state by panel: angles, then rates.
-PANELS = ((0, 1), (2, 3))
+#: Charts of states: what they show, the unit, the columns.
+PANELS = (("Angles", "angle / pi", (0, 1)), ("Rates", "rate / (pi/s)", (2, 3)))
 
-COLORS = ("C0", "C1", "C0", "C1")
+TIME = Axis("t / s")
+VOLTAGE = Axis("voltage / V")
+COLOURS = ("teal", "orange")
+
+#: Lines have at most about so many points, more than a screen shows.
+FINEST = 250
 
 
-def trajectories(solved: Solved) -> Figure:
+def trajectories(solved: Solved) -> list[Chart]:
     """States in units of pi and the voltage against time (Figures 4.1, 4.2, 4.4, 4.7 ...)."""
-    figure, panels = _three_panels()
-    for begin, phase in _in_time(solved.motion):
-        times = sampled_times(phase)
-        x = phase.state(times)
-        for panel, columns in zip(panels, PANELS, strict=False):
-            for i in columns:
-                name = STATES[i] if begin == 0.0 else None
-                panel.plot(begin + times, x[:, i] / math.pi, color=COLORS[i], label=name)
-        _draw_voltage(panels[2], begin + times, phase.control(times)[:, 0])
-    return _finished(figure, panels, f"Cost = {solved.extremal.cost:.6f}")
+    times, states, _ = _sampled(solved)
+    charts = []
+    for title, unit, columns in PANELS:
+        lines = [
+            Series(STATES[i], times, states[:, i] / math.pi, colour=colour)
+            for i, colour in zip(columns, COLOURS, strict=True)
+        ]
+        charts.append(Chart(title, TIME, Axis(unit), lines))
+    cost = f"Voltage; cost = {solved.extremal.cost:.6f}"
+    return [*charts, Chart(cost, TIME, VOLTAGE, [_voltage(solved)])]
 
 
-def verification(solved: Solved) -> Figure:
-    """The same, simulated: solid with the control itself, dashed at 1 kHz as the thesis did."""
-    figure, panels = _three_panels()
+def verification(solved: Solved) -> list[Chart]:
+    """States simulated: solid with the control itself, dashed at 1 kHz as the thesis did."""
     runs: tuple[tuple[Replay, str, str], ...] = (
-        (solved.simulated, "-", ""),
-        (solved.resampled, "--", ", 1 kHz"),
+        (solved.simulated, "solid", ""),
+        (solved.resampled, "dashed", ", 1 kHz"),
     )
-    for run, style, suffix in runs:
-        times, states = _split_at_events(run.times, run.states)
-        for panel, columns in zip(panels, PANELS, strict=False):
-            for i in columns:
-                color = COLORS[i] if style == "-" else "k"
-                label = STATES[i] + suffix
-                panel.plot(times, states[:, i] / math.pi, style, color=color, lw=1.2, label=label)
-    for begin, phase in _in_time(solved.motion):
-        times = sampled_times(phase)
-        _draw_voltage(panels[2], begin + times, phase.control(times)[:, 0])
     errors = (
-        f"states off by {solved.simulated.state_error:.1e}, "
-        f"at 1 kHz by {solved.resampled.state_error:.1e}"
+        f"off by {solved.simulated.state_error:.1e}, at 1 kHz by {solved.resampled.state_error:.1e}"
     )
-    return _finished(figure, panels, errors)
+    charts = []
+    for title, unit, columns in PANELS:
+        lines = []
+        for run, line, suffix in runs:
+            times, states = _split_at_events(*_thinned(run.times, run.states))
+            for i, colour in zip(columns, COLOURS, strict=True):
+                own = colour if line == "solid" else "ink"
+                y = states[:, i] / math.pi
+                lines.append(Series(STATES[i] + suffix, times, y, colour=own, line=line, width=1.2))
+        charts.append(Chart(f"{title}, simulated: {errors}", TIME, Axis(unit), lines))
+    return charts
 
 
-def power(solved: Solved) -> Figure:
+def power(solved: Solved) -> list[Chart]:
     """Powers at the motor's output, and the integral of the total (Figures 4.3, 4.6 ...)."""
-    figure = Figure(figsize=(7.0, 2.8), layout="constrained")
-    panel = figure.subplots()
+    lines: dict[str, list[tuple[Array, Array]]] = {"passive": [], "torque": [], "total": []}
     for begin, phase in _in_time(solved.motion):
         drawn = powers(solved.machine, phase)
-        lines = (("passive", "C0-"), ("torque", "C1-"), ("total", "k--"))
-        for name, style in lines:
-            label = name if begin == 0.0 else None
-            panel.plot(begin + drawn.times, getattr(drawn, name), style, lw=1.2, label=label)
-    panel.set(xlabel="t / s", ylabel="power / W", title=f"Energy integral = {solved.energy:.6f} J")
-    panel.legend(fontsize="small")
-    return figure
+        for name, parts in lines.items():
+            times, values = _thinned(begin + drawn.times, getattr(drawn, name))
+            parts.append((times, values))
+    styles = (("teal", "solid"), ("orange", "solid"), ("ink", "dashed"))
+    series = [
+        Series(name, *_end_to_end(parts), colour=colour, line=line, width=1.2)
+        for (name, parts), (colour, line) in zip(lines.items(), styles, strict=True)
+    ]
+    title = f"Power; energy integral = {solved.energy:.6f} J"
+    return [Chart(title, TIME, Axis("power / W"), series)]
 
 
-def _three_panels() -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    panels = list(figure.subplots(3, 1, sharex=True))
-    for panel, label in zip(panels, ("angle / pi", "rate / (pi/s)", "voltage / V"), strict=True):
-        panel.set_ylabel(label)
-    return figure, panels
+def _voltage(solved: Solved) -> Series:
+    times, _, volts = _sampled(solved)
+    return Series("voltage", times, volts, colour="blue")
 
 
-def _finished(figure: Figure, panels: list[Axes], title: str) -> Figure:
-    for panel in panels[:2]:
-        panel.legend(fontsize="small", ncols=2)
-    panels[2].set_xlabel("t / s")
-    panels[0].set_title(title, fontsize="medium")
-    return figure
-
-
-def _draw_voltage(panel: Axes, times: Array, volts: Array) -> None:
-    panel.plot(times, volts, color="C2", lw=1.2)
+def _sampled(solved: Solved) -> tuple[Array, Array, Array]:
+    """Times, states and voltages of the motion, with NaN between its steps."""
+    times, states, volts = list[Array](), list[Array](), list[Array]()
+    for begin, phase in _in_time(solved.motion):
+        (t,) = _thinned(sampled_times(phase))
+        times.append(np.append(begin + t, np.nan))
+        states.append(np.vstack([phase.state(t), np.full(len(STATES), np.nan)]))
+        volts.append(np.append(phase.control(t)[:, 0], np.nan))
+    return np.concatenate(times), np.concatenate(states), np.concatenate(volts)
 
 
 def _in_time(phases: tuple[PhaseTrajectory, ...]) -> Iterator[tuple[float, PhaseTrajectory]]:
@@ -100,6 +100,22 @@ def _in_time(phases: tuple[PhaseTrajectory, ...]) -> Iterator[tuple[float, Phase
     for phase in phases:
         yield begin, phase
         begin += phase.duration
+
+
+def _end_to_end(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Lines as one that is interrupted between them."""
+    x = [np.append(times, np.nan) for times, _ in parts]
+    y = [np.append(values, np.nan) for _, values in parts]
+    return np.concatenate(x), np.concatenate(y)
+
+
+def _thinned(times: Array, *values: Array) -> tuple[Array, ...]:
+    """Every so many of the points, with the last one and both sides of every jump."""
+    every = max(1, len(times) // FINEST)
+    jumps = np.flatnonzero(np.diff(times) == 0.0)
+    kept = np.union1d(np.arange(0, len(times), every), [*jumps, *(jumps + 1), len(times) - 1])
+    kept = kept.astype(int)
+    return tuple(each[kept] for each in (times, *values))
 
 
 def _split_at_events(times: Array, states: Array) -> tuple[Array, Array]:

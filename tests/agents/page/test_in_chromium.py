@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import html
 import json
-import re
-import shutil
-import subprocess
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,63 +14,17 @@ from rimless_gym import BUILDABLE
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import advance, hybrid_states
+from tests.agents.chromium import NEEDS_CHROMIUM, in_chromium
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+pytestmark = NEEDS_CHROMIUM
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here"),
-]
-
-#: Collects errors from the beginning; `report` writes what was found into the document.
-BEFORE = """<script>
-const problems = [];
-addEventListener('error', (event) => problems.push(event.message));
-addEventListener('unhandledrejection', (event) => problems.push(String(event.reason)));
-const complain = console.error;
-console.error = (...all) => { problems.push(all.join(' ')); complain(...all); };
-function report(found) {
-  const place = document.createElement('pre');
-  place.id = 'found';
-  place.textContent = JSON.stringify({ problems, ...found });
-  document.body.append(place);
-}
-</script>"""
-
-
-@cache
-def watched_page() -> str:
-    """The page, with its errors collected."""
-    return page().replace("<head>", f"<head>{BEFORE}")
-
-
-def in_chromium(tmp_path: Path, program: str, size: str = "1280,800") -> dict[str, Any]:
-    """What a program in the page reports; it runs after the first frames."""
-    run = f"<script>setTimeout(() => {{ {program} }}, 500);</script></body>"
-    file = tmp_path / "page.html"
-    file.write_text(run.join(watched_page().rsplit("</body>", 1)), encoding="utf-8")
-    assert CHROMIUM is not None
-    done = subprocess.run(
-        [
-            *(CHROMIUM, "--no-sandbox", "--headless=new", "--disable-gpu", "--dump-dom"),
-            *(f"--window-size={size}", "--virtual-time-budget=1500"),
-            *(f"--user-data-dir={tmp_path / 'profile'}", file.as_uri()),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=True,
-    )
-    found = re.search(r'<pre id="found">(.*?)</pre>', done.stdout, flags=re.DOTALL)
-    assert found is not None, done.stderr[-2000:]
-    values: dict[str, Any] = json.loads(html.unescape(found[1]))
-    assert values["problems"] == []
-    return values
+whole_page = cache(page)
 
 
 @pytest.mark.parametrize("size", ["390,844", "1280,800"])
 def test_dragging_along_the_front_chooses_another_gait(tmp_path: Path, size: str) -> None:
     found = in_chromium(
+        whole_page(),
         tmp_path,
         """
         const chart = document.getElementById('chart');
@@ -103,6 +52,7 @@ def test_dragging_along_the_front_chooses_another_gait(tmp_path: Path, size: str
 
 def test_the_wheel_can_be_driven_by_keys_and_by_the_lever(tmp_path: Path) -> None:
     found = in_chromium(
+        whole_page(),
         tmp_path,
         """
         document.getElementById('start').click();
@@ -139,6 +89,7 @@ def test_the_wheel_can_be_driven_by_keys_and_by_the_lever(tmp_path: Path) -> Non
 
 def test_sliders_change_the_machine(tmp_path: Path) -> None:
     found = in_chromium(
+        whole_page(),
         tmp_path,
         """
         const set = (id, value) => {
@@ -168,6 +119,7 @@ def test_sliders_change_the_machine(tmp_path: Path) -> None:
 def test_the_pages_trajectory_agrees_with_the_kernel(tmp_path: Path) -> None:
     volts = 5.0 * np.sign(np.sin(7.2 * 0.01 * np.arange(200)))
     found = in_chromium(
+        whole_page(),
         tmp_path,
         f"""
         const p = wheel.constants(DATA.machine);

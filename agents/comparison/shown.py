@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from agents.comparison.arena import Arena
+from agents.comparison.deviations import deviation_charts, deviations, steps_of
 from agents.comparison.entrants import ABBREVIATIONS, Entrant
 from agents.comparison.learned import Learned
+from agents.comparison.return_maps import return_chart, return_map
 from agents.comparison.speed_figure import colour_of_policy
 from agents.conditions import Conditions
 from agents.policies import Policy, controller_policy, learned_policy
 from agents.policy_files import load_policy
+from agents.reports.charts import Chart
 from agents.rollout import Interval, Rollout, at_rest
 from agents.train import EXPERT
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -23,7 +26,7 @@ from trajopt.gaits.solution import Solution
 DRAWN, STEADY = 20.0, 10.0
 
 
-class Walker(NamedTuple):
+class Shown(NamedTuple):
     """A policy whose walk is drawn.
 
     Attributes:
@@ -43,22 +46,22 @@ class Walker(NamedTuple):
     holds: bool
 
 
-def walkers(arena: Arena, entrants: Sequence[Entrant]) -> list[Walker]:
+def shown_walks(arena: Arena, entrants: Sequence[Entrant]) -> list[Shown]:
     """Those of a comparison that is over, the law first."""
     gait = arena.held_gait(arena.study.speed)
     law = controller_policy(arena.params, laws.design(EXPERT, gait, arena.out))
-    found = [_walker(arena, ABBREVIATIONS.get(EXPERT, EXPERT), law, arena.study.speed)]
+    found = [_shown(arena, ABBREVIATIONS.get(EXPERT, EXPERT), law, arena.study.speed)]
     for each in entrants:
         if isinstance(each, Learned) and each.drawn:
             policy = learned_policy(load_policy(each.main_file(arena.out)).act)
-            found.append(_walker(arena, each.drawn, policy, each.speed))
+            found.append(_shown(arena, each.drawn, policy, each.speed))
     return found
 
 
-def _walker(arena: Arena, name: str, policy: Policy, speed: float | None) -> Walker:
+def _shown(arena: Arena, name: str, policy: Policy, speed: float | None) -> Shown:
     walk = list(walk_from_rest(arena.params, policy, DRAWN))
     held = arena.held_gait(_speed(walk) if speed is None else speed)
-    return Walker(name, colour_of_policy(name), policy, walk, held, speed is not None)
+    return Shown(name, colour_of_policy(name), policy, walk, held, speed is not None)
 
 
 def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollout:
@@ -74,8 +77,33 @@ def _speed(walk: Sequence[Interval]) -> float:
     return distance / (len(steady) * CONTROL_PERIOD)
 
 
-def is_steady(walker: Walker) -> bool:
+def is_steady(shown: Shown) -> bool:
     """Whether it walks to the end of its time, and still takes steps there."""
-    steady = walker.walk[-round(STEADY / CONTROL_PERIOD) :]
-    whole = len(walker.walk) == round(DRAWN / CONTROL_PERIOD)
+    steady = shown.walk[-round(STEADY / CONTROL_PERIOD) :]
+    whole = len(shown.walk) == round(DRAWN / CONTROL_PERIOD)
     return whole and sum(float(interval.info["steps"][0]) for interval in steady) > 1
+
+
+def cycle_charts(shown: Sequence[Shown]) -> list[Chart]:
+    """The deviations of steady walks from the optimum; walks beside one gait share their charts."""
+    gaits = {id(each.optimum): each.optimum for each in shown if is_steady(each)}
+    charts: list[Chart] = []
+    for key, gait in gaits.items():
+        found = {}
+        for each in shown:
+            if id(each.optimum) == key and is_steady(each):
+                steps = steps_of(each.walk[-round(STEADY / CONTROL_PERIOD) :])
+                found[each.name] = deviations(steps, gait), each.colour
+        charts += deviation_charts(found, f"at {gait.speed:.2f} m/s")
+    return charts
+
+
+def return_charts(params: WheelParams, shown: Sequence[Shown]) -> list[Chart]:
+    """The return maps of steady walks."""
+    charts = []
+    for each in shown:
+        if is_steady(each):
+            free = float(abs(each.optimum.floquet[0])) if each.holds else None
+            found = return_map(params, each.policy, each.walk)
+            charts.append(return_chart(each.name, found, each.colour, free))
+    return charts
