@@ -23,6 +23,7 @@ from agents.milestones import Milestone
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
 from agents.protocol import Protocol
+from agents.recording import record
 from agents.rollout import Rollout, at_rest
 from agents.training import INITS, Training
 from agents.training_state import write_state
@@ -211,7 +212,8 @@ class Session:
             round(FILMED / period),
             command=None if speeds is None else float(np.mean(speeds)),
         )
-        frames = list(film(walk.machines[0], walk, fps=FPS, size=PICTURE, period=period))
+        kept = record("from rest", walk, walk.machines[0], period)
+        frames = list(film(kept, fps=FPS, size=PICTURE))
         self.log.film("eval/from_rest", frames, FPS, self._learner.steps)
 
     def _record(self, name: str, value: float) -> None:

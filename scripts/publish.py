@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Copy a finished comparison's table, plots, animation and policies into the documents and package.
+"""Copy a finished comparison's table, plots and policies into the documents and package.
 
 The README gets the headline, docs/comparison.md the whole table. Every policy gets a card that says
 what it is and how it walks.
@@ -27,7 +27,6 @@ from scripts.documents.marked import marks, refresh, wanted
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIES = {
-    "imitation.gif": "docs/walking.gif",
     "cot_against_speed.png": "docs/cot_against_speed.png",
     "learning_curves.png": "docs/learning_curves.png",
     "deviations.png": "docs/deviations.png",

@@ -29,7 +29,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "watch": Command("scripts.watch", "a gait, a law or a policy, in a window or as a GIF"),
+    "watch": Command("scripts.watch", "the optimum, laws and policies, in a window or as a GIF"),
     "play": Command("scripts.play", "walk yourself, with the arrow keys"),
     "gait": Command("scripts.solve_gait", "find the optimal gait of a machine"),
     "train": Command("scripts.train", "train a policy"),

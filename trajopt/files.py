@@ -49,8 +49,17 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         OSError: the disk is full, or the folder cannot be written; an existing file is kept.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file's content; an existing file is replaced as a whole.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written; an existing file is kept.
+    """
     with _replacing(path) as file:
-        file.write(text.encode())
+        file.write(content)
 
 
 def part_of(path: Path) -> Path:

@@ -26,20 +26,23 @@ from agents.comparison.shown import cycle_charts, return_charts, shown_walks, wa
 from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
 from agents.comparison.style import STYLE
-from agents.film import film
+from agents.film import times
 from agents.folder import sole_user
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
+from agents.race import Race, ghost
+from agents.recording import record
 from agents.reports.paper import printed, save
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.rendering.wheel import save_gif
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
 
 #: Pictures of the animation per second.
-FPS = 25
+FPS = 20
 
 #: Seconds of a walk that are animated.
-ANIMATED = 7.0
+ANIMATED = 10.0
 
 
 class Comparison:
@@ -121,7 +124,13 @@ class Comparison:
         if filmed:
             policy = learned_policy(load_policy(filmed[0].main_file(out)).act)
             walk = walk_from_rest(arena.params, policy, ANIMATED)
-            save_gif(list(film(arena.params, walk, fps=FPS)), out / f"{filmed[0].name}.gif", FPS)
+            first, gait = (
+                record(filmed[0].name, walk, arena.params, CONTROL_PERIOD),
+                arena.held_gait(self.study.speed),
+            )
+            race = Race([first, ghost(gait, first)], gait)
+            frames = [race.frame(time) for time in times(race.ends, FPS)]
+            save_gif(frames, out / f"{filmed[0].name}.gif", FPS)
         write_report(arena, rows, (cycles, returns), curves)
 
 

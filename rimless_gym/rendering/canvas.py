@@ -6,22 +6,17 @@ Points are complex numbers, x + iy, with x along the ground and y normal to it.
 from __future__ import annotations
 
 import cmath
+import copy
 import math
 from collections.abc import Sequence
-from functools import lru_cache
-
-import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering._pygame import pygame
-from rimless_gym.rendering.display import Frame
-
-Colour = tuple[int, int, int]
-
-_SUPERSAMPLING = 3  # drawn this much larger, then scaled down for smooth edges
+from rimless_gym.rendering.colours import Colour
+from rimless_gym.rendering.sheet import Sheet
 
 
-class Canvas:
+class Canvas(Sheet):
     """A surface whose scale shows the whole machine, pendulum stretched out, at the ground.
 
     Args:
@@ -31,7 +26,7 @@ class Canvas:
         background: colour to begin with.
 
     Attributes:
-        width, height: size of the surface in its own pixels, larger than that of the picture.
+        x: as given.
         horizon: distance (pixels) from the upper edge down to the ground, in the middle.
         scale: pixels per metre.
         ends: first and last position along the ground (m) that the picture may show.
@@ -40,10 +35,8 @@ class Canvas:
     def __init__(
         self, params: WheelParams, x: float, size: tuple[int, int], background: Colour
     ) -> None:
-        self.size, self.x = size, x
-        self.width, self.height = (_SUPERSAMPLING * length for length in size)
-        self.surface = pygame.Surface((self.width, self.height), 0, 32)
-        self.surface.fill(background)
+        super().__init__(size, background)
+        self.x = x
         reach = max(params.leg_length, params.constants.reach)
         hub_height = params.leg_length * math.cos(params.leg_angle / 2)
         above = 1.07 * (params.leg_length + reach)
@@ -90,20 +83,14 @@ class Canvas:
             near, far = radius * across, end_radius * across
             self.polygon([start + near, end + far, end - far, start - near], colour)
 
-    def text(
-        self, text: str, place: tuple[float, float], height: float, colour: Colour, anchor: str
-    ) -> None:
-        """Text at `place`, in pixels of the surface; `anchor` names its point that goes there."""
-        image = _text(text, round(height), colour)
-        self.surface.blit(image, image.get_rect(**{anchor: place}))
+    def layer(self) -> Canvas:
+        """An empty, transparent canvas of the same place, to be laid over this one."""
+        layer = copy.copy(self)
+        layer.surface = pygame.Surface((self.width, self.height), pygame.SRCALPHA, 32)
+        return layer
 
-    def frame(self) -> Frame:
-        """The finished picture, uint8 of shape (height, width, 3)."""
-        picture = pygame.transform.smoothscale(self.surface, self.size)
-        return np.ascontiguousarray(pygame.surfarray.pixels3d(picture).swapaxes(0, 1))
-
-
-@lru_cache(maxsize=512)
-def _text(text: str, height: int, colour: Colour) -> pygame.Surface:
-    pygame.font.init()
-    return pygame.font.Font(None, height).render(text, True, colour)
+    def lay(self, layer: Canvas, opacity: float) -> None:
+        """Lay over what is on a layer, as one translucent thing; `opacity` in [0, 1]."""
+        drawn = layer.surface.get_bounding_rect()
+        layer.surface.set_alpha(round(255 * opacity))
+        self.surface.blit(layer.surface, drawn, drawn)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -85,42 +85,69 @@ def _silent_libraries() -> Iterator[None]:
 
 
 def save_gif(
-    frames: Sequence[Frame], to: str | Path | BinaryIO, fps: float, *, colours: int = 64
+    frames: Iterable[Frame],
+    to: str | Path | BinaryIO,
+    fps: float,
+    *,
+    colours: int = 64,
+    samples: Sequence[Frame] = (),
 ) -> None:
     """Write an endless animation.
 
-    All frames share one palette and nothing is dithered, which keeps the file small and areas of
-    one colour steady.
+    All frames share one palette, nothing is dithered, and what does not change is left out: this
+    keeps the file small and areas of one colour steady.
 
     Args:
         frames: uint8 arrays of shape (height, width, 3).
         to: path of the file, or an open one.
         fps: frames per second, at most 50; a GIF counts in 1/100 s, so 50, 25 or 20 are exact.
-        colours: size of the palette, at most 256.
+        colours: size of the palette, at most 255.
+        samples: frames with all colours, for the palette; default: some of `frames`, which are then
+            all in memory at once.
 
     Raises:
         ValueError: there are no frames, or more per second than browsers show.
     """
-    if not len(frames):
-        raise ValueError("cannot save a GIF of no frames")
     if not 0 < fps <= 50:
         raise ValueError(
             f"fps = {fps}: must be above 0 and at most 50; leave out frames if need be"
         )
-    samples = frames[:: max(1, len(frames) // 8)]
+    if not samples:
+        frames = list(frames)
+        samples = frames[:: max(1, len(frames) // 8)]
+    if not samples:
+        raise ValueError("cannot save a GIF of no frames")
     palette = Image.fromarray(np.concatenate(samples)).quantize(
         colours, method=Image.Quantize.MEDIANCUT, kmeans=1
     )
-    images = [
-        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
-        for frame in frames
-    ]
-    images[0].save(
+    images = _changes(frames, palette)
+    next(images).save(
         to,
         format="GIF",
         save_all=True,
-        append_images=images[1:],
+        append_images=images,
         duration=10 * round(100 / fps),
         loop=0,
         optimize=False,
+        transparency=len(_entries(palette)),
+        disposal=1,  # what is transparent stays as it was
     )
+
+
+def _entries(palette: Image.Image) -> NDArray[np.uint8]:
+    """The colours of a palette, (n, 3)."""
+    return np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+
+
+def _changes(frames: Iterable[Frame], palette: Image.Image) -> Iterator[Image.Image]:
+    """The first frame, and of the others what changes; the rest is transparent."""
+    entries = _entries(palette)
+    shown: NDArray[np.uint8] | None = None  # indices
+    for frame in frames:
+        picture = Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        indices = np.asarray(picture)
+        changes = indices if shown is None else np.where(indices == shown, len(entries), indices)
+        shown = indices
+        image = Image.fromarray(changes.astype(np.uint8)).convert("P")
+        image.putpalette([*entries.ravel().tolist(), 0, 0, 0])
+        yield image

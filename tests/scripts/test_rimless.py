@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from PIL import Image
 
 from agents.policy_files import PRETRAINED
 from scripts import play, publish_policy, rimless, warmup, watch
+from trajopt import Solution, periodic_gait
 
 #: Makes an interpreter in which a package cannot be imported.
 WITHOUT = "import sys; sys.modules[{name!r}] = None; "
@@ -73,13 +75,35 @@ def test_data_says_which_extra_brings_minari() -> None:
     assert "minari is not installed: it comes with pip install 'rimless-gym[data]'" in done.stderr
 
 
-def test_a_gait_is_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def gait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gait is solved once."""
+    monkeypatch.setattr(watch, "periodic_gait", _solved)
+
+
+@cache
+def _solved(*what: object, **settings: object) -> Solution:
+    return periodic_gait(*what, **settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("gait")
+def test_walkers_are_written_as_a_gif(tmp_path: Path) -> None:
     out = tmp_path / "walk.gif"
-    arguments = ["gait", "--seconds", "0.4", "--size", "120", "80", "--out", str(out)]
-    assert watch.main(arguments) == 0
+    arguments = ["evolution", "optimum", "--seconds", "0.6", "--size", "240", "160"]
+    assert watch.main([*arguments, "--out", str(out)]) == 0
     with Image.open(out) as picture:
-        assert picture.size == (120, 80)
+        assert picture.size == (240, 160)
         assert picture.n_frames == 10  # type: ignore[attr-defined]
+        assert picture.info["duration"] == 60
+
+
+@pytest.mark.usefixtures("gait")
+def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch, "require_display", lambda parser, remedy: None)
+    shown = []
+    monkeypatch.setattr("scripts.watch.Window.show", lambda window, frame: shown.append(frame))
+    assert watch.main(["--seconds", "0.4", "--size", "240", "160"]) == 0
+    assert [frame.shape for frame in shown] == 10 * [(160, 240, 3)]
 
 
 @pytest.mark.parametrize(
@@ -87,10 +111,11 @@ def test_a_gait_is_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixtur
     [
         (["--out", "walk.mp4"], "ends with .gif"),
         (["nobody", "--out", "walk.gif"], "nobody"),
+        (["lqr", "lqr", "--out", "walk.gif"], "lqr: is named twice"),
         (["--size", "3", "3"], "--size"),
         (["--size", "100000", "100000"], "at most 4000"),
-        (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.04, one picture"),
-        (["--seconds", "1e9", "--out", "walk.gif"], "at most 300"),
+        (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.06, one picture"),
+        (["--seconds", "1e9", "--out", "walk.gif"], "at most 60"),
     ],
 )
 def test_what_cannot_be_watched_is_refused(

@@ -117,6 +117,12 @@ class Solution:
             volts[here] = trajectory.control(local[here], side)[:, 0]
         return volts if np.ndim(t) else float(volts[0])
 
+    def foot(self, t: ArrayLike) -> Any:
+        """Legs by which the stance foot has moved forward at time t (s): an int, or shape (N,)."""
+        stride, phase, _ = self._locate(t, "right")
+        legs = stride.astype(np.int64) * self.steps + phase
+        return legs if np.ndim(t) else int(legs[0])
+
     @cached_property
     def breakpoints(self) -> Array:
         """Times within a stride at which the control may jump (s), its end included."""

@@ -1,0 +1,136 @@
+"""Several walks in one picture, with the phase plane and the energies below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.energies import chapters
+from agents.film import AVERAGED, trail_of
+from agents.recording import Recording, Touchdown, record_gait
+from rimless_gym.kernel.stepping import DPHI, PHI
+from rimless_gym.rendering.colours import FIRST, OPTIMUM, OTHERS, Colour
+from rimless_gym.rendering.phase_plane import PhasePlane
+from rimless_gym.rendering.scene import Point
+from rimless_gym.rendering.several import Shown, draw_several
+from rimless_gym.rendering.wheel import Frame
+from trajopt.gaits.solution import Solution
+
+#: Name of the gait whose ghost is blue, as is its cycle in the phase plane.
+GHOST = "optimum"
+
+#: Steps by which it walks ahead of the first, when it joins.
+AHEAD = 2
+
+#: Seconds of the walk that are seen in the phase plane.
+LATELY = 0.25
+
+#: Most walkers in one picture.
+MOST = 2 + len(OTHERS)
+
+#: Width and height (pixels).
+SIZE = (720, 468)
+
+#: Share of the height that the walkers take, and of the width that the phase plane takes below.
+GROUND, PLANE = 0.64, 0.42
+
+
+class Race:
+    """Walks on one ground.
+
+    Args:
+        walks: the first is drawn solid, followed by the camera and measured; the others are ghosts,
+            which appear when their recordings begin. `MOST` of them at most, of one machine.
+        cycle: the gait whose cycle the phase plane shows, if any.
+        size: width and height in pixels.
+
+    Attributes:
+        size: as given.
+        ends: when the last of them has ended (s).
+
+    Raises:
+        ValueError: there are too many walks, or of several machines.
+    """
+
+    def __init__(
+        self, walks: Sequence[Recording], cycle: Solution | None, size: tuple[int, int] = SIZE
+    ) -> None:
+        if len(walks) > MOST:
+            raise ValueError(f"{len(walks)} walkers: at most {MOST} fit into one picture")
+        first = walks[0]
+        for walk in walks:
+            if walk.params != first.params:
+                raise ValueError(
+                    f"{walk.name}: walks with another machine than {first.name}: "
+                    f"{walk.params.differences(first.params)}; watch them one at a time"
+                )
+        self.size = width, height = size
+        self.ends = max(walk.ends for walk in walks)
+        self._walks = list(zip(walks, _colours([walk.name for walk in walks]), strict=True))
+        self._above = width, round(GROUND * height)
+        left = round(PLANE * width), height - self._above[1]
+        self._plane = PhasePlane(first.params, _rates(walks, cycle), _cycle(cycle), left)
+        self._right = width - left[0], left[1]
+        self._chapters = chapters(first)
+
+    def frame(self, time: float) -> Frame:
+        """The picture at a time (s), uint8 of shape (height, width, 3)."""
+        first = self._walks[0][0]
+        present = [(walk, colour) for walk, colour in self._walks if walk.begins <= time + 1e-9]
+        shown = [
+            Shown(
+                name=walk.name,
+                colour=colour,
+                scene=walk.scene(time),
+                trail=trail_of(walk, time) if walk is first else (),
+            )
+            for walk, colour in present
+        ]
+        chapter = next((each for each in self._chapters if time < each.until), self._chapters[-1])
+        since = chapter.since + first.period
+        rivals = [(walk, colour) for walk, colour in present[1:] if walk.begins <= since]
+        below = (
+            self._plane.frame([(colour, _lately(walk, time)) for walk, colour in present]),
+            chapter.frame(time, rivals, self._right),
+        )
+        lines = len(self._walks)
+        ground = draw_several(first.params, shown, self._above, lines=lines, averaged=AVERAGED)
+        return np.concatenate([ground, np.concatenate(below, axis=1)])
+
+
+def ghost(gait: Solution, first: Recording) -> Recording:
+    """The optimum, in step with a walk: it joins with the touchdown from which that has figures.
+
+    It begins `AHEAD` steps ahead, so that both are seen. Where the walk never has figures, it
+    begins with it.
+    """
+    joins = first.measured_from or Touchdown(0.0, 1, 0)
+    return record_gait(GHOST, gait, first.ends, joins.time, joins.foot + AHEAD)
+
+
+def _colours(names: Sequence[str]) -> list[Colour]:
+    """Of the first walker, then of the ghosts: each its own."""
+    others = iter((*OTHERS, OPTIMUM))
+    return [FIRST, *(OPTIMUM if name == GHOST else next(others) for name in names[1:])]
+
+
+def _lately(walk: Recording, time: float) -> list[Point]:
+    """Where the wheel has been in the phase plane."""
+    first, last = walk.index(max(walk.begins, time - LATELY)), walk.index(time)
+    return [(float(x[PHI]), float(x[DPHI])) for x in walk.states[first : last + 1]]
+
+
+def _cycle(gait: Solution | None) -> list[Point]:
+    """Of a gait in the phase plane, closed."""
+    if gait is None:
+        return []
+    states = gait.state(np.linspace(0.0, gait.duration, 1 + round(200 * gait.duration)))
+    return [(float(x[0]), float(x[2])) for x in states]
+
+
+def _rates(walks: Sequence[Recording], cycle: Solution | None) -> tuple[float, float]:
+    """Least and greatest phi' (rad/s) of some walks and a cycle."""
+    rates = [rate for _, rate in _cycle(cycle)]
+    rates += [float(rate) for walk in walks for rate in walk.states[:, DPHI]]
+    return min(rates), max(*rates, min(rates) + 1e-3)

@@ -1,0 +1,237 @@
+"""Walks that are kept whole, to be shown: where the wheel was at any time, and what it spent."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.conditions import Conditions
+from agents.rollout import Interval, Rollout, at_rest
+from agents.walkers import Walker
+from rimless_gym.energy import CHANNELS
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA, hybrid_states
+from rimless_gym.params import WheelParams
+from rimless_gym.rendering.scene import Scene
+from trajopt.feedback.law import Floats
+from trajopt.gaits.solution import Solution
+
+#: What is summed up: the entries of `info` of these names.
+BOOKS = ("distance", *(channel.name for channel in CHANNELS))
+
+#: The books that make the energy drawn from a battery that cannot be recharged, E+.
+DRAWN = ("electrical_positive", "idle")
+
+#: Steps in a row over which speed and cost are averaged. Before them, there are no figures.
+STEPS = 5
+
+#: Time (s) after a touchdown in which the next one must follow.
+PAUSE = 2.0
+
+
+class Touchdown(NamedTuple):
+    """The end of a step.
+
+    Attributes:
+        time: s.
+        legs: by which the stance foot moved, positive: forward.
+        foot: the new stance foot, counted in legs.
+    """
+
+    time: float
+    legs: int
+    foot: int
+
+
+class Figures(NamedTuple):
+    """Means over the last `STEPS` steps: speed (m/s), and cost of transport by E+."""
+
+    speed: float
+    cot: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Recording:
+    """A walk.
+
+    Attributes:
+        name: of whoever walks.
+        params: the machine.
+        begins: time of the first state (s).
+        period: from state to state (s).
+        states: (n + 1, STATE_SIZE).
+        volts: held from each state to the next (V), (n,).
+        books: sums of `BOOKS` from the beginning to each state, (n + 1, len(BOOKS)).
+        touchdowns: in order of time.
+    """
+
+    name: str
+    params: WheelParams
+    begins: float
+    period: float
+    states: Floats
+    volts: Floats
+    books: Floats
+    touchdowns: tuple[Touchdown, ...]
+
+    @property
+    def ends(self) -> float:
+        """Time of the last state (s)."""
+        return self.begins + len(self.volts) * self.period
+
+    def index(self, time: float) -> int:
+        """Of the state at a time (s), or the latest before it; beyond the walk, the nearest."""
+        k = math.floor((time - self.begins) / self.period + 1e-6)
+        return min(max(k, 0), len(self.volts))
+
+    def pose(self, time: float) -> Scene:
+        """Where the wheel is at a time (s)."""
+        k = self.index(time)
+        state = self.states[k]
+        return Scene(
+            phi=float(state[PHI]),
+            theta=float(state[THETA]),
+            mode=int(state[MODE]),
+            foot_x=float(state[FOOT]) * self.params.step_length,
+            voltage=float(self.volts[min(k, len(self.volts) - 1)]),
+            time=time,
+        )
+
+    def scene(self, time: float) -> Scene:
+        """The pose, with speed and cost where there are figures."""
+        figures, pose = self.figures(time), self.pose(time)
+        return dataclasses.replace(pose, **figures._asdict()) if figures else pose
+
+    @cached_property
+    def measured_from(self) -> Touchdown | None:
+        """The touchdown from which on there are `figures`; None if there never are any."""
+        return next((end for end in self.touchdowns if self.figures(end.time)), None)
+
+    def figures(self, time: float) -> Figures | None:
+        """Means over the last `STEPS` steps before a time (s).
+
+        None where there were not as many in a row, all forward and none long ago.
+        """
+        ends = [touchdown for touchdown in self.touchdowns if touchdown.time <= time]
+        ends = ends[-STEPS - 1 :]
+        times = [end.time for end in ends]
+        waits = np.diff([*times, time])
+        if len(ends) <= STEPS or any(end.legs != 1 for end in ends) or waits.max() > PAUSE:
+            return None
+        distance, energy = (self._sum(sums, times) for sums in (("distance",), DRAWN))
+        return Figures(distance / (times[-1] - times[0]), energy / (self.params.weight * distance))
+
+    def spent(self, time: float) -> dict[str, float]:
+        """Sums of the `BOOKS` from the beginning to a time (s)."""
+        return dict(zip(BOOKS, self.books[self.index(time)].tolist(), strict=True))
+
+    def _sum(self, names: Iterable[str], times: list[float]) -> float:
+        """The sum of some books between the first and the last of some times."""
+        sums = sum(self.books[:, BOOKS.index(name)] for name in names)
+        clock = self.begins + self.period * np.arange(len(self.books))
+        return float(np.diff(np.interp([times[0], times[-1]], clock, sums))[0])
+
+
+def record(name: str, walk: Iterable[Interval], params: WheelParams, period: float) -> Recording:
+    """The first of some walks.
+
+    Args:
+        name: of whoever walks.
+        walk: its control intervals, one or more.
+        params: the machine.
+        period: length of an interval (s).
+    """
+    intervals = list(walk)
+    states = np.stack([*(each.states[0] for each in intervals), intervals[-1].after[0]])
+    volts = params.voltage_limit * np.array([float(each.actions[0]) for each in intervals])
+    touchdowns = tuple(
+        Touchdown(
+            k * period + float(each.info["touchdown_time"][0]),
+            int(each.info["steps"][0]),
+            int(each.after[0, FOOT]),
+        )
+        for k, each in enumerate(intervals)
+        if each.info["touchdowns"][0]
+    )
+    return Recording(name, params, 0.0, period, states, volts, _summed(intervals), touchdowns)
+
+
+def record_walker(walker: Walker, seconds: float, command: float | None = None) -> Recording:
+    """A walk from rest.
+
+    Args:
+        walker: who walks.
+        seconds: of walking, if it does not fall before.
+        command: the speed that is commanded (m/s), if any is.
+    """
+    n_intervals, start = round(seconds / walker.period), at_rest(walker.params)[None]
+    walk = Rollout(walker.conditions, walker.policy, start, n_intervals, command=command)
+    return record(walker.name, walk, walker.params, walker.period)
+
+
+def record_gait(
+    name: str, gait: Solution, seconds: float, begins: float = 0.0, legs: int = 0
+) -> Recording:
+    """A held gait as it was solved, stride after stride, in the environment's time.
+
+    Its energies are those of a stride in the environment.
+
+    Args:
+        name: of the gait.
+        gait: the gait, solved with `hold`.
+        seconds: time at which it ends.
+        begins: time of the touchdown with which its first stride begins (s).
+        legs: foot on which it begins, counted in legs.
+    """
+    hold = _period(gait)
+    first = math.ceil(begins / hold - 1e-6)
+    clock = hold * np.arange(first, max(round(seconds / hold), first + 1) + 1)
+    own = np.maximum(clock - begins, 0.0)
+    states = hybrid_states(gait.state(own), SINGLE)
+    states[:, FOOT] = legs + gait.foot(own)
+    strides = gait.duration * np.arange(int(own[-1] / gait.duration) + 1)
+    ends = (strides[:, None] + gait.phase_times[:-1]).ravel()
+    ends = ends[ends <= own[-1]]
+    feet = legs + np.arange(len(ends))
+    touchdowns = tuple(
+        Touchdown(time, 1, foot)
+        for time, foot in zip((begins + ends).tolist(), feet.tolist(), strict=True)
+    )
+    volts = np.asarray(gait.control(own[:-1]))
+    return Recording(
+        name, gait.params, float(clock[0]), hold, states, volts, _books(gait, own), touchdowns
+    )
+
+
+def _books(gait: Solution, times: Floats) -> Floats:
+    """What the gait has spent at some times of its own (s), (N, len(BOOKS)), 0 at the first."""
+    volts, first = gait.held_voltages, gait.first_tick
+    start = hybrid_states(gait.state([first]), SINGLE)
+    played = iter(volts / gait.params.voltage_limit)
+
+    def policy(states: Floats, observations: object) -> Floats:
+        return np.array([next(played)])
+
+    walk = Rollout(Conditions(gait.params), policy, start, len(volts))
+    stride = _summed(walk)
+    ticks = _period(gait) * np.arange(len(volts) + 1)
+    strides, within = np.divmod(times - first, gait.duration)
+    columns = [np.interp(within, ticks, column) for column in stride.T]
+    sums = np.stack(columns, axis=1) + strides[:, None] * stride[-1]
+    return np.asarray(sums - sums[0])
+
+
+def _period(gait: Solution) -> float:
+    """Of the clock that holds its voltage (s)."""
+    return gait.duration / len(gait.held_voltages)
+
+
+def _summed(intervals: Iterable[Interval]) -> Floats:
+    """Sums of the `BOOKS` of the first walk up to each interval's ends, (n + 1, len(BOOKS))."""
+    spent = [[float(each.info[book][0]) for book in BOOKS] for each in intervals]
+    return np.concatenate([np.zeros((1, len(BOOKS))), np.cumsum(spent, axis=0)])

@@ -1,0 +1,141 @@
+"""Several walkers in one picture, on one ground: the first solid, the others as ghosts.
+
+Below the track stands the name of each, under its hub. Of those out of the picture it says how far
+ahead or behind they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from rimless_gym.rendering._pygame import pygame
+from rimless_gym.rendering.canvas import Canvas
+from rimless_gym.rendering.captions import draw_voltage
+from rimless_gym.rendering.colours import (
+    FACE,
+    MUTED,
+    PAPER,
+    RULE,
+    TEXT,
+    USUAL,
+    WHITE,
+    Colour,
+    Paint,
+    blend,
+)
+from rimless_gym.rendering.display import Frame
+from rimless_gym.rendering.ground import draw_track, draw_trail
+from rimless_gym.rendering.machine import draw_pendulum, draw_wheel
+from rimless_gym.rendering.scene import Point, Scene
+from rimless_gym.rendering.sheet import Sheet, text_width
+
+#: How much of a ghost is seen.
+OPACITY = 0.5
+
+#: Height of a line of text, in parts of the picture's width.
+LINE = 1 / 42
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Shown:
+    """One walker in the picture.
+
+    Attributes:
+        name: written under it.
+        colour: of its name, and of its ghost.
+        scene: where it is; `speed` and `cot` are written beside its name.
+        trail: earlier positions of the hub (m), oldest first.
+    """
+
+    name: str
+    colour: Colour
+    scene: Scene
+    trail: Sequence[Point] = ()
+
+
+def draw_several(
+    params: WheelParams,
+    walkers: Sequence[Shown],
+    size: tuple[int, int],
+    *,
+    lines: int = 1,
+    averaged: str = "",
+) -> Frame:
+    """The picture of some walkers; the camera follows the first.
+
+    Args:
+        params: the machine of all.
+        walkers: the first, which is drawn solid and whose voltage and time are shown; then ghosts.
+        size: width and height in pixels.
+        lines: for how many names there is room below the track, at least.
+        averaged: over what speeds and costs are averaged, written below them.
+
+    Returns:
+        Pixels, uint8 of shape (height, width, 3).
+    """
+    width, height = size
+    strip = round(width * LINE * (1.1 * max(lines, len(walkers)) + 0.4))
+    first, *ghosts = walkers
+    canvas = Canvas(params, first.scene.hub(params)[0], (width, height - strip), PAPER)
+    draw_track(canvas, params, first.scene)
+    draw_trail(canvas, first.trail, PAPER)
+    for ghost in reversed(ghosts):
+        layer, paint = canvas.layer(), Paint.of_one(ghost.colour)
+        draw_wheel(layer, params, ghost.scene, paint)
+        draw_pendulum(layer, params, ghost.scene, paint)
+        canvas.lay(layer, OPACITY)
+    draw_wheel(canvas, params, first.scene, USUAL)
+    draw_pendulum(canvas, params, first.scene, USUAL)
+    _draw_figures(canvas, walkers, averaged)
+    if first.scene.voltage is not None:
+        line = 1.3 * canvas.width * LINE
+        draw_voltage(canvas, params, first.scene.voltage, line, RULE, TEXT)
+    return np.concatenate([canvas.frame(), _names(canvas, params, walkers, strip)])
+
+
+def _draw_figures(canvas: Canvas, walkers: Sequence[Shown], averaged: str) -> None:
+    """The time, and a line of figures for each walker that has any."""
+    line = canvas.width * LINE
+    left, y = 0.6 * line, 0.6 * line
+    time = walkers[0].scene.time
+    if time is not None:
+        canvas.text(f"{time:.1f} s", (left, y), line, MUTED, "topleft")
+        y += 1.2 * line
+    column = left + max(text_width(walker.name, line) for walker in walkers)
+    told = False
+    for walker in walkers:
+        scene = walker.scene
+        if scene.speed is None or scene.cot is None:
+            continue
+        canvas.text(walker.name, (left, y), line, walker.colour, "topleft")
+        right = column + 4.4 * line
+        canvas.text(f"{scene.speed:.2f} m/s", (right, y), line, TEXT, "topright")
+        canvas.text(f"CoT {scene.cot:.3f}", (right + 0.8 * line, y), line, TEXT, "topleft")
+        y += 1.05 * line
+        told = True
+    if told and averaged:
+        canvas.text(averaged, (left, y), 0.85 * line, MUTED, "topleft")
+
+
+def _names(canvas: Canvas, params: WheelParams, walkers: Sequence[Shown], height: int) -> Frame:
+    """A strip with the name of every walker under its hub."""
+    strip = Sheet((canvas.size[0], height), FACE)
+    line, here = strip.width * LINE, walkers[0].scene.hub(params)[0]
+    for k, walker in enumerate(walkers):
+        hub = complex(*walker.scene.hub(params))
+        x, away = canvas.pixel(complex(hub.real, 0.0))[0], hub.real - here
+        text = walker.name
+        if not 0 <= x <= strip.width:
+            text += f" {abs(away):.1f} m {'ahead' if away > 0 else 'behind'}"
+        y, half = (0.75 + 1.1 * k) * line, text_width(text, line) / 2
+        light = blend(walker.colour, WHITE, 0.55)
+        middle = min(max(x, half + 0.6 * line), strip.width - half - 0.6 * line)
+        if x == middle:
+            pygame.draw.line(strip.surface, light, (x, 0), (x, y - 0.45 * line), round(0.1 * line))
+        pygame.draw.rect(strip.surface, FACE, (middle - half, y - 0.45 * line, 2 * half, line))
+        strip.text(text, (middle, y), line, light, "center")
+    return strip.frame()
