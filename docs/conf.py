@@ -18,7 +18,7 @@ extensions = [
     "sphinx_copybutton",
     "scripts.documents.site",
 ]
-smartquotes = False  # phi' is a rate
+smartquotes_action = "D"  # dashes alone: phi' is a rate
 highlight_language = "text"  # of blocks that name none
 
 # Markdown, as code-hosting sites read it
@@ -30,6 +30,9 @@ nb_execution_mode = "off"  # the notebook's pictures are stored in it; the tests
 # docstrings: what stands in single backticks is a name, and a link where that name is documented
 default_role = "py:obj"
 autodoc_member_order = "bysource"
+autodoc_type_aliases = {
+    name: name for name in ("Act", "Array", "Controller", "Floats", "Machine", "Policy")
+}
 autodoc_preserve_defaults = True  # names, such as BUILDABLE, instead of what they stand for
 napoleon_custom_sections = [("Attributes", "params_style")]  # lists, not headings
 napoleon_use_rtype = False

@@ -1,7 +1,7 @@
 """The machine for other people's simulators: MJCF for MuJoCo, URDF for Drake and others.
 
 Both files describe the same planar tree. It has four joints with these names and coordinates, in
-the ground's frame (x downhill along the ground, z normal to it):
+the ground's frame (x downhill along the ground, z normal to it)::
 
     hub_x      slide  hub from the first stance foot, along the ground (m)
     hub_z      slide  height of the hub less the leg length (m)

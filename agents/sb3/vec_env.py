@@ -44,7 +44,7 @@ class Sb3VecEnv(VecEnv):
     monitored. Until a dictionary is read, its entries are not made; see
     `rimless_gym.envs.lazy_info`.
 
-    Either of
+    Either of::
 
         Sb3VecEnv(gym.make_vec("RimlessWheel-v0", num_envs=64, autoreset_mode="SameStep"))
         make_vec_env("RimlessWheel-v0", n_envs=64, vec_env_cls=Sb3VecEnv)

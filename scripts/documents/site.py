@@ -20,6 +20,9 @@ from sphinx.util.docutils import SphinxDirective
 #: Where links between files lead, in Markdown; not those to other sites or within the page.
 _TARGET = re.compile(r"(\]\()(?![a-z]+:|#)([^)\s]+)")
 
+#: How Sphinx prints an alias of a type in a union.
+_ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
+
 #: A heading in the docstring of a class with a page of its own. All other docstrings have none, and
 #: are read as reStructuredText.
 _HEADING = "## "
@@ -62,6 +65,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", _read)
     app.connect("include-read", _included)
     app.connect("autodoc-process-docstring", _adapted)
+    app.connect("autodoc-process-signature", _named)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -82,3 +86,11 @@ def _adapted(
     if what == "class" and first is not None:
         lines[first:] = ["Its documentation page has the rest.", ""]
     lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
+def _named(
+    app: Sphinx, what: str, name: str, documented: Any, options: Any, given: str, back: str
+) -> tuple[str, str]:
+    """Call aliases of types by their names in unions too, where Sphinx prints its own object."""
+    bare = [_ALIAS.sub(r"\1", text) if text else text for text in (given, back)]
+    return bare[0], bare[1]
