@@ -82,7 +82,8 @@ class Chapter:
             drawn[f"battery, {other.name}"] = drawn_between(other, self.since, time), colour
         spent = spent_between(self.walk, self.since, time)
         named = {name: spent[name] for name in self.terms}
-        return draw_spending(self.title, drawn, named, self.full, size)
+        full = [drawn_between(other, self.since, self.until) for other, _ in others]
+        return draw_spending(self.title, drawn, named, max(self.full, *full, NOTHING), size)
 
 
 def chapters(walk: Recording) -> tuple[Chapter, ...]:

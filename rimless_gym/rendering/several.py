@@ -125,6 +125,7 @@ def _names(canvas: Canvas, params: WheelParams, walkers: Sequence[Shown], height
     """A strip with the name of every walker under its hub."""
     strip = Sheet((canvas.size[0], height), FACE)
     line, here = strip.width * LINE, walkers[0].scene.hub(params)[0]
+    places = []
     for k, walker in enumerate(walkers):
         hub = complex(*walker.scene.hub(params))
         x, away = canvas.pixel(complex(hub.real, 0.0))[0], hub.real - here
@@ -134,8 +135,11 @@ def _names(canvas: Canvas, params: WheelParams, walkers: Sequence[Shown], height
         y, half = (0.75 + 1.1 * k) * line, text_width(text, line) / 2
         light = blend(walker.colour, WHITE, 0.55)
         middle = min(max(x, half + 0.6 * line), strip.width - half - 0.6 * line)
+        places.append((text, middle, y, half, light))
         if x == middle:
             pygame.draw.line(strip.surface, light, (x, 0), (x, y - 0.45 * line), round(0.1 * line))
-        pygame.draw.rect(strip.surface, FACE, (middle - half, y - 0.45 * line, 2 * half, line))
+    for text, middle, y, half, light in places:  # in front of all lines
+        back = pygame.Rect(middle - half, y - 0.5 * line, 2 * half, line)
+        pygame.draw.rect(strip.surface, FACE, back.inflate(0.3 * line, 0))
         strip.text(text, (middle, y), line, light, "center")
     return strip.frame()

@@ -72,6 +72,17 @@ def test_energies_are_counted_anew_once_the_wheel_walks(walk, monkeypatch):
         assert max(np.cumsum(list(spent.values()))) <= full + 1e-9  # no bar leaves the picture
 
 
+def test_bars_of_costlier_walkers_fit_into_the_picture_too(walk, monkeypatch):
+    fulls = []
+    monkeypatch.setattr("agents.energies.draw_spending", lambda *given: fulls.append(given[3]))
+    costly = dataclasses.replace(walk, name="costly", books=3.0 * walk.books)
+    part = chapters(walk)[-1]
+    for rivals in ((), [(costly, OPTIMUM)]):
+        part.frame(4.0, rivals, (300, 160))
+    assert fulls[0] == part.full
+    assert fulls[1] == pytest.approx(3.0 * drawn_between(walk, part.since, part.until))
+
+
 def test_too_many_walkers_and_those_of_other_machines_are_refused(walk):
     with pytest.raises(ValueError, match=f"{MOST + 1} walkers: at most {MOST}"):
         Race([walk] * (MOST + 1), None)
