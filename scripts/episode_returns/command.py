@@ -1,9 +1,9 @@
 """Measure what default episodes pay: baselines, laws, shipped policies, the front's best gait.
 
 Every walker walks the 100 episodes that reset(seed=0) to reset(seed=99) begin, as gym.make gives
-them. Prints the tables of docs/environment.md. It takes a quarter of an hour, most of it for the
-receding horizon and the design of the tuned law. What is measured is kept: after Ctrl-C or a kill,
-the same command goes on from there.
+them. Prints the tables of docs/environment.md. It takes some ten minutes of one core, most
+of it for the receding horizon and the design of the tuned law. What is measured is kept: after
+Ctrl-C or a kill, the same command goes on from there.
 """
 
 from __future__ import annotations
