@@ -1,4 +1,4 @@
-"""Learning to walk: training, imitation of the optimal gait, and the evaluation protocol."""
+"""Learning to walk: training, imitation and the evaluation protocol; part of rimless-gym."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -1,1 +1,1 @@
-"""The commands: each file is a script of its own, and a word after `rimless`."""
+"""The commands of rimless-gym: each file is a script of its own, and a word after `rimless`."""

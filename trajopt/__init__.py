@@ -1,4 +1,4 @@
-"""Optimal control of hybrid systems, and the rimless wheel's gaits of least cost of transport.
+"""Optimal control of hybrid systems, and gaits of least cost of transport; part of rimless-gym.
 
 `trajopt.ocp` is an engine for any hybrid system; `trajopt.gaits` and `trajopt.feedback` are the
 wheel's. The names below are looked up when they are first used, so that the engine can be imported
