@@ -32,7 +32,7 @@ help:
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
-	@echo "make test-peers  Drake, rl-zoo3, TorchRL, RLlib, Minari and video wrappers; installs them"
+	@echo "make test-peers  Drake, other people's learners, Minari, video wrappers; installs them"
 	@echo "make fuzz        random machines, every step checked (some minutes); FUZZ='--minutes 5'"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
@@ -49,8 +49,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(PEERS): $(INSTALLED)
-	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, Minari) into $(VENV)"
+	@echo "peers (Drake, rl-zoo3, TorchRL, RLlib, skrl, CleanRL) into $(VENV)"
 	@$(PIP) install -c constraints.txt -e ".[test,peers]"
+	@$(PIP) install -c constraints.txt --no-deps --ignore-requires-python cleanrl
 	@touch $@
 
 compare: $(INSTALLED)
