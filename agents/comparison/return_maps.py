@@ -85,21 +85,24 @@ def return_map(params: WheelParams, policy: Policy, walk: Sequence[Interval]) ->
     Raises:
         ValueError: the walk has no step in its last two seconds.
     """
-    late = walk[-round(LONGEST / CONTROL_PERIOD) :]
-    begun = [interval.after[0] for interval in late if _at_middle(interval)]
-    if not begun:
+    begin = last_middle(walk)
+    if begin is None:
         raise ValueError(f"no step in the last {LONGEST:g} s of the walk: it does not walk")
     scale = np.std([interval.states[0, :MODE] for interval in walk[len(walk) // 2 :]], axis=0)
     scale[scale < STILL] = 1.0
     scale[THETA] = 1.0  # it turns: its standard deviation means nothing
     rng = np.random.default_rng(0)
-    starts = np.tile(begun[-1], (PUSHED, 1))
+    starts = np.tile(begin, (PUSHED, 1))
     starts[:, :MODE] += PUSH * scale * rng.standard_normal((PUSHED, MODE))
     pushed = touchdown_rates(params, policy, starts, STEPS)
-    steady = touchdown_rates(params, policy, begun[-1][None], STEPS)
-    return ReturnMap(
-        pushed, float(np.nanmean(steady)), multipliers(params, policy, begun[-1], scale)
-    )
+    steady = touchdown_rates(params, policy, begin[None], STEPS)
+    return ReturnMap(pushed, float(np.nanmean(steady)), multipliers(params, policy, begin, scale))
+
+
+def last_middle(walk: Sequence[Interval]) -> Floats | None:
+    """The state in the middle of a walk's last step; None if it takes none in its last seconds."""
+    late = walk[-round(LONGEST / CONTROL_PERIOD) :]
+    return next((each.after[0] for each in reversed(late) if _at_middle(each)), None)
 
 
 def touchdown_rates(params: WheelParams, policy: Policy, starts: Floats, steps: int) -> Floats:

@@ -9,7 +9,7 @@ from agents.comparison.arena import Arena
 from agents.comparison.deviations import deviation_charts, deviations, steps_of
 from agents.comparison.entrants import ABBREVIATIONS, Entrant
 from agents.comparison.learned import Learned
-from agents.comparison.return_maps import return_chart, return_map
+from agents.comparison.return_maps import last_middle, return_chart, return_map
 from agents.comparison.speed_figure import colour_of_policy
 from agents.conditions import Conditions
 from agents.policies import Policy, controller_policy, learned_policy
@@ -24,6 +24,8 @@ from trajopt.gaits.solution import Solution
 
 #: Seconds of a walk, and those at its end in which it is steady.
 DRAWN, STEADY = 20.0, 10.0
+
+_STEADY = round(STEADY / CONTROL_PERIOD)
 
 
 class Shown(NamedTuple):
@@ -72,27 +74,28 @@ def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollo
 
 def _speed(walk: Sequence[Interval]) -> float:
     """Over its last seconds (m/s)."""
-    steady = walk[-round(STEADY / CONTROL_PERIOD) :]
+    steady = walk[-_STEADY:]
     distance = sum(float(interval.info["distance"][0]) for interval in steady)
     return distance / (len(steady) * CONTROL_PERIOD)
 
 
-def is_steady(shown: Shown) -> bool:
-    """Whether it walks to the end of its time, and still takes steps there."""
-    steady = shown.walk[-round(STEADY / CONTROL_PERIOD) :]
-    whole = len(shown.walk) == round(DRAWN / CONTROL_PERIOD)
-    return whole and sum(float(interval.info["steps"][0]) for interval in steady) > 1
+def is_steady(walk: Sequence[Interval]) -> bool:
+    """Whether a walk lasts for its whole time, and still takes steps at its end."""
+    steps = sum(float(interval.info["steps"][0]) for interval in walk[-_STEADY:])
+    return (
+        len(walk) == round(DRAWN / CONTROL_PERIOD) and steps > 1 and last_middle(walk) is not None
+    )
 
 
 def cycle_charts(shown: Sequence[Shown]) -> list[Chart]:
     """The deviations of steady walks from the optimum; walks beside one gait share their charts."""
-    gaits = {id(each.optimum): each.optimum for each in shown if is_steady(each)}
+    gaits = {id(each.optimum): each.optimum for each in shown if is_steady(each.walk)}
     charts: list[Chart] = []
     for key, gait in gaits.items():
         found = {}
         for each in shown:
-            if id(each.optimum) == key and is_steady(each):
-                steps = steps_of(each.walk[-round(STEADY / CONTROL_PERIOD) :])
+            if id(each.optimum) == key and is_steady(each.walk):
+                steps = steps_of(each.walk[-_STEADY:])
                 found[each.name] = deviations(steps, gait), each.colour
         charts += deviation_charts(found, f"at {gait.speed:.2f} m/s")
     return charts
@@ -102,7 +105,7 @@ def return_charts(params: WheelParams, shown: Sequence[Shown]) -> list[Chart]:
     """The return maps of steady walks."""
     charts = []
     for each in shown:
-        if is_steady(each):
+        if is_steady(each.walk):
             free = float(abs(each.optimum.floquet[0])) if each.holds else None
             found = return_map(params, each.policy, each.walk)
             charts.append(return_chart(each.name, found, each.colour, free))

@@ -26,7 +26,7 @@ NAME = 2.2
 
 def printed(charts: Sequence[Chart], across: int, size: tuple[float, float] = SIZE) -> Figure:
     """Charts in rows of so many, each of a size (inches), with one legend for all."""
-    down = -(-len(charts) // across)
+    down = max(1, -(-len(charts) // across))
     whole = size[0] * across, size[1] * down
     figure, panels = plt.subplots(down, across, figsize=whole, layout="constrained", squeeze=False)
     named: dict[str, Any] = {}
