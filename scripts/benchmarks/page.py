@@ -17,6 +17,7 @@ from scripts.benchmarks.cases import (
 )
 from scripts.benchmarks.goals import GOALS
 from scripts.benchmarks.results import Result, by_key, middle, rates, ratio, values
+from scripts.documents.markdown import count, table
 
 _INTRODUCTION = """\
 # Speed, ours and the peers'
@@ -294,19 +295,5 @@ def size(result: Result) -> str:
     return f"{n}, {'one core' if result['one_core'] else 'all cores'}"
 
 
-def count(rate: float) -> str:
-    """A rate with three digits and a unit."""
-    for factor, unit in ((1e6, " M"), (1e3, " k")):
-        if rate >= factor:
-            return f"{rate / factor:.3g}{unit}"
-    return f"{rate:.3g}"
-
-
 def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
-
-
-def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    rows = [head, ["---"] * len(head), *lines]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)

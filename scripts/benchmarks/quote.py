@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from scripts.benchmarks.page import count, size, table
+from scripts.benchmarks.page import size
 from scripts.benchmarks.results import Result, by_key, middle, rates, ratio
+from scripts.documents.markdown import count, table
 
 #: Our rows, and the peers that each is compared with.
 ROWS = {

@@ -14,6 +14,7 @@ from scripts.codesign.budget import TOTAL_MASS, Build
 from scripts.codesign.parts import GPX_22_UP
 from scripts.codesign.problem import chosen
 from scripts.codesign.startup import figures as figures_of
+from scripts.documents.markdown import table
 from trajopt.gaits.solution import Solution
 
 TABLES = ("budget", "finals", "families", "preset", "comparison")
@@ -49,8 +50,8 @@ def draw(found: Mapping[str, Any], folder: Path) -> None:
 def refresh(page: Path, found: Mapping[str, Any]) -> None:
     """Put every table between its marks."""
     text = page.read_text()
-    for name, table in tables(found).items():
-        text = MARKS[name].sub(partial(_between, table), text)
+    for name, text_of in tables(found).items():
+        text = MARKS[name].sub(partial(_between, text_of), text)
     page.write_text(text)
 
 
@@ -95,24 +96,24 @@ def _by_cost(rows: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rows(rows: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
-    lines = ["| " + " | ".join(columns) + " |", "|" + " --- |" * len(columns)]
-    for each in rows.values():
-        cells = [
+    cells = [
+        [
             "-" if "cot_of_walks" in cell and each["cot_of_walks"] is None else cell.format(**each)
             for cell in columns.values()
         ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        for each in rows.values()
+    ]
+    return [table(list(columns), cells)]
 
 
 def _families(rows: Mapping[str, Any]) -> list[str]:
-    lines = ["| legs and gear, turns per step | CoT | speed (m/s) |", "| --- | --- | --- |"]
-    for key, each in rows.items():
-        cells = (
-            [f"{each['cot']:.4f}", f"{each['speed']:.2f}"] if "cot" in each else ["none found", "-"]
-        )
-        lines.append(f"| {key.replace('_', ' ')} | " + " | ".join(cells) + " |")
-    return lines
+    lines = [
+        [key.replace("_", " "), f"{each['cot']:.4f}", f"{each['speed']:.2f}"]
+        if "cot" in each
+        else [key.replace("_", " "), "none found", "-"]
+        for key, each in rows.items()
+    ]
+    return [table(["legs and gear, turns per step", "CoT", "speed (m/s)"], lines)]
 
 
 def _budget() -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
 from scripts.documents.machines import OF_THE_THESIS
+from scripts.documents.markdown import table
 from scripts.documents.motions import CASES
 
 Results = dict[str, Any]
@@ -32,13 +33,6 @@ PARAMETERS = (
     ("$\\mu$", "of the ground", "friction", ""),
     ("$V$", "largest", "voltage_limit", "V"),
 )
-
-
-def table(head: list[str], rows: list[list[Any]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    texts = [[str(cell).replace("|", r"\|") for cell in line] for line in lines]
-    return "\n".join("| " + " | ".join(line) + " |" for line in texts)
 
 
 def parameters_table() -> str:

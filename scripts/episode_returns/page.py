@@ -9,7 +9,7 @@ import gymnasium as gym
 
 from agents.baselines import BASELINES
 from scripts.documents import marked
-from scripts.documents.tables import table
+from scripts.documents.markdown import table
 from scripts.episode_returns.measure import COMMANDED, FRONT, WHEEL
 from trajopt.feedback import laws
 

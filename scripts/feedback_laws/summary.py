@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from statistics import fmean, median
 from typing import Any
 
-from scripts.documents.tables import table
+from scripts.documents.markdown import table
 from scripts.feedback_laws.columns import TIMING
 from scripts.feedback_laws.figures import NONE, Row, at, law_name, mean, percent, signed
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rimless_gym.envs.task import Task
 from rimless_gym.presets import as_params
-from scripts.documents.tables import table
+from scripts.documents.markdown import table
 from trajopt.files import write_text
 
 

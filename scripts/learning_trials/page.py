@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from scripts.documents import marked
-from scripts.documents.tables import table
+from scripts.documents.markdown import table
 from scripts.learning_trials.trials import RANDOM, RANDOM_STARTS, Family, Steady
 
 SECTIONS = ("steady", "random")

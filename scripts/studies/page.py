@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scripts.documents import marked
-from scripts.documents.tables import table
+from scripts.documents.markdown import count, table
 from scripts.studies.rows import DISTURBED, FIRST_EVENING, FRONT, LEARNED, THESIS
 from scripts.studies.summary import Average, Everywhere, Line
 
@@ -90,7 +90,7 @@ def _learned(line: Line) -> list[str]:
     return [
         *(title, _seeds(line), _starts(line), _gap(line.gap), _mean(line.cot, 4)),
         *(_mean(line.speed, 3), _percent(line.falls), _percent(line.slips)),
-        *(_minutes(line.minutes), _steps(line.steps)),
+        *(_minutes(line.minutes), count(line.steps)),
     ]
 
 
@@ -105,11 +105,11 @@ def commanded_table(lines: Sequence[Line], whole: Sequence[Everywhere]) -> str:
             rows.append(
                 [line.row.title, line.which, _seeds(line), _starts(line), _gap(line.gap)]
                 + [_mean(line.cot, 4), _mean(line.speed, 3), _percent(line.falls)]
-                + [_percent(line.slips), _minutes(line.minutes), _steps(line.steps)]
+                + [_percent(line.slips), _minutes(line.minutes), count(line.steps)]
             )
         if len(own) > 1:
-            count = f"{each.walking} of {each.seeds}"
-            rows.append([each.row.title, "all of these", count, *[""] * (len(head) - 3)])
+            seeds = f"{each.walking} of {each.seeds}"
+            rows.append([each.row.title, "all of these", seeds, *[""] * (len(head) - 3)])
     return table(head, rows)
 
 
@@ -138,11 +138,3 @@ def _percent(share: float) -> str:
 
 def _minutes(minutes: float) -> str:
     return f"{minutes:.1f}"
-
-
-def _steps(steps: float) -> str:
-    """In millions, thousands, or as they are."""
-    for unit, name in ((1e6, "M"), (1e3, "k")):
-        if steps >= unit:
-            return f"{steps / unit:.3g} {name}"
-    return f"{steps:.0f}"

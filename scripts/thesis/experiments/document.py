@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.reports.paper import printed, save
+from scripts.documents import markdown
 from scripts.thesis.experiments import figures
 from scripts.thesis.experiments.solved import Solved
 
@@ -28,6 +29,11 @@ DRAWN = {
     "_verified": figures.verification,
     "_power": figures.power,
 }
+
+COLUMNS = (
+    *("", "variant", "cost, thesis", "cost", "energy, thesis (J)", "energy (J)", "t_f (s)"),
+    *("state error", "touchdown error (s)", "least Fy / weight", "starts to the best"),
+)
 
 MARKS = re.compile(r"(<!-- (table|at 1 kHz) -->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 
@@ -65,10 +71,7 @@ def filled(text: str, rows: Sequence[dict[str, Any]]) -> str:
 
 def verification_table(rows: Sequence[dict[str, Any]]) -> str:
     """What a verification as in the thesis says of its solutions and of ours."""
-    lines = [
-        "|  | variant | off in the thesis (s) | touchdowns off (s) | states off |",
-        "| --- |" + " --- |" * 4,
-    ]
+    lines = []
     for row in rows:
         if row["thesis_cost"] is None:
             continue
@@ -77,34 +80,22 @@ def verification_table(rows: Sequence[dict[str, Any]]) -> str:
             "-" if error is None else f"{error:.0e}"
             for error in row["thesis_style_touchdown_time_errors"]
         )
-        lines.append(
-            f"| {row['experiment']} | {_escaped(row['variant'])} | "
-            f"{'-' if late is None else f'{late:g}'} | {own} | "
-            f"{row['thesis_style_state_error']:.0e} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("|", "\\|")
+        first = row["experiment"], row["variant"], "-" if late is None else f"{late:g}"
+        lines.append((*first, own, f"{row['thesis_style_state_error']:.0e}"))
+    head = "", "variant", "off in the thesis (s)", "touchdowns off (s)", "states off"
+    return markdown.table(head, lines) + "\n"
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """The main figures of every row."""
-    lines = [
-        "|  | variant | cost, thesis | cost | energy, thesis (J) | energy (J) | t_f (s) "
-        "| state error | touchdown error (s) | least Fy / weight | starts to the best |",
-        "| --- |" + " --- |" * 10,
-    ]
-    lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    return markdown.table(COLUMNS, map(_cells, rows)) + "\n"
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
     def number(key: str, form: str) -> str:
         return "-" if row[key] is None else format(row[key], form)
 
-    variant = _escaped(row["variant"])
+    variant = row["variant"]
     return [
         str(row["experiment"]),
         variant if row["converged"] else f"{variant} (not converged)",

@@ -10,6 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from scripts.documents import markdown
 from scripts.thesis.prototype.ends import End
 from scripts.thesis.prototype.points import Point
 from scripts.thesis.prototype.variant import SCALES
@@ -22,6 +23,11 @@ WANTED = "<!-- prototype --> and <!-- end of prototype -->"
 
 #: Limits that a gait reaches for a smaller share of its time are not named.
 LEAST_SHARE = 0.005
+
+COLUMNS = (
+    *("supply", "scale", "CoT", "speed (m/s)", "turns", "gear", "least Fy / weight"),
+    *("friction demand", "peak V", "clearance (m)", "state error", "at its limit"),
+)
 
 
 def figures_of(page: Path) -> Path:
@@ -105,13 +111,7 @@ def _names(found: dict[str, Any]) -> list[str]:
 
 def table(found: dict[str, Any]) -> str:
     """A row per gait, and a line on how the gaits of each supply end."""
-    lines = [
-        "| supply | scale | CoT | speed (m/s) | turns | gear | least Fy / weight | friction demand "
-        "| peak V | clearance (m) | state error | at its limit |",
-        "| --- |" + " --- |" * 11,
-    ]
-    lines += ["| " + " | ".join(_cells(row)) + " |" for row in found["gaits"]]
-    lines.append("")
+    lines = [markdown.table(COLUMNS, map(_cells, found["gaits"])), ""]
     for end in found["ends"]:
         last = f"{end['scales'][-1]:.3f}" if end["scales"] else "the first solution"
         lines.append(
