@@ -56,6 +56,17 @@ that is ready, without imports; solving is the rest. Times are medians. Costs di
 the discretisation differs."""
 
 
+#: From the time of numba's passes and LLVM's, with an empty NUMBA_CACHE_DIR.
+_COMPILING = """\
+The very first time is that of compiling the simulator: about 200 functions, nearly all of them
+once. More than half of it is numba's own work in Python, typing and lowering; LLVM takes a quarter
+for optimising and a fifth for writing machine code. So it would take about 12 s even if LLVM took no
+time. A second process could only help with what the first `reset`
+needs, about a seventh, because the rest is one chain of calls. LLVM also writes machine code for
+functions that are only called by others and always linked into them, about an eighth; numba has no
+public way to leave that out. `rimless warmup` does all of it beforehand."""
+
+
 def page(run: dict[str, Any]) -> str:
     """The whole page."""
     results = run["results"]
@@ -76,6 +87,7 @@ def page(run: dict[str, Any]) -> str:
         optimisation_table(_of(results, OPTIMISATION), found, "swing-up-bare"),
         "## A fresh process",
         process_table(_of(results, PROCESS)),
+        _COMPILING,
         *(_accuracy(result) for result in _of(results, ACCURACY)),
         _machine(run),
     ]
