@@ -60,11 +60,11 @@ the discretisation differs."""
 _COMPILING = """\
 The very first time is that of compiling the simulator: about 200 functions, nearly all of them
 once. More than half of it is numba's own work in Python, typing and lowering; LLVM takes a quarter
-for optimising and a fifth for writing machine code. So it would take about 12 s even if LLVM took no
-time. A second process could only help with what the first `reset`
-needs, about a seventh, because the rest is one chain of calls. LLVM also writes machine code for
-functions that are only called by others and always linked into them, about an eighth; numba has no
-public way to leave that out. `rimless warmup` does all of it beforehand."""
+for optimising and a fifth for writing machine code. So it would take about 12 s even if LLVM took
+no time. A second process could only help with what the first `reset` needs, about a seventh,
+because the rest is one chain of calls. LLVM also writes machine code for functions that are only
+called by others and always linked into them, about an eighth; numba has no public way to leave that
+out. `rimless warmup` does all of it beforehand."""
 
 
 def page(run: dict[str, Any]) -> str:
