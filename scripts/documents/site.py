@@ -1,7 +1,7 @@
 """What Sphinx needs to build the site from pages that code-hosting sites show too.
 
 The front page is the README. An environment's class docstring is its documentation page, written in
-Markdown as Gymnasium's are: the directive `class-page` puts it into a page.
+Markdown as Gymnasium's are: a block `class-page` puts it into a page.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from docutils import nodes
-from docutils.statemachine import StringList
 from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
 
 #: Where links between files lead, in Markdown; not those to other sites or within the page.
 _TARGET = re.compile(r"(\]\()(?![a-z]+:|#)([^)\s]+)")
+
+#: A block that stands for the docstring of `module.Class`.
+_CLASS_PAGE = re.compile(r"^```{class-page} (\S+)\n```$", re.MULTILINE)
 
 #: How Sphinx prints an alias of a type in a union.
 _ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
@@ -43,25 +43,19 @@ def with_front_page(page: str) -> str:
     return page.replace("](../README.md", "](index.md")
 
 
-class ClassPage(SphinxDirective):
-    """The docstring of a class, `module.Class`, as a part of the page."""
+def with_docstrings(page: str) -> str:
+    """A page with the classes' docstrings in place of its `class-page` blocks."""
+    return _CLASS_PAGE.sub(_docstring, page)
 
-    required_arguments = 1
 
-    def run(self) -> list[nodes.Node]:
-        """The docstring's nodes."""
-        module, _, name = self.arguments[0].rpartition(".")
-        text = inspect.getdoc(getattr(import_module(module), name)) or ""
-        text = text.replace(f"\n{_HEADING}", f"\n#{_HEADING}")  # under the page's heading
-        found = nodes.Element()
-        lines = StringList(text.splitlines(), source=self.arguments[0])
-        self.state.nested_parse(lines, self.content_offset, found, match_titles=True)
-        return found.children
+def _docstring(block: re.Match[str]) -> str:
+    module, _, name = block[1].rpartition(".")
+    text = inspect.getdoc(getattr(import_module(module), name)) or ""
+    return text.replace(f"\n{_HEADING}", f"\n#{_HEADING}")  # under the page's heading
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
-    app.add_directive("class-page", ClassPage)
     app.connect("source-read", _read)
     app.connect("include-read", _included)
     app.connect("autodoc-process-docstring", _adapted)
@@ -70,7 +64,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _read(app: Sphinx, page: str, source: list[str]) -> None:
-    source[0] = with_front_page(source[0])
+    source[0] = with_docstrings(with_front_page(source[0]))
 
 
 def _included(app: Sphinx, path: Path, parent: str, content: list[str]) -> None:

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from scripts.documents.site import seen_from_docs, with_front_page
+from scripts.documents.site import seen_from_docs, with_docstrings, with_front_page
 from tests.documents.pages import NOTEBOOKS, PAGES, ROOT, names, prose_of, text_of
 
 LINK = re.compile(r"\]\((?![a-z]+:)([^)\s#]*)(?:#([^)\s]+))?\)")
@@ -47,3 +47,11 @@ def test_the_readmes_links_start_in_docs_on_the_site():
 
 def test_links_to_the_readme_lead_to_the_front_page_on_the_site():
     assert with_front_page("[a](../README.md#b) [c](d.md)") == "[a](index.md#b) [c](d.md)"
+
+
+def test_an_environments_docstring_is_its_page_below_the_pages_own_headings():
+    page = "## It\n\n```{class-page} rimless_gym.RimlessWheelEnv\n```\n\nafter\n"
+    text = with_docstrings(page)
+    assert text.startswith("## It\n\nAn actuated rimless wheel")
+    assert "\n### Description\n" in text
+    assert text.endswith("\n\nafter\n")
