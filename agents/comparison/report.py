@@ -27,7 +27,7 @@ return is the environment's reward per second, the mean over all starts, those t
 of a gait, that of walking on it for ever. The gap is to the environment's own optimum at the row's
 own speed, interpolated: the best periodic gait whose voltage is held for 10 ms. The other optimal
 gaits may change it at any time. At one speed there are all laws; at the others, for want of time,
-only the best law and its clone (fine-tuned too with --further-timesteps). Evolution and PPO from
+only the best law and its clone (fine-tuned too with `--further-timesteps`). Evolution and PPO from
 scratch choose their own speed. "Best kept" is the policy that walked most cheaply and surely in the
 periodic evaluations; it is the clone itself where none was better. Gaits and policies keep the same
 rules: a start walks if in the measured 30 s its foot is pressed down and does not slip, and its
