@@ -12,20 +12,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents import learner
 from agents.conditions import Conditions
 from agents.evolution import policy
-from agents.evolution.asking import Among, Answer, Request
+from agents.evolution.answering import answered
+from agents.evolution.asking import Answer, Request
 from agents.evolution.campaign import campaign
 from agents.evolution.settings import EvolutionSettings
-from agents.evolution.walks import Walks, World
-from agents.evolution.worth import Worth, families, members, senses
+from agents.evolution.walks import World
+from agents.evolution.worth import Worth
 from agents.learner import NO_CHANGES, PolicyParts, Watch, require_known
-from agents.pacing import NO_WALK, CleanWalking
+from agents.pacing import CleanWalking
 from agents.policies import Act
-from agents.rollout import draw_starts
 from agents.training import Settings, Training
 from rimless_gym.envs.control import USUAL
 from rimless_gym.envs.disturbances import Disturbances
@@ -97,25 +96,12 @@ class Learner(learner.Learner):
         while self._steps < until:
             watch.between()
             request = self._request
-            answer = self._walked(request)
+            answer = answered(request, self._world, self._worth)
             _log(watch, request, answer)
             self._send(answer)
             self._steps += len(request.weights) * request.starts * request.duration.intervals
             watch.advanced()
             watch.log.dump(self._steps)
-
-    def _walked(self, request: Request) -> Answer:
-        starts = draw_starts(self._world.params, request.starts, request.seed)
-        walks = self._world.walk(request.weights, starts, request.duration)
-        groups, belongs = _groups(request.among, walks)
-        worth = np.empty((len(groups), len(request.weights)))
-        for k, group in enumerate(groups):
-            worth[k] = self._worth.of(walks, request.duration, group, request.price, request.judged)
-            worth[k, ~belongs[k]] = -np.inf
-        gait = NO_WALK
-        if len(groups):
-            gait = self._worth.gait(walks, request.duration, groups[0])
-        return Answer(groups.astype(np.float64), worth, gait)
 
     def _send(self, answer: Answer) -> None:
         self._answers.append(answer)
@@ -148,18 +134,6 @@ class Learner(learner.Learner):
             earned, worth = worth[: count * size], worth[count * size :]
             self._send(Answer(of, earned.reshape(count, size), CleanWalking(*map(float, gait))))
         self._steps = int(state["steps"])
-
-
-def _groups(among: int | Among, walks: Walks) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The groups (G,) into which policies are sorted, and which belong to each of them, (G, P)."""
-    if among is Among.SENSES:
-        groups = np.array([0, -1, 1])
-        return groups, np.array([(senses(walks) == sense).any(axis=1) for sense in groups])
-    if among is Among.FAMILIES:
-        groups = families(walks)
-        own = [members(walks, family).any(axis=1) for family in groups]
-        return groups, np.array(own, dtype=bool).reshape(len(groups), len(walks.steps))
-    return np.array([among]), np.ones((1, len(walks.steps)), dtype=bool)
 
 
 def _log(watch: Watch, request: Request, answer: Answer) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.learner import Watch
 from agents.sb3.networks import Actor
+from agents.sb3.pacing import SelfPacedPrice
+from agents.sb3.training_env import ScaledReward
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.walking_figures import WalkingFigures
 from rimless_gym.params import WheelParams
@@ -79,6 +83,64 @@ class Freeze(BaseCallback):
     def _on_rollout_start(self) -> None:
         for weight in self._actor.weights:
             weight.requires_grad_(self.num_timesteps >= self._until)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class InMetres(BaseCallback):
+    """Pays rewards over the price of distance: so they keep their size while the price falls.
+
+    Args:
+        env: what scales the rewards.
+        price: of distance.
+    """
+
+    def __init__(self, env: ScaledReward, price: SelfPacedPrice) -> None:
+        super().__init__()
+        self._env, self._price, self._scale = env, price, env.scale
+
+    def _on_rollout_start(self) -> None:
+        assert self._price.price is not None
+        self._env.scale = self._scale / self._price.price
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        self._env.scale = self._scale
+
+
+class Settle(BaseCallback):
+    """Lets noise and learning rate fall between two counts of time steps.
+
+    The noise falls geometrically, the learning rate linearly.
+
+    Args:
+        actor: of the model that learns.
+        noise: standard deviation at first and in the end, in units of the limit.
+        rates: of learning, at first and in the end.
+        begun, until: the time steps.
+    """
+
+    def __init__(
+        self,
+        actor: Actor,
+        noise: tuple[float, float],
+        rates: tuple[float, float],
+        begun: int,
+        until: int,
+    ) -> None:
+        super().__init__()
+        self._actor, self._noise, self._rates = actor, noise, rates
+        self._begun, self._lasting = begun, max(1, until - begun)
+
+    def _on_rollout_start(self) -> None:
+        share = min(1.0, (self.num_timesteps - self._begun) / self._lasting)
+        (loud, quiet), (fast, slow) = self._noise, self._rates
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * fast + share * slow
+        self.model.lr_schedule = lambda _: rate
 
     def _on_step(self) -> bool:
         return True
