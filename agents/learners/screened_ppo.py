@@ -188,7 +188,8 @@ class Learner(Sb3Learner):
         contenders, shares = [], []
         for policies in found:
             gaits = [self._gait_of(weights) for weights in policies]
-            best = max(range(len(policies)), key=lambda k: _merit(gaits[k]))
+            # Falls are mended later; the slowest whirlers walk surely, but only lean in the end.
+            best = int(np.argmax([gait.share / gait.cot for gait in gaits]))
             contenders.append(policies[best])
             shares.append(gaits[best].share)
         walks = np.array(shares) >= min(LEAST_SHARE, max(shares))

@@ -82,6 +82,13 @@ ROWS = (
         minutes=4.0,
     ),
     Row(
+        "screened_ppo",
+        "PPO from screened policies",
+        LEARNED,
+        Trained("screened_ppo", judged=KEPT),
+        minutes=8.0,
+    ),
+    Row(
         "evolution",
         "evolution from scratch",
         LEARNED,

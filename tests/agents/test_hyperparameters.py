@@ -62,7 +62,7 @@ def test_other_wrappers_and_schedules_are_refused(tmp_path):
     assert read(tmp_path, callback=["agents.sb3.pacing.SelfPacedPrice"]).pacing == Pacing()
     with pytest.raises(ValueError, match="learning_rate = 'cos_1': write a number"):
         read(tmp_path, learning_rate="cos_1")
-    assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac"}
+    assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac", "screened_ppo"}
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def mean(path):
 
 
 def test_a_learner_is_found_by_the_name_of_its_file():
-    assert learners.names() == ["cem", "evolution", "ppo", "sac"]
+    assert learners.names() == ["cem", "evolution", "ppo", "sac", "screened_ppo"]
 
 
 def test_it_trains_saves_loads_and_is_evaluated(tmp_path):

@@ -1,0 +1,162 @@
+"""PPO from screened random policies: its policy, its race, and what stops and starts it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+from agents.conditions import Conditions
+from agents.evaluate import evaluate
+from agents.evolution import policy
+from agents.evolution.policy import SIZE
+from agents.evolution.settings import EvolutionSettings
+from agents.learners import screened_ppo
+from agents.policies import learned_policy
+from agents.policy_files import load_policy
+from agents.protocol import SHORT_PROTOCOL
+from agents.sb3.products import Products, policy_of, put_policy
+from agents.session import Session
+from agents.train import train
+from agents.training import Training
+from rimless_gym.envs.task import Task
+from tests.agents.runs import BRIEF, scalars
+
+#: Time steps of a turn of the race, and of a training: two families, and a turn of the best.
+TURN, STEPS = 512, 1600
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch, request):
+    """Screen and compare few policies for a moment, unless a test is slow anyway."""
+    if request.node.get_closest_marker("slow"):
+        return
+    few = EvolutionSettings(screened=400, kept=20, screen_intervals=400, contenders=2)
+    monkeypatch.setattr(screened_ppo, "SCREENING", few)
+    monkeypatch.setattr(screened_ppo, "TRIAL", TURN)
+    monkeypatch.setattr(screened_ppo, "LEAST_SHARE", 0.0)
+    monkeypatch.setattr(screened_ppo, "COMPARED_STARTS", 16)
+    monkeypatch.setattr(screened_ppo, "SEEN_INTERVALS", 100)
+
+
+def small():
+    settings = screened_ppo.Learner.settings("scratch")
+    changes = {"n_steps": 64, "batch_size": 64}
+    return dataclasses.replace(settings, n_envs=4, algorithm=settings.algorithm | changes)
+
+
+def run(out, **changes):
+    arguments = {"settings": small(), "protocol": BRIEF, "timesteps": STEPS} | changes
+    return train("screened_ppo", out=out, progress=False, **arguments)
+
+
+def weights(path):
+    return load_policy(path).parts.weights["weights"]
+
+
+@pytest.fixture
+def learner():
+    found = screened_ppo.Learner(
+        Training("screened_ppo", "scratch", 0, Conditions(), Task(), small())
+    )
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def observations(rng):
+    envs = Conditions().envs(64, autoreset_mode=AutoresetMode.SAME_STEP)
+    seen = [envs.reset(seed=0)[0]]
+    for _ in range(50):
+        seen.append(envs.step(rng.uniform(-1.0, 1.0, size=(64, 1)).astype(np.float32))[0])
+    envs.close()
+    return np.concatenate(seen)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def test_the_network_acts_as_the_policy_whose_weights_it_was_given(learner, observations, rng):
+    given, network = rng.normal(size=SIZE), learner.model.policy
+    network.features_extractor.whiten(observations)
+    put_policy(network, given)
+    np.testing.assert_allclose(policy_of(network), given, atol=1e-4)
+    with torch.no_grad():
+        actions = learner.actor(learner.model).mean_action(torch.from_numpy(observations)).numpy()
+    expected = policy.act(given, observations)
+    np.testing.assert_allclose(np.clip(actions, -1.0, 1.0), expected, atol=1e-3)
+
+
+def test_whitened_products_vary_alike_in_all_directions(observations, learner):
+    products = Products(learner.model.observation_space)
+    seen = torch.from_numpy(observations)
+
+    def spread():
+        found = products(seen).numpy().astype(np.float64)
+        variances = np.linalg.eigvalsh(found.T @ found / len(found))
+        return variances[-1] / variances[1]
+
+    before = spread()
+    products.whiten(observations)
+    assert spread() < 20.0 < 100.0 < before
+
+
+def test_the_price_follows_and_the_noise_falls_in_a_race_and_after_it(tmp_path):
+    result = run(tmp_path)
+    assert result.timesteps >= STEPS
+    shown = scalars(tmp_path)
+    assert {"walk/return", "eval/objective", "train/std"} <= set(shown)
+    noise = [event.value for event in shown["train/std"]]
+    assert max(noise) == pytest.approx(screened_ppo.RACING_NOISE[0], rel=0.2)
+    assert min(noise) < screened_ppo.RACING_NOISE[1]
+
+
+def test_killed_in_every_turn_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
+    monkeypatch.setattr("agents.session.SAVE_INTERVAL", 0.0)
+    whole = run(tmp_path / "whole")
+    advanced, out = Session.advanced, tmp_path / "broken"
+    for kill in (TURN // 4, TURN // 2, TURN // 4):
+        calls = []
+
+        def killed(self, calls=calls, kill=kill):
+            calls.append(1)
+            if len(calls) == kill // 2:
+                raise SystemExit
+            advanced(self)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Session, "advanced", killed)
+            with pytest.raises(SystemExit):
+                run(out)
+    resumed = run(out)
+    for one, other in ((resumed.last, whole.last), (resumed.best, whole.best)):
+        np.testing.assert_array_equal(weights(one), weights(other))
+
+
+def test_it_goes_on_from_its_own_policy_and_races_with_none(tmp_path):
+    begun = run(tmp_path / "begun", timesteps=TURN // 2)
+    second = run(tmp_path / "second", init=begun.last, timesteps=0)
+    np.testing.assert_allclose(weights(second.last), weights(begun.last), atol=1e-4)
+    assert run(tmp_path / "on", init=begun.last, timesteps=TURN).timesteps == TURN
+
+
+def test_what_it_cannot_train_with_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="nominal machine without disturbances"):
+        run(tmp_path / "a", ranges={"pendulum_mass": (1.5, 1.7)})
+    with pytest.raises(ValueError, match=r"holds a voltage for 0\.01 s"):
+        run(tmp_path / "b", control_period=0.04)
+    with pytest.raises(ValueError, match="this learner cannot imitate"):
+        run(tmp_path / "c", init="imitation", expert=lambda x, mode: x[:, 0])
+
+
+@pytest.mark.slow
+def test_from_nothing_it_walks_more_cheaply_than_anything_that_leans(tmp_path):
+    result = train(
+        "screened_ppo", seed=2, out=tmp_path, timesteps=11_000_000, protocol=SHORT_PROTOCOL
+    )
+    walk = evaluate(learned_policy(load_policy(result.best).act), protocol=SHORT_PROTOCOL)
+    assert walk.walking_share > 0.8
+    assert walk.cot < 0.3
