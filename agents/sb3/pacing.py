@@ -34,6 +34,8 @@ class Pacing:
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
         least_share: of starts that must walk before the price falls.
+        least_price: below which it never falls; None: the environment's own. Near the optimum a
+            lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
             pay however high the price is.
         fall_distance: travel forfeited by an early end in training (m), if the task forfeits no
@@ -50,6 +52,7 @@ class Pacing:
 
     first_price: float = 20.0
     least_share: float = LEAST_SHARE
+    least_price: float | None = None
     paid_speed: float = 0.6
     fall_distance: float = 0.5
     slip_speed: float = 1.0
@@ -60,6 +63,8 @@ class Pacing:
     def __post_init__(self) -> None:
         for name in ("first_price", "least_share", "fall_distance", "slip_speed"):
             not_negative(name, getattr(self, name))
+        if self.least_price is not None:
+            positive("least_price", self.least_price)
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
         for name in ("every", "starts"):
@@ -111,7 +116,8 @@ class SelfPacedPrice(BaseCallback):
     """Pays a price of distance that follows what the policy's own walking costs.
 
     It begins high, so that walking pays at once, and falls to a multiple of the cost of transport
-    of the deterministic policy, once enough starts walk; never below the environment's own price.
+    of the deterministic policy, once enough starts walk; never below the environment's own price,
+    unless `least_price` says so.
     Travel is paid only up to a speed. It logs `pacing/price`, `pacing/share`, `pacing/cot` and
     `pacing/speed`.
 
@@ -176,8 +182,8 @@ class SelfPacedPrice(BaseCallback):
         self._due = self.num_timesteps + self.pacing.every
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
-        floor, least_share = self._task.value_of_distance, self.pacing.least_share
-        self.price = paced_price(self.price, walking, floor, least_share)
+        least_price = self.pacing.least_price or self._task.value_of_distance
+        self.price = paced_price(self.price, walking, least_price, self.pacing.least_share)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():

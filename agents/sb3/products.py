@@ -29,6 +29,8 @@ class Products(BaseFeaturesExtractor):
         space: of the observations, six numbers each.
     """
 
+    mixing: torch.Tensor
+
     def __init__(self, space: Any) -> None:
         super().__init__(space, SIZE)
         self.register_buffer("mixing", torch.eye(SIZE))
