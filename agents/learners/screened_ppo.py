@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.conditions import Conditions
 from agents.evolution import policy
@@ -38,7 +39,7 @@ from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
-from agents.sb3.pacing import SelfPacedPrice
+from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import native_of
@@ -105,12 +106,17 @@ class Learner(Sb3Learner):
                 "commanded; leave out speeds and control_period, or choose another learner"
             )
         super().__init__(training)
-        assert isinstance(training.settings, Hyperparameters)
-        self._pacing = training.settings.pacing
+        pacing = getattr(training.settings, "pacing", None)
+        if pacing is None:
+            raise ValueError(
+                "callback: lists no agents.sb3.pacing.SelfPacedPrice: at the task's own price, "
+                "clumsy policies learn to rest; leave it as it is in screened_ppo.yml"
+            )
+        self._pacing: Pacing = pacing
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
-        self._begun = 0
+        self._begun, self._paced = 0, SelfPacedPrice(self._pacing)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             self._race(start.weights["weights"].astype(np.float64).reshape(1, SIZE))
@@ -224,7 +230,7 @@ class Learner(Sb3Learner):
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
-        self._price = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=price))
+        self._paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=price))
 
     def _seen_by(self, weights: Floats) -> NDArray[np.float32]:
         """What a policy observes on its walks, (N, 6)."""
@@ -244,8 +250,8 @@ class Learner(Sb3Learner):
         else:
             settle = Settle(actor, LAST_NOISE, (rate, LAST_RATE * rate), *turn)
         log = LogWalking(self.training.conditions.params, native_of(self._env))
-        callbacks = [
-            *(log, Watched(watch), self._price, InMetres(self._env, self._price)),
+        callbacks: list[BaseCallback] = [
+            *(log, Watched(watch), self._paced, InMetres(self._env, self._paced)),
             *(Freeze(actor, critic_first), settle),
         ]
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
@@ -267,7 +273,7 @@ class Learner(Sb3Learner):
             "contenders": self._contenders,
             "gaits": self._gaits,
             "begun": self._begun,
-            "price": self._price.state(),
+            "price": self._paced.state(),
             **state_of(self.model),
         }
 
@@ -276,7 +282,7 @@ class Learner(Sb3Learner):
         self._contenders, self._gaits = state["contenders"], state["gaits"]
         self._begun = int(state["begun"])
         restore(self.model, state)
-        self._price.restore(state["price"])
+        self._paced.restore(state["price"])
 
 
 def _merit(gait: CleanWalking) -> float:

@@ -15,7 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching
 from agents.learner import NO_CHANGES, Learner, PolicyParts, Watch, require_known
-from agents.policies import Policy
+from agents.policies import Act, Policy
 from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
@@ -127,7 +127,7 @@ class Sb3Learner(Learner):
         return advice(training, settings) if isinstance(settings, Hyperparameters) else []
 
     @classmethod
-    def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> NetworkPolicy:
+    def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy in `parts`; its model has stable-baselines3's default settings."""
         torch.set_num_threads(1)
         model = cls.algorithm(
@@ -147,7 +147,7 @@ class Sb3Learner(Learner):
         return int(self.model.num_timesteps)
 
     @property
-    def act(self) -> NetworkPolicy:
+    def act(self) -> Act:
         """The deterministic policy as it is now."""
         return NetworkPolicy(self.model)
 
