@@ -20,6 +20,7 @@ from tqdm import tqdm
 from agents.data.files import CARD
 from agents.data.walks import OPTIMAL, standard
 from agents.data.write import Wanted, require_free, write_all
+from agents.folder import sole_user
 from scripts.commandline import INTERRUPTED, Parser, more_than_zero, terminated_like_ctrl_c, whole
 
 
@@ -49,7 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = tuple(dict.fromkeys(options.walkers))
     wanted = Wanted(params, options.episodes, options.seed, options.speed)
     try:
-        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
+        with (
+            terminated_like_ctrl_c(),
+            parser.refusing(),
+            parser.out_of_room(options.out),
+            sole_user(options.out),
+        ):
             missing = require_free(options.out, names, wanted)
             written = write_all(options.out, missing, wanted)
             with tqdm(total=len(names), initial=len(names) - len(missing), desc="data") as bar:

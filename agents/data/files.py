@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,8 +31,18 @@ CARD = "README.md"
 
 
 def dataset_id(name: str) -> str:
-    """The identifier of a walker's dataset."""
-    return f"{NAMESPACE}/{name.replace('_', '-')}-v0"
+    """The identifier of a walker's dataset; Minari reads only letters, digits and hyphens.
+
+    Raises:
+        ValueError: there is neither a letter nor a digit in the name.
+    """
+    plain = re.sub(r"[\W_]+", "-", name).strip("-")
+    if not plain:
+        raise ValueError(
+            f"{name!r}: a dataset is called by the letters and digits of its walker's name, and "
+            "there are none; rename the file"
+        )
+    return f"{NAMESPACE}/{plain}-v0"
 
 
 def recipe_of(folder: Path, name: str) -> dict[str, Any] | None:

@@ -118,6 +118,17 @@ def test_a_dataset_of_other_walks_is_neither_taken_nor_replaced(folder, tmp_path
         recipe_of(tmp_path, dataset_id("idle"))
 
 
+@pytest.mark.parametrize("file", ["best <b>.2", "été 日本", "a/../v1.0_last-v3"])
+def test_minari_reads_the_identifier_of_any_file(file):
+    plain = dataset_id(file)
+    assert minari.dataset.minari_dataset.parse_dataset_id(plain)[::2] == ("rimless-wheel", 0)
+
+
+def test_a_name_without_letters_is_refused():
+    with pytest.raises(ValueError, match=r"letters and digits .* rename the file"):
+        dataset_id("_ - _")
+
+
 def test_two_walkers_of_one_name_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"two datasets would be called rimless-wheel/best-v0"):
         require_free(tmp_path, ["a/best.zip", "b/best.zip"], FEW)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.folder import sole_user
 from scripts import data
 
 
@@ -20,6 +21,15 @@ def test_it_writes_what_is_missing_and_says_where(
     assert (tmp_path / "rimless-wheel" / "random-v0" / "data" / "metadata.json").is_file()
     told = capsys.readouterr().out
     assert f"{tmp_path}: set MINARI_DATASETS_PATH to it" in told
+
+
+def test_a_folder_in_which_another_process_writes_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with sole_user(tmp_path), pytest.raises(SystemExit) as end:
+        data.main(["idle", "--episodes", "1", "--out", str(tmp_path)])
+    assert end.value.code == 2
+    assert f"another process is working in {tmp_path}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -37,4 +47,4 @@ def test_what_cannot_be_written_is_refused(
         data.main([*arguments, "--out", str(tmp_path)])
     assert end.value.code == 2
     assert told in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.glob("[!.]*"))
