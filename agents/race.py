@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -28,6 +29,9 @@ LATELY = 0.25
 
 #: Most walkers in one picture.
 MOST = 2 + len(OTHERS)
+
+#: Letters of a name that are written; of a longer one its end, which tells most of a path.
+LETTERS = 22
 
 #: Width and height (pixels).
 SIZE = (720, 468)
@@ -67,12 +71,13 @@ class Race:
                 )
         self.size = width, height = size
         self.ends = max(walk.ends for walk in walks)
-        self._walks = list(zip(walks, _colours([walk.name for walk in walks]), strict=True))
+        titled = [dataclasses.replace(walk, name=_title(walk.name)) for walk in walks]
+        self._walks = list(zip(titled, _colours([walk.name for walk in walks]), strict=True))
         self._above = width, round(GROUND * height)
         left = round(PLANE * width), height - self._above[1]
         self._plane = PhasePlane(first.params, _rates(walks, cycle), _cycle(cycle), left)
         self._right = width - left[0], left[1]
-        self._chapters = chapters(first)
+        self._chapters = chapters(titled[0])
 
     def frame(self, time: float) -> Frame:
         """The picture at a time (s), uint8 of shape (height, width, 3)."""
@@ -107,6 +112,12 @@ def ghost(gait: Solution, first: Recording) -> Recording:
     """
     joins = first.measured_from or Touchdown(0.0, 1, 0)
     return record_gait(GHOST, gait, first.ends, joins.time, joins.foot + AHEAD)
+
+
+def _title(name: str) -> str:
+    """A name as it is written: in one line, and short enough to leave room for the bars."""
+    text = " ".join(name.split())
+    return text if len(text) <= LETTERS else "..." + text[3 - LETTERS :]
 
 
 def _colours(names: Sequence[str]) -> list[Colour]:

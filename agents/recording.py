@@ -166,10 +166,11 @@ def record_walker(walker: Walker, seconds: float, command: float | None = None) 
 
     Args:
         walker: who walks.
-        seconds: of walking, if it does not fall before.
+        seconds: of walking, to the nearest interval and at least one, if it does not fall before.
         command: the speed that is commanded (m/s), if any is.
     """
-    n_intervals, start = round(seconds / walker.period), at_rest(walker.params)[None]
+    n_intervals = max(1, round(seconds / walker.period))
+    start = at_rest(walker.params)[None]
     walk = Rollout(walker.conditions, walker.policy, start, n_intervals, command=command)
     return record(walker.name, walk, walker.params, walker.period)
 

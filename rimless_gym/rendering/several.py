@@ -76,9 +76,17 @@ def draw_several(
 
     Returns:
         Pixels, uint8 of shape (height, width, 3).
+
+    Raises:
+        ValueError: the names leave no room for the walkers.
     """
     width, height = size
     strip = round(width * LINE * (1.1 * max(lines, len(walkers)) + 0.4))
+    if strip >= height:
+        raise ValueError(
+            f"size = {width} x {height} pixels: the names below the track need {strip} of its "
+            "height; make the picture higher or narrower"
+        )
     first, *ghosts = walkers
     canvas = Canvas(params, first.scene.hub(params)[0], (width, height - strip), PAPER)
     draw_track(canvas, params, first.scene)

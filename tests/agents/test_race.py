@@ -12,6 +12,7 @@ from agents.walkers import walker
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import LOSSES
 from rimless_gym.rendering.colours import OPTIMUM
+from rimless_gym.rendering.spending import draw_spending
 from trajopt import periodic_gait
 
 
@@ -81,6 +82,29 @@ def test_bars_of_costlier_walkers_fit_into_the_picture_too(walk, monkeypatch):
         part.frame(4.0, rivals, (300, 160))
     assert fulls[0] == part.full
     assert fulls[1] == pytest.approx(3.0 * drawn_between(walk, part.since, part.until))
+
+
+def test_the_path_of_a_file_leaves_room_for_the_bars(walk, monkeypatch):
+    named = []
+    monkeypatch.setattr("agents.energies.draw_spending", _noting(named))
+    path = "/somebody/keeps/policies/far/away/from/here/runs/ppo/best.zip"
+    Race([walk, dataclasses.replace(walk, name=path)], None).frame(4.0)
+    assert list(named[0]) == ["battery", "battery, ...e/runs/ppo/best.zip"]
+
+
+def _noting(named):
+    """What draws bars, and notes the batteries."""
+
+    def draw(title, drawn, spent, full, size):
+        named.append(drawn)
+        return draw_spending(title, drawn, spent, full, size)
+
+    return draw
+
+
+def test_a_picture_that_is_too_flat_for_the_names_is_refused(walk):
+    with pytest.raises(ValueError, match=r"size = 2000 x 32 pixels: .* make the picture higher"):
+        Race([walk], None, (2000, 50)).frame(0.0)
 
 
 def test_too_many_walkers_and_those_of_other_machines_are_refused(walk):

@@ -95,6 +95,10 @@ def test_a_policy_from_rest_is_recorded_as_it_walks(someone, walk):
     assert (own.name, own.begins, own.ends) == ("evolution", 0.0, pytest.approx(1.0))
 
 
+def test_the_shortest_walk_is_one_interval(someone):
+    assert len(record_walker(someone, 0.001).volts) == 1
+
+
 def test_a_gait_is_where_its_solution_says(gait):
     begins, legs = 0.437, 3
     ghost = record_gait("optimum", gait, 4.0, begins, legs)
