@@ -73,6 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"--seconds {options.seconds:g}: must be at least {1 / GIF_FPS:g}, one picture, and "
             f"at most {longest:g}"
         )
+    if len(options.names) > MOST:
+        parser.error(f"{len(options.names)} walkers: at most {MOST} fit into one picture")
     for name in options.names:
         if options.names.count(name) > 1:
             parser.error(f"{name}: is named twice; name each walker once")

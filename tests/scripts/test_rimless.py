@@ -116,6 +116,10 @@ def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.M
         (["--size", "100000", "100000"], "at most 4000"),
         (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.06, one picture"),
         (["--seconds", "1e9", "--out", "walk.gif"], "at most 60"),
+        (
+            ["evolution", "imitation", "lqr", "ppo", "robust", "--out", "walk.gif"],
+            "5 walkers: at most 4",
+        ),
     ],
 )
 def test_what_cannot_be_watched_is_refused(
