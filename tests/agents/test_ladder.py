@@ -35,10 +35,16 @@ def test_far_from_all_gaits_the_rung_nearest_to_the_command_acts():
     np.testing.assert_array_equal(actions, [0.1, 0.1, 0.2, 0.3, 0.3])
 
 
-def test_on_a_gait_a_change_of_command_climbs_two_rungs_at_once():
-    rungs = [rung(0.1 * k, 0.1 * k, offset=0.0 if k == 4 else 100.0) for k in range(1, 8)]
+def test_near_the_gaits_the_law_nearest_to_the_command_acts_among_those_in_reach():
+    away = {3: 0.05, 4: 0.0, 5: 0.05, 6: 0.1}
+    rungs = [rung(0.1 * k, 0.1 * k, offset=away.get(k, 100.0)) for k in range(1, 8)]
     actions = Ladder(tuple(rungs))(np.repeat(STATE, 5, axis=0), commanded(0.1, 0.3, 0.4, 0.6, 0.7))
-    np.testing.assert_allclose(actions, [0.2, 0.3, 0.4, 0.6, 0.6])
+    np.testing.assert_allclose(actions, [0.3, 0.3, 0.4, 0.5, 0.5])
+
+
+def test_near_a_gait_and_with_none_in_reach_the_law_of_the_nearest_gait_acts():
+    ladder = Ladder((rung(0.4, 0.4, offset=0.12), rung(0.5, 0.5, offset=0.1), rung(0.6, 0.6)))
+    np.testing.assert_allclose(ladder(STATE, commanded(0.4)), [0.5])
 
 
 def test_at_rest_on_two_feet_nothing_is_on_a_gait():
@@ -46,7 +52,7 @@ def test_at_rest_on_two_feet_nothing_is_on_a_gait():
     resting[:, MODE] = DOUBLE
     ladder = Ladder((rung(0.3, 0.3, offset=0.0), *(rung(0.1 * k, 0.1 * k) for k in (4, 5, 6))))
     np.testing.assert_allclose(ladder(resting, commanded(0.6)), [0.6])
-    np.testing.assert_allclose(ladder(STATE, commanded(0.6)), [0.5])
+    np.testing.assert_allclose(ladder(STATE, commanded(0.6)), [0.3])
 
 
 @pytest.mark.parametrize("speeds", [(), (0.5, 0.4), (0.5, 0.5)])
