@@ -146,7 +146,7 @@ ROWS = (
             control_period=CONTROL_PERIOD,
             commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
             changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
-            cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 2500},
+            cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
         ),
         minutes=6.0,
     ),
