@@ -50,13 +50,23 @@ def with_kept(new: Sequence[str], old: Sequence[str], titles: Sequence[str]) -> 
     kept = old if list(old[:2]) == list(new[:2]) else ()
     lines = list(new[:2])
     for title in titles:
-        lines += _of_row(title, new) or _of_row(title, kept)
+        lines += _of_row(title, new, titles) or _of_row(title, kept, titles)
     return lines
 
 
-def _of_row(title: str, lines: Sequence[str]) -> list[str]:
-    """A row's lines: their first column is its title, or its title and which of its policies."""
-    return [line for line in lines if line.startswith((f"| {title} |", f"| {title}, "))]
+def _of_row(title: str, lines: Sequence[str], titles: Sequence[str]) -> list[str]:
+    """A row's lines: their first column is its title, or its title and which of its policies.
+
+    A title may be the beginning of another; then a line belongs to the longer one.
+    """
+    longer = tuple(other for other in titles if other.startswith(f"{title}, "))
+    own = [line for line in lines if _names(line, (title,))]
+    return [line for line in own if not _names(line, longer)]
+
+
+def _names(line: str, titles: Sequence[str]) -> bool:
+    """Whether the line is of one of the rows."""
+    return line.startswith(tuple(f"| {title}{end}" for title in titles for end in (" |", ", ")))
 
 
 def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:

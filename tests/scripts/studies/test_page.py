@@ -38,6 +38,15 @@ def test_a_row_without_new_results_keeps_its_lines() -> None:
     ]
 
 
+def test_a_line_belongs_to_the_longest_title_that_it_begins_with() -> None:
+    new = [*HEAD, "| PPO, slow, last | 1 |", "| PPO, last | 2 |"]
+    assert page.with_kept(new, new, ["PPO", "PPO, slow"]) == [
+        *HEAD,
+        "| PPO, last | 2 |",
+        "| PPO, slow, last | 1 |",
+    ]
+
+
 def test_lines_under_another_head_do_not_stay() -> None:
     old = ["| policy | speed |", "| --- | --- |", "| PPO | 2 |"]
     new = [*HEAD, "| clone | 5 |"]
