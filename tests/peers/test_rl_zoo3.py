@@ -77,5 +77,5 @@ def test_its_command_line_chooses_the_machine_and_the_task(tmp_path, program):
 
 
 def test_its_command_line_refuses_a_machine_that_there_is_not(tmp_path):
-    with pytest.raises(AssertionError, match="choose from THESIS_NOMINAL"):
+    with pytest.raises(AssertionError, match="choose from BUILDABLE"):
         train(tmp_path, OWN, "ppo", "--env-kwargs", "params:'CONCRETE'")
