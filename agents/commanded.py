@@ -33,6 +33,9 @@ SLIPS = ("slips", "slips_at_touchdown")
 #: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
 COMMANDS = (0.35, 0.5, 0.6)
 
+#: Between the commands at which a policy is judged for the range that it was trained for (m/s).
+STEP = 0.02
+
 
 @dataclasses.dataclass(frozen=True)
 class Commanded:
@@ -159,6 +162,15 @@ def _leg(command: float, found: Sequence[str], window: Window) -> Leg:
         speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
     fallen, slipping = (float(np.isin(found, kinds).mean()) for kinds in ((FALLS,), SLIPS))
     return Leg(command, float(walking.mean()), fallen, slipping, speed, cot)
+
+
+def commands_within(slowest: float, fastest: float) -> list[float]:
+    """The commands at which a policy is judged that was trained for these (m/s).
+
+    They are the multiples of `STEP` in the range; its ends, where it is too narrow to have one.
+    """
+    first, last = math.ceil(slowest / STEP - 1e-9), math.floor(fastest / STEP + 1e-9)
+    return [round(n * STEP, 6) for n in range(first, last + 1)] or [slowest, fastest]
 
 
 def _speeds(commands: Sequence[float]) -> list[float]:

@@ -19,11 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from agents.commanded import STEP, commands_within
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
 from agents.gaps import gap_to_optimum
@@ -60,9 +59,6 @@ COLUMNS = (
     ("steps_per_period", "steps/period"),
 )
 
-#: Speeds at which a policy walks that is commanded one, unless they are given.
-COMMANDS = 5
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
@@ -87,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nargs="+",
         metavar="SPEED",
         help="at which policies walk that are commanded a speed (m/s); None: "
-        f"{COMMANDS}, evenly spaced over the speeds that they were trained for",
+        f"every {STEP:g} m/s in the range that they were trained for",
     )
     parser.add_argument(
         "--gap",
@@ -182,7 +178,7 @@ def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespac
     speeds = found.conditions.control.speeds
     if speeds is None:
         return [found]
-    commands = options.commands or np.linspace(*speeds, COMMANDS).round(6).tolist()
+    commands = options.commands or commands_within(*speeds)
     return [
         dataclasses.replace(found, name=f"{name} at {speed} m/s", command=speed)
         for speed in dict.fromkeys(commands)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from agents.commanded import commands_within
 from agents.comparison.report import policy_row
 from agents.evaluate import evaluate
 from agents.gaps import gap_to_optimum
@@ -21,7 +23,7 @@ from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
 from scripts.commandline import Parser
-from scripts.documents.cards import card
+from scripts.documents.cards import card, commanded_card
 from scripts.publish import POLICIES, PRETRAINED
 
 AGAIN = "docs/learning.md has the command that trains it;"
@@ -46,19 +48,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.require_file(PRETRAINED / f"{options.name}{suffix}")
     with parser.refusing():
         policy = load_policy(options.policy)
-        if policy.conditions.control != USUAL:
+        control = policy.conditions.control
+        if dataclasses.replace(control, speeds=None) != USUAL:
             parser.error(
-                f"{options.policy}: walks at a commanded speed, or does not decide every "
-                f"{CONTROL_PERIOD:g} s; a card is of a policy for RimlessWheel-v0"
+                f"{options.policy}: does not set a voltage every {CONTROL_PERIOD:g} s, as the "
+                f"optimum does; train it with --control-period {CONTROL_PERIOD:g}"
             )
         init = json.loads(notes.read_text())["init"]
-        walk = evaluate(learned_policy(policy.act), policy.params, progress=True)
-        if not walk.walking.any():
+        commands = [None] if control.speeds is None else commands_within(*control.speeds)
+        walks = [
+            evaluate(
+                learned_policy(policy.act),
+                policy.params,
+                command=command,
+                control_period=CONTROL_PERIOD,
+                progress=True,
+            )
+            for command in commands
+        ]
+        if not any(walk.walking.any() for walk in walks):
             parser.error(f"{options.policy}: walks from no start; a card is of one that walks")
-    gap = gap_to_optimum(policy.params, walk.cot, walk.speed, progress=True)
-    row = policy_row(options.title, walk.to_dict(), gap, None)
-    machine = machine_name(policy.params)
-    text = card(options.name, read_record(options.policy), row, machine, init, AGAIN)
+    gaps = [gap_to_optimum(policy.params, w.cot, w.speed, progress=True) for w in walks]
+    rows = [
+        policy_row(options.title, walk.to_dict(), gap, command)
+        for walk, gap, command in zip(walks, gaps, commands, strict=True)
+    ]
+    machine, record = machine_name(policy.params), read_record(options.policy)
+    if control.speeds is None:
+        text = card(options.name, record, rows[0], machine, init, AGAIN)
+    else:
+        text = commanded_card(options.name, record, rows, machine, init, AGAIN)
     shutil.copyfile(options.policy, PRETRAINED / f"{options.name}.zip")
     (PRETRAINED / f"{options.name}.md").write_text(text)
     return 0

@@ -3,7 +3,8 @@
 Every walker walks the 100 episodes that reset(seed=0) to reset(seed=99) begin, as gym.make gives
 them. Prints the tables of docs/environment.md. It takes some ten minutes of one core, most
 of it for the receding horizon and the design of the tuned law. What is measured is kept: after
-Ctrl-C or a kill, the same command goes on from there.
+Ctrl-C or a kill, the same command goes on from there. With names, only these walk, and the others'
+lines stay as they were recorded beside the page.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 from scripts.commandline import INTERRUPTED, Parser, terminated_like_ctrl_c, whole
 from scripts.documents import marked
 from scripts.episode_returns import page
-from scripts.episode_returns.measure import EPISODES, returns
+from scripts.episode_returns.measure import EPISODES, everybody, renewed, returns
 from trajopt.files import write_text
 
 #: Beside the page: what its tables were made of.
@@ -26,6 +27,9 @@ RECORD = "returns.json"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = Parser(__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="WALKER", help=f"one of {', '.join(everybody())}; none: all"
+    )
     parser.add_argument("--episodes", type=whole(2), default=EPISODES, help="of every walker")
     parser.add_argument(
         "--docs",
@@ -34,6 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, default=Path("runs/returns"), help="folder")
     options = parser.parse_args(arguments)
+    for name in options.names:
+        if name not in everybody():
+            parser.error(f"{name}: has no line; name some of {', '.join(everybody())}")
+    if options.names and not options.docs:
+        parser.error("name walkers only with --docs, the page whose other lines stay")
     parser.require_folder(options.out)
     if options.docs:
         for marks in page.MARKS.values():
@@ -41,7 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.require_file(options.docs.with_name(RECORD))
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
-            found = returns(options.out, options.episodes)
+            if options.names:
+                recorded = json.loads(options.docs.with_name(RECORD).read_text())
+                found = renewed(recorded, options.out, options.names)
+            else:
+                found = returns(options.out, options.episodes)
     except KeyboardInterrupt:
         print(f"\ninterrupted: what was measured is in {options.out}", file=sys.stderr)
         return INTERRUPTED

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +34,8 @@ SPEED = 0.56
 
 WHEEL, COMMANDED = "RimlessWheel-v0", "RimlessWheelSpeed-v0"
 
-#: Name of the front's row.
-FRONT = "front"
+#: Name of the row of the front's gaits; no policy has it.
+FRONT = "the front"
 
 Row = dict[str, Any]
 
@@ -50,12 +50,42 @@ def returns(folder: Path, count: int = EPISODES) -> dict[str, Any]:
     """
     made_by = provenance(episodes=count)
     tables: dict[str, list[Row]] = {WHEEL: [], COMMANDED: []}
-    with tqdm([*BASELINES, *laws.names(), *PRETRAINED, FRONT], desc="returns") as bar:
+    for env, row in _measured_rows(folder, everybody(), made_by):
+        tables[env].append(row)
+    return {"law_speed": _gait(BUILDABLE).speed, **tables, **made_by}
+
+
+def renewed(recorded: Mapping[str, Any], folder: Path, names: Sequence[str]) -> dict[str, Any]:
+    """The recorded rows, with those of some walkers measured anew.
+
+    Args:
+        recorded: what `returns` gave. Its provenance stays; a new row has its own revision.
+        folder: see `returns`.
+        names: of the walkers, among `everybody`.
+    """
+    made_by = provenance(episodes=recorded["episodes"])
+    tables = {
+        env: [row for row in recorded[env] if row["name"] not in names]
+        for env in (WHEEL, COMMANDED)
+    }
+    for env, row in _measured_rows(folder, names, made_by):
+        tables[env].append(row | {"git_revision": made_by["git_revision"]})
+    return {**recorded, **tables}
+
+
+def everybody() -> list[str]:
+    """All who have a row: baselines, laws, policies of the package, the front."""
+    return [*BASELINES, *laws.names(), *PRETRAINED, FRONT]
+
+
+def _measured_rows(
+    folder: Path, names: Sequence[str], made_by: dict[str, Any]
+) -> Iterator[tuple[str, Row]]:
+    """The rows of some walkers, each with its environment, under a progress bar."""
+    with tqdm(names, desc="returns") as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            for env, row in _kept(folder / f"{name}.json", name, made_by)["rows"]:
-                tables[env].append(row)
-    return {"law_speed": _gait(BUILDABLE).speed, **tables, **made_by}
+            yield from _kept(folder / f"{name}.json", name, made_by)["rows"]
 
 
 def _kept(path: Path, name: str, made_by: dict[str, Any]) -> dict[str, Any]:
@@ -81,8 +111,11 @@ def measured(policy: Policy, conditions: Conditions, count: int) -> Row:
 def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
     """The rows of a walker, each with its environment; baselines are in both."""
     found = walker_or_baseline(name, _gait)
-    env = COMMANDED if found.conditions.commanded else WHEEL
-    yield env, {"name": name} | measured(found.policy, found.conditions, count)
+    row = {"name": name} | measured(found.policy, found.conditions, count)
+    if found.conditions.commanded:
+        yield COMMANDED, row | {"speeds": found.conditions.control.speeds, "period": found.period}
+    else:
+        yield WHEEL, row
     if name in BASELINES:
         yield COMMANDED, {"name": name} | measured(BASELINES[name](), _commanded(), count)
 

@@ -50,4 +50,8 @@ def _who(row: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return f"the front's best gait, at {row['speed']:.3f} m/s, walked for all 20 s"
     if name == FRONT:
         return "the front, walked at the commanded speed for all 20 s"
+    if "speeds" in row:
+        slowest, fastest = row["speeds"]
+        period = f"a decision every {1e3 * row['period']:g} ms"
+        return f"policy `{name}`, commanded {slowest:g} to {fastest:g} m/s, {period}"
     return f"policy `{name}`"

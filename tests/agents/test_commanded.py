@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents import load_policy
-from agents.commanded import COMMANDS, evaluate_commanded, walk_through
+from agents.commanded import COMMANDS, commands_within, evaluate_commanded, walk_through
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
@@ -130,3 +130,9 @@ def test_a_speed_is_commanded_only_where_it_is_observed():
         walks.command(0.5)
     with pytest.raises(ValueError, match="speed"):
         Rollout(Conditions(BUILDABLE), standing, draw_starts(BUILDABLE, 2, 0), 5, command=0.5)
+
+
+def test_a_policy_is_judged_at_round_speeds_of_the_range_that_it_was_trained_for():
+    assert commands_within(0.51, 0.63) == [0.52, 0.54, 0.56, 0.58, 0.6, 0.62]
+    assert commands_within(0.4, 0.44) == [0.4, 0.42, 0.44]
+    assert commands_within(0.501, 0.502) == [0.501, 0.502]

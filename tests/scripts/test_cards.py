@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import pytest
 
 from agents.policy_files import PRETRAINED, read_record
-from scripts.documents.cards import card
+from rimless_gym.envs.speed import TASK
+from scripts.documents.cards import card, commanded_card
 
 ROW = {
     "policy": "PPO from scratch",
@@ -84,8 +86,15 @@ def test_a_card_says_what_the_training_began_from(init: str, origin: str) -> Non
 @pytest.mark.parametrize("name", sorted(PRETRAINED))
 def test_the_card_of_a_shipped_policy_is_that_of_its_file(name: str) -> None:
     shipped = PRETRAINED[name].with_suffix(".md").read_text().splitlines()
-    from_file = card(name, read_record(PRETRAINED[name]), ROW, "BUILDABLE", "scratch").splitlines()
-    for field in ("task", "machine", "algorithm", "steps", "seed", "made by"):
+    record = read_record(PRETRAINED[name])
+    fields = ["task", "machine", "algorithm", "steps", "seed", "made by"]
+    if record.get("speeds"):
+        text = commanded_card(name, record, [ROW | {"at": 0.5}], "BUILDABLE", "scratch", "")
+        fields.append("commands")
+    else:
+        text = card(name, record, ROW, "BUILDABLE", "scratch")
+    from_file = text.splitlines()
+    for field in fields:
         (line,) = [line for line in from_file if line.startswith(f"| {field} |")]
         assert line in shipped
 
@@ -95,3 +104,32 @@ def test_a_card_names_disturbances_and_how_the_policy_is_made_again() -> None:
     text = card("mine", RECORD | {"disturbances": disturbances}, ROW, "BUILDABLE", "x", "Ask;")
     assert '| machine | `BUILDABLE`, disturbances {"actuator_delay": 2} |' in text
     assert "30 s. Ask; `python scripts/evaluate.py mine` measures" in text
+
+
+def test_a_card_has_a_line_for_each_command_of_a_policy_that_walks_at_commanded_speeds() -> None:
+    record = RECORD | {"speeds": [0.5, 0.6], "control_period": 0.01}
+    fallen = dict.fromkeys(ROW) | {"policy": "x", "walking_share": 0.0}
+    rows = [ROW | {"at": 0.62}, fallen | {"at": 0.5}]
+    lines = commanded_card("mine", record, rows, "BUILDABLE", "imitation with {}", "Ask;").split(
+        "\n"
+    )
+    assert lines[0] == "# `mine`: PPO from scratch"
+    assert lines[2].startswith("A clone of LQRs about")
+    for line in (
+        '| task | `RimlessWheelSpeed-v0`, reward of {"value_of_distance": 0.5} |',
+        "| commands | 0.5 to 0.6 m/s, a decision every 10 ms |",
+        "| 0.62 m/s | 95% | 0.0438 | 0.625 m/s | +2.2% | 0.71 | 0.06 |",
+        "| 0.5 m/s | 0% | - | - | - | - | - |",
+    ):
+        assert line in lines
+    assert lines[-3:-1] == [
+        "the optimum at the walked speed. Ask;",
+        "`python scripts/evaluate.py mine --gap` measures this file.",
+    ]
+
+
+def test_the_prices_of_the_environment_with_commands_are_its_usual_task() -> None:
+    task = dataclasses.asdict(TASK)
+    record = RECORD | {"task": task, "speeds": [0.5, 0.6], "control_period": 0.01}
+    text = commanded_card("mine", record, [ROW | {"at": 0.5}], "BUILDABLE", "scratch", "Ask;")
+    assert "| task | `RimlessWheelSpeed-v0`, reward of the task as it is registered |" in text

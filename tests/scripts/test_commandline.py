@@ -337,7 +337,7 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     assert command.main(arguments) == 0
     told = json.loads(capsys.readouterr().out)["policies"]
     assert [name.rpartition(" at ")[2] for name in told] == [
-        f"{speed:g} m/s" for speed in (0.4, 0.45, 0.5, 0.55, 0.6)
+        f"{speed:g} m/s" for speed in (n / 50 for n in range(20, 31))
     ]
     with pytest.raises(SystemExit):
         command.main([*arguments, "--seeds"])

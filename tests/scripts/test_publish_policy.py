@@ -13,6 +13,7 @@ import pytest
 from agents.evaluate import evaluate
 from agents.policy_files import PRETRAINED
 from agents.protocol import PROTOCOL
+from agents.train import train
 from scripts import publish_policy as command
 
 #: Long enough to walk.
@@ -58,4 +59,27 @@ def test_nothing_is_published_of_a_policy_that_walks_from_no_start(
     with pytest.raises(SystemExit):
         command.main(["found", str(policy), "found by evolution"])
     assert "walks from no start" in capsys.readouterr().err
+    assert not list(package.iterdir())
+
+
+def test_a_policy_at_commanded_speeds_gets_a_card_with_a_line_for_each(
+    package: Path, tmp_path: Path
+) -> None:
+    training = tmp_path / "training"
+    training.mkdir()
+    (training / "train.json").write_text(json.dumps({"init": "imitation with {}"}))
+    policy = Path(shutil.copy(PRETRAINED["front"], training / "clone.zip"))
+    assert command.main(["found", str(policy), "found by cloning"]) == 0
+    card = (package / "found.md").read_text()
+    for speed in (0.52, 0.54, 0.56, 0.58, 0.6, 0.62):
+        assert f"| {speed:g} m/s | 100% |" in card
+
+
+def test_a_policy_that_decides_more_rarely_than_the_optimum_is_refused(
+    package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained = train("ppo", out=tmp_path / "t", timesteps=0, speeds=(0.4, 0.6), progress=False)
+    with pytest.raises(SystemExit):
+        command.main(["found", str(trained.last), "found"])
+    assert "--control-period 0.01" in capsys.readouterr().err
     assert not list(package.iterdir())

@@ -11,10 +11,10 @@ import pytest
 
 from agents.baselines import BASELINES
 from agents.conditions import Conditions
-from agents.policy_files import PRETRAINED
+from agents.policy_files import PRETRAINED, read_record
 from rimless_gym import BUILDABLE, RimlessWheelEnv, RimlessWheelSpeedEnv
 from rimless_gym.envs.speed import SPEEDS
-from scripts.episode_returns import bounds, page
+from scripts.episode_returns import bounds, command, page
 from scripts.episode_returns.measure import COMMANDED, FRONT, WHEEL, measured
 from trajopt.feedback import laws
 from trajopt.gaits.shipped import shipped
@@ -31,8 +31,10 @@ def test_the_page_has_the_tables_of_what_was_measured() -> None:
 
 
 def test_everybody_is_in_the_tables() -> None:
-    assert set(MEANS[WHEEL]) == {*BASELINES, *laws.names(), *PRETRAINED, FRONT}
-    assert set(MEANS[COMMANDED]) == {*BASELINES, FRONT}
+    commanded = {name for name, path in PRETRAINED.items() if read_record(path).get("speeds")}
+    assert set(MEANS[WHEEL]) == {*BASELINES, *laws.names(), *PRETRAINED, FRONT} - commanded
+    assert set(MEANS[COMMANDED]) == {*BASELINES, *commanded, FRONT}
+    assert FRONT not in PRETRAINED
 
 
 @pytest.mark.parametrize("env", page.ENVIRONMENTS)
@@ -82,3 +84,31 @@ def test_a_gait_earns_its_speed_times_the_price_less_its_cost() -> None:
     gait = shipped()[0]
     assert bounds.earned(gait) == pytest.approx(20 * gait.speed * (0.5 - gait.cot))
     assert bounds.earned_at(0.5) == pytest.approx(20 * 0.5 * (5 - 0.06), rel=0.01)
+
+
+def test_one_walker_is_measured_again_and_the_other_lines_stay(tmp_path: Path) -> None:
+    page_copy = tmp_path / "environment.md"
+    page_copy.write_text((DOCS / "environment.md").read_text())
+    few = {"episodes": 2, WHEEL: [], COMMANDED: [{"name": FRONT, "mean": 9.0}]}
+    (tmp_path / "returns.json").write_text(json.dumps({**RECORDED, **few}))
+    assert command.main(["idle", "--docs", str(page_copy), "--out", str(tmp_path / "out")]) == 0
+    found = json.loads((tmp_path / "returns.json").read_text())
+    assert [row["name"] for row in found[WHEEL]] == ["idle"]
+    assert [row["name"] for row in found[COMMANDED]] == [FRONT, "idle"]
+    assert found["git_revision"] == RECORDED["git_revision"]
+    assert "git_revision" in found[WHEEL][0]
+    assert (
+        "| the front, walked at the commanded speed for all 20 s | 9.00 |" in page_copy.read_text()
+    )
+
+
+@pytest.mark.parametrize("arguments", [["nobody", "--docs", "page.md"], ["idle"]])
+def test_names_without_a_line_and_names_without_a_page_are_refused(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit):
+        command.main(arguments)
+
+
+def test_a_policy_at_commanded_speeds_has_a_line_that_says_which() -> None:
+    row = {"name": "mine", "mean": 50.0, "spread": 1.0, "early": 0.0, "speeds": [0.5, 0.6]}
+    table = page.sections({**RECORDED, COMMANDED: [row | {"period": 0.01}]})[COMMANDED]
+    assert "| policy `mine`, commanded 0.5 to 0.6 m/s, a decision every 10 ms | 50.00 |" in table
