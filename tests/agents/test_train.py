@@ -139,7 +139,7 @@ def test_seeds_and_numbers_of_steps_out_of_range_are_refused(tmp_path, changes, 
 
 
 def test_an_unknown_learner_is_refused_with_the_names_of_the_known_ones(tmp_path):
-    known = r"algo = 'td3': choose from \['evolution', 'ppo', 'sac'\]"
+    known = r"algo = 'td3': choose from \['evolution', 'ppo', 'sac', 'screened_ppo'\]"
     with pytest.raises(ValueError, match=known):
         train("td3", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()

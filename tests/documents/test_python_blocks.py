@@ -14,6 +14,7 @@ def blocks_of(path):
     return document, list(document.examples())
 
 
+@pytest.mark.slow
 def test_every_block_of_the_readme_runs_by_itself_and_prints_something(
     capsys, tmp_path, monkeypatch
 ):

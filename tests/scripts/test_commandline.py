@@ -304,6 +304,7 @@ def test_a_law_about_a_gait_of_another_machine_is_refused(
     assert "a gait of another machine" in line
 
 
+@pytest.mark.slow
 def test_a_law_is_measured_beside_policies(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
 ) -> None:

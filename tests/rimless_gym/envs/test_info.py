@@ -148,6 +148,8 @@ def test_after_a_reset_every_entry_is_0_except_the_mode() -> None:
 def test_info_is_a_plain_dictionary_where_jax_or_minari_is_imported(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for imported in ("jax", "minari"):  # by other tests
+        monkeypatch.delitem(sys.modules, imported, raising=False)
     env, twin = RimlessWheelEnv(), RimlessWheelEnv()
     twin.reset(seed=0)
     monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
