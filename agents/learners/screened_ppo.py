@@ -76,7 +76,6 @@ CRITIC_FIRST = 2
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
 
-
 #: The walks over which products are whitened.
 SEEN_STARTS, SEEN_INTERVALS = 64, 1000
 
