@@ -220,8 +220,9 @@ def load_policy(
         ) from error
     if params is not None and params != trained_on:
         raise CheckpointError(
-            f"{path}: trained on another machine: {trained_on.differences(params)}; to try it on "
-            "this one all the same, leave out params (--preset and --params)"
+            f"{path}: trained on another machine: {trained_on.differences(params)}; leave out "
+            "params (--preset and --params) for its own machine. To try it on this one, load it "
+            "without params and let it act in an environment of this one"
         )
     parts = PolicyParts(record, weights)
     try:
