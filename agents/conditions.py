@@ -106,5 +106,23 @@ class Conditions:
         }
 
 
+def require_usual(algo: str, conditions: Conditions) -> None:
+    """For learners that walk in compiled code of their own.
+
+    Raises:
+        ValueError: there are ranges or disturbances, a commanded speed, or another control period.
+    """
+    if conditions.ranges.bounds or conditions.disturbances != Disturbances():
+        raise ValueError(
+            f"algo = {algo!r}: walks on the nominal machine without disturbances; leave out "
+            "ranges and disturbances, or choose another learner"
+        )
+    if conditions.control != USUAL:
+        raise ValueError(
+            f"algo = {algo!r}: holds a voltage for {USUAL.period:g} s, and no speed is "
+            "commanded; leave out speeds and control_period, or choose another learner"
+        )
+
+
 def _kind(commanded: bool) -> type[RimlessWheelVectorEnv]:
     return RimlessWheelSpeedVectorEnv if commanded else RimlessWheelVectorEnv

@@ -73,6 +73,12 @@ class ReturnMap(NamedTuple):
     steady: float
     multipliers: Sequence[Multiplier] | None
 
+    @property
+    def spread(self) -> float:
+        """How far from the steady rate most touchdowns are (rad/s); 0 where there are none."""
+        away = np.abs(self.rates - self.steady)
+        return float(np.percentile(away[~np.isnan(away)], SHOWN)) if np.any(away >= 0.0) else 0.0
+
 
 def return_map(params: WheelParams, policy: Policy, walk: Sequence[Interval]) -> ReturnMap:
     """The return map of a policy about its steady walk.
@@ -204,14 +210,14 @@ def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = 
 
     Args:
         name: of the policy.
-        found: its return map.
+        found: its return map, with a spread.
         colour: of the points.
         free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
     """
     before, after = found.rates[:, :-1].ravel(), found.rates[:, 1:].ravel()
     notes = [f"step {n + 1} after the push" for n in range(STEPS - 1)] * len(found.rates)
     at = found.steady
-    reach = 1.05 * float(np.nanpercentile(np.abs(found.rates - at), SHOWN))
+    reach = 1.05 * found.spread
     ends = np.array([-1.0, 1.0]) * reach
     series = [Series("the same again", at + ends, at + ends, colour="faint", line="dashed")]
     first = (found.multipliers or [])[:2]

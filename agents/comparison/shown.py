@@ -108,5 +108,6 @@ def return_charts(params: WheelParams, shown: Sequence[Shown]) -> list[Chart]:
         if is_steady(each.walk):
             free = float(abs(each.optimum.floquet[0])) if each.holds else None
             found = return_map(params, each.policy, each.walk)
-            charts.append(return_chart(each.name, found, each.colour, free))
+            if found.spread > 0.0:
+                charts.append(return_chart(each.name, found, each.colour, free))
     return charts

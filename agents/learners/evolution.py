@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents import learner
-from agents.conditions import Conditions
+from agents.conditions import Conditions, require_usual
 from agents.evolution import policy
 from agents.evolution.answering import answered
 from agents.evolution.asking import Answer, Request
@@ -26,8 +26,6 @@ from agents.learner import NO_CHANGES, PolicyParts, Watch, require_known
 from agents.pacing import CleanWalking
 from agents.policies import Act
 from agents.training import Settings, Training
-from rimless_gym.envs.control import USUAL
-from rimless_gym.envs.disturbances import Disturbances
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
 
@@ -44,16 +42,7 @@ class Learner(learner.Learner):
         conditions, settings = training.conditions, training.settings
         if not isinstance(settings, EvolutionSettings):
             raise TypeError(f"settings = {settings!r}: must be EvolutionSettings")
-        if conditions.ranges.bounds or conditions.disturbances != Disturbances():
-            raise ValueError(
-                "algo = 'evolution': walks on the nominal machine without disturbances; leave out "
-                "ranges and disturbances, or choose another learner"
-            )
-        if conditions.control != USUAL:
-            raise ValueError(
-                f"algo = 'evolution': holds a voltage for {USUAL.period:g} s, and no speed is "
-                "commanded; leave out speeds and control_period, or choose another learner"
-            )
+        require_usual("evolution", conditions)
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, settings.paid_speed)
         self._search = functools.partial(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.conditions import Conditions
+from agents.conditions import Conditions, require_usual
 from agents.evolution import policy
 from agents.evolution.answering import answered
 from agents.evolution.policy import SIZE
@@ -45,8 +45,6 @@ from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import native_of
 from agents.scores import economy
 from agents.training import SCRATCH, Settings, Training
-from rimless_gym.envs.control import USUAL
-from rimless_gym.envs.disturbances import Disturbances
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
 
@@ -94,16 +92,7 @@ class Learner(Sb3Learner):
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         conditions = training.conditions
-        if conditions.ranges.bounds or conditions.disturbances != Disturbances():
-            raise ValueError(
-                "algo = 'screened_ppo': screens policies on the nominal machine without "
-                "disturbances; leave out ranges and disturbances, or choose another learner"
-            )
-        if conditions.control != USUAL:
-            raise ValueError(
-                f"algo = 'screened_ppo': holds a voltage for {USUAL.period:g} s, and no speed is "
-                "commanded; leave out speeds and control_period, or choose another learner"
-            )
+        require_usual("screened_ppo", conditions)
         super().__init__(training)
         pacing = getattr(training.settings, "pacing", None)
         if pacing is None:

@@ -92,3 +92,10 @@ def test_a_chart_has_the_slopes_of_what_does_not_turn() -> None:
     }
     assert chart.title == "clone: multipliers 0.50 (turning), -0.40"
     assert multipliers_text([Multiplier(1.0, 1)]) == "multipliers 1.00"
+
+
+def test_walks_that_all_fall_at_once_have_no_spread_to_draw():
+    fallen = np.full((2, 3), np.nan)
+    assert ReturnMap(fallen, 5.0, None).spread == 0.0
+    assert ReturnMap(np.full((2, 3), 5.0), math.nan, None).spread == 0.0
+    assert ReturnMap(np.array([[4.9, 5.1]]), 5.0, None).spread > 0.0
