@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from agents.comparison.learning_curves import ACROSS, Curve, beyond, gap, share
-from agents.comparison.speed_figure import colour_name, is_near, shared_gaps, short_name
+from agents.comparison.speed_figure import (
+    colour_name,
+    is_near,
+    of_one_policy,
+    shared_gaps,
+    short_name,
+)
 from agents.comparison.style import NAMES
 from agents.reports.charts import Axis, Chart, Series
 from trajopt.gaits.fronts import CotFront
@@ -33,13 +39,13 @@ def speed_charts(front: CotFront, held: CotFront, rows: Sequence[dict[str, Any]]
             ("optimal, voltage held", held, "solid"),
         )
     ]
-    costs = [_point(row, row["cot"], not is_near(row)) for row in (*walking, *others)]
+    costs = [*_points(walking, "cot", 1.0), *_points(others, "cot", 1.0)]
     speeds, free = shared_gaps(front, held)
     ends = [gait.speed for gait in held.envelope]
     gaps = [
         Series("optimal, voltage free", speeds, free, line="dashed"),
         Series("optimal, voltage held", ends, np.zeros(len(ends))),
-        *(_point(row, 100.0 * row["gap"], True) for row in walking if is_near(row)),
+        *_points([row for row in walking if is_near(row)], "gap", 100.0),
     ]
     return [
         Chart("Cost of transport over speed", SPEED, Axis("CoT", "log"), [*optima, *costs]),
@@ -47,17 +53,28 @@ def speed_charts(front: CotFront, held: CotFront, rows: Sequence[dict[str, Any]]
     ]
 
 
-def _point(row: Mapping[str, Any], y: float, named: bool) -> Series:
-    """A gait or policy; those that are not named are found by hovering."""
-    return Series(
-        short_name(row),
-        [row["speed"]],
-        [y],
-        colour=colour_name(row),
-        line="none",
-        marks=True,
-        named=named,
-    )
+def _points(rows: Sequence[Mapping[str, Any]], figure: str, scale: float) -> list[Series]:
+    """Gaits and policies. Near ones are named only beside their gaps, and found by hovering.
+
+    Args:
+        rows: of the table.
+        figure: the column that is drawn.
+        scale: factor on it.
+    """
+    alone = [[row] for row in rows if not of_one_policy(row)]
+    joined = [row for row in rows if of_one_policy(row)]
+    return [
+        Series(
+            short_name(group[0]),
+            [row["speed"] for row in group],
+            [scale * row[figure] for row in group],
+            colour=colour_name(group[0]),
+            line="solid" if len(group) > 1 else "none",
+            marks=True,
+            named=figure == "gap" or not is_near(group[0]),
+        )
+        for group in (*alone, *([joined] if joined else []))
+    ]
 
 
 def learning_charts(curves: Mapping[str, Curve], front: CotFront) -> list[Chart]:

@@ -14,6 +14,7 @@ from typing import Protocol
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.learned import Learned
 from agents.comparison.report import gait_row
+from agents.comparison.shipped import for_the_front
 from agents.comparison.study import Study
 from agents.folder import BEST, CLONE, LAST
 from agents.gaps import FRONT_STEPS
@@ -209,6 +210,7 @@ def entrants(study: Study) -> tuple[Entrant, ...]:
         Gait("swinging", "optimal while the pendulum swings", _swinging, effort=5.0),
         *(Law(name, name, study.speed, effort=8.0, after=(EXPERT,)) for name in others),
         *_holding(study),
+        *for_the_front(study),
         Learned(
             "scratch",
             SCRATCH,

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from agents.comparison.labels import Named, write_names
+from agents.comparison.shipped import TITLE
 from agents.comparison.style import INK, NAMES, STYLE
 from agents.reports.colours import LIGHT
 from trajopt.feedback.law import Floats
@@ -66,9 +67,14 @@ def colour_name(row: Mapping[str, Any]) -> str:
 
 def colour_of_policy(name: str) -> str:
     """Laws, clones, fine-tuned and those from scratch are told apart."""
-    kinds = ("imitation", "fine-tuned", "PPO", "evolution")
+    kinds = (("imitation", TITLE), ("fine-tuned",), ("PPO",), ("evolution",))
     found = [k for k, kind in enumerate(kinds) if name.startswith(kind)]
     return NAMES[found[0] + 1] if found else NAMES[0]
+
+
+def of_one_policy(row: Mapping[str, Any]) -> bool:
+    """Whether it is of the policy that walks at every speed: its points are joined."""
+    return bool(row["policy"] == TITLE)
 
 
 def short_name(row: Mapping[str, Any]) -> str:
@@ -80,13 +86,30 @@ def _colour(row: Mapping[str, Any]) -> str:
     return LIGHT[colour_name(row)]
 
 
-def _mark(axes: Axes, row: dict[str, Any], y: float) -> None:
-    axes.plot(row["speed"], y, "o", color=_colour(row), markersize=6, alpha=0.8, mew=0)
+def _colour_of_name(row: dict[str, Any]) -> str:
+    return INK if row["walking_share"] is None else _colour(row)
 
 
-def _named(row: dict[str, Any], y: float) -> Named:
-    colour = INK if row["walking_share"] is None else _colour(row)
-    return Named(row["speed"], y, short_name(row), colour)
+def _mark(axes: Axes, rows: Rows, heights: Sequence[float]) -> None:
+    """A point for each row; those of one policy that walks at several speeds are joined."""
+    for row, y in zip(rows, heights, strict=True):
+        axes.plot(row["speed"], y, "o", color=_colour(row), markersize=6, alpha=0.8, mew=0)
+    joined = [(row, y) for row, y in zip(rows, heights, strict=True) if of_one_policy(row)]
+    if joined:
+        speeds, line = [row["speed"] for row, _ in joined], [y for _, y in joined]
+        axes.plot(speeds, line, color=_colour(joined[0][0]), linewidth=1.0, alpha=0.8)
+
+
+def _names(rows: Rows, heights: Sequence[float]) -> list[Named]:
+    """Of all points; of one policy at several speeds, only the last is named."""
+    ones = [row["speed"] for row in rows if of_one_policy(row)]
+    return [
+        Named(
+            row["speed"], y, short_name(row), INK if row["walking_share"] is None else _colour(row)
+        )
+        for row, y in zip(rows, heights, strict=True)
+        if not of_one_policy(row) or row["speed"] == max(ones)
+    ]
 
 
 def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
@@ -98,8 +121,7 @@ def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None
             color=INK,
             linewidth=1.5,
         )
-    for row in rows:
-        _mark(axes, row, row["cot"])
+    _mark(axes, rows, [row["cot"] for row in rows])
     costs = [row["cot"] for row in rows] + [
         gait.cot for gait in (*front.solutions, *held.solutions)
     ]
@@ -116,7 +138,8 @@ def _plot_costs(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None
         textcoords="offset points",
         fontsize=8,
     )
-    write_names(axes, [_named(row, row["cot"]) for row in rows if not is_near(row)])
+    far = [row for row in rows if not is_near(row)]
+    write_names(axes, _names(far, [row["cot"] for row in far]))
 
 
 def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
@@ -129,13 +152,12 @@ def _plot_gaps(axes: Axes, front: CotFront, held: CotFront, rows: Rows) -> None:
     room = 0.15 * max(high - low, 0.1)
     axes.set_ylim(low - room, high + room)
     axes.set(xlabel="speed (m/s)", ylabel="gap to the optimum (%)")
-    for row, gap in zip(rows, gaps, strict=True):
-        _mark(axes, row, gap)
+    _mark(axes, rows, gaps)
     optima = [
         Named(speeds[-1], 0.0, "optimal, voltage held", INK),
         Named(speeds[-1], float(free[-1]), "optimal, voltage free", INK),
     ]
-    write_names(axes, [_named(row, gap) for row, gap in zip(rows, gaps, strict=True)] + optima)
+    write_names(axes, _names(rows, gaps) + optima)
 
 
 def shared_gaps(front: CotFront, held: CotFront) -> tuple[Floats, Floats]:

@@ -1,0 +1,57 @@
+"""A policy that comes with the package as an entrant of a comparison."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from agents.commanded import evaluate_commanded
+from agents.comparison.arena import Arena, Result, Row
+from agents.comparison.study import Study
+from agents.policies import learned_policy
+from agents.policy_files import load_policy
+
+#: The policy, and its row.
+FILE, TITLE = "front", "one policy for the front"
+
+#: Speeds between the study's at which it walks too (m/s), so that a plot shows its curve.
+BETWEEN = (0.545, 0.58)
+
+
+@dataclasses.dataclass(frozen=True)
+class ForTheFront:
+    """The shipped policy that walks at the speed that it is commanded.
+
+    Attributes:
+        commands: at which it walks (m/s).
+        name, effort, after: see `agents.comparison.entrants.Entrant`.
+    """
+
+    commands: tuple[float, ...]
+    name: str = "one_for_the_front"
+    effort: float = 40.0
+    after: tuple[str, ...] = ("held_front",)
+
+    def compete(self, arena: Arena) -> Result:
+        """Evaluate it at each speed."""
+        policy = learned_policy(load_policy(FILE).act)
+        found = evaluate_commanded(policy, self.commands, arena.params, progress=arena.progress)
+        return {"commanded": [each.evaluation.to_dict() for each in found]}
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """A row for every speed."""
+        asked = {arena.study.on_tick(speed): speed for speed in arena.study.speeds}
+        return [
+            arena.row(TITLE, {"evaluation": evaluation}, asked.get(command, command))
+            for command, evaluation in zip(self.commands, result["commanded"], strict=True)
+        ]
+
+
+def for_the_front(study: Study) -> tuple[ForTheFront, ...]:
+    """The shipped policy, if the study's machine is its own, at the study's speeds and between."""
+    conditions = load_policy(FILE).conditions
+    assert conditions.control.speeds is not None
+    slowest, fastest = conditions.control.speeds
+    inner = [study.on_tick(speed) for speed in study.speeds]
+    between = [speed for speed in BETWEEN if min(inner) < speed < max(inner)]
+    commands = tuple(s for s in sorted({*inner, *between}) if slowest <= s <= fastest)
+    return (ForTheFront(commands),) if conditions.params == study.params and commands else ()

@@ -1,0 +1,73 @@
+"""The shipped policy for the front competes on its own machine, at the study's speeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents.comparison.arena import Arena
+from agents.comparison.charts import speed_charts
+from agents.comparison.shipped import FILE, TITLE, for_the_front
+from agents.comparison.study import Study
+from agents.policy_files import load_policy
+from rimless_gym import BUILDABLE
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.shipped import shipped
+
+FOUND = {
+    "cot": 0.05,
+    "objective": 0.2,
+    "speed": 0.56,
+    "friction_demand": 0.6,
+    "impulse_friction_demand": 0.7,
+    "min_normal_force_over_weight": 0.2,
+    "walking_share": 1.0,
+}
+
+
+@pytest.fixture
+def front() -> CotFront:
+    own = [gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1]
+    return CotFront(tuple(gait for gait in own if 0.5 <= gait.speed <= 0.6))
+
+
+def test_it_walks_at_every_speed_of_the_study_and_at_two_between() -> None:
+    study = Study()
+    (entrant,) = for_the_front(study)
+    assert {study.on_tick(speed) for speed in study.speeds} < set(entrant.commands)
+    assert len(entrant.commands) == len(study.speeds) + 2
+
+
+def test_it_leaves_out_speeds_that_it_was_not_trained_for() -> None:
+    (entrant,) = for_the_front(Study(speed=0.4, further=(0.56,)))
+    speeds = load_policy(FILE).conditions.control.speeds
+    assert speeds is not None
+    assert all(speeds[0] <= command <= speeds[1] for command in entrant.commands)
+
+
+@pytest.mark.parametrize("changes", [{"friction": 0.7}, {"gear_loss": 0.0}])
+def test_it_stays_away_from_other_machines(changes: dict[str, Any]) -> None:
+    assert for_the_front(Study(changes=changes)) == ()
+
+
+def test_its_rows_stand_beside_the_others_of_the_same_speed(
+    tmp_path: Path, front: CotFront
+) -> None:
+    study = Study()
+    arena = Arena(study, tmp_path, progress=False)
+    arena.held_front = front
+    (entrant,) = for_the_front(study)
+    rows = entrant.rows(arena, {"commanded": [FOUND] * len(entrant.commands)})
+    assert {row["policy"] for row in rows} == {TITLE}
+    assert set(study.speeds) < {row["at"] for row in rows}
+
+
+def test_a_plot_joins_its_points(front: CotFront) -> None:
+    row = {"policy": TITLE, "cot": 0.05, "gap": 0.01, "walking_share": 1.0}
+    rows = [row | {"speed": speed} for speed in (0.52, 0.55, 0.58)]
+    for chart in speed_charts(front, front, rows):
+        (joined,) = [series for series in chart.series if series.name == TITLE]
+        assert list(joined.x) == [0.52, 0.55, 0.58]
+        assert joined.line == "solid"
