@@ -66,10 +66,11 @@ RACING_NOISE, LAST_NOISE = (0.1, 0.06), (0.06, 0.02)
 NEXT_MULTIPLE = 4.0
 
 #: To what share of itself the learning rate falls after the race.
-LAST_RATE = 0.1
+LAST_RATE = 0.2
 
-#: Roll-outs at the beginning of each turn in which only the critic learns.
-CRITIC_FIRST = 2
+#: Roll-outs at the beginning of each turn in which only the critic learns. A critic that has only
+#: begun to learn spoils a good policy within a minute.
+CRITIC_FIRST = 16
 
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
