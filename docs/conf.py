@@ -1,4 +1,4 @@
-"""The documentation site; `make docs` builds it into runs/site. See also scripts.documents.site."""
+"""The documentation site; `make docs` builds it into runs/site."""
 
 import sys
 from importlib.resources import files
@@ -16,7 +16,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
-    "scripts.documents.site",
+    "rimless_gym.commands.documents.site",
 ]
 smartquotes_action = "D"  # dashes alone: phi' is a rate
 highlight_language = "text"  # of blocks that name none

@@ -1,18 +1,92 @@
-"""The command `rimless`, as it is installed."""
+"""The command `rimless`: what most of `rimless_gym.commands` does, one word each.
+
+This file imports none of that before it knows what is asked for, and whether it can be had.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+from typing import NamedTuple
 
+from rimless_gym.extras import MissingExtraError
 from rimless_gym.shadowing import ShadowedError, require_ours
 
+#: The exit status that shells give a command ended by Ctrl-C.
+INTERRUPTED = 130
 
-def main() -> int:
-    """Run `scripts.rimless`, if that and what it needs is ours; the exit status is 2 if not."""
+
+class Command(NamedTuple):
+    """A word after `rimless`.
+
+    Attributes:
+        module: in `rimless_gym.commands`; its `main` takes the arguments.
+        meaning: one line.
+    """
+
+    module: str
+    meaning: str
+
+
+COMMANDS = {
+    "watch": Command("watch", "the optimum, laws and policies, in a window or as a GIF"),
+    "play": Command("play", "walk yourself, with the arrow keys"),
+    "gait": Command("solve_gait", "find the optimal gait of a machine"),
+    "train": Command("train", "train a policy"),
+    "evaluate": Command("evaluate", "measure policies and feedback laws"),
+    "compare": Command("compare", "learned against optimal: the main job"),
+    "page": Command("page", "one HTML file to pass on: the front, a wheel to drive"),
+    "data": Command("data", "walks as Minari datasets, for offline learners"),
+    "thesis": Command("thesis.command", "the thesis's experiments"),
+    "bench": Command("benchmarks.command", "speed, ours and other people's"),
+    "warmup": Command("warmup", "compile the simulator now"),
+    "codesign": Command("codesign.command", "which machine walks best"),
+    "feedback": Command("feedback_laws.command", "feedback laws, measured"),
+    "front": Command("fronts.command", "search a machine's front of gaits anew"),
+    "fuzz": Command("fuzzing.command", "random machines, every step checked"),
+    "learning": Command("learning_trials.command", "why learning to walk is hard"),
+    "robustness": Command("robust_policies.command", "policies under disturbances"),
+    "study": Command("studies.command", "every learner over several seeds"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command that a word stands for; the exit status is 2 where there is none."""
+    word, *rest = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    if word in ("-h", "--help"):
+        print(usage())
+        return 0
+    if word not in COMMANDS:
+        print(f"error: {word!r} is no command: {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    sys.argv[0] = f"rimless {word}"  # what its --help calls it
+    return run(COMMANDS[word].module, rest)
+
+
+def run(module: str, arguments: Sequence[str] | None = None) -> int:
+    """Run the `main` of a module in `rimless_gym.commands`.
+
+    Args:
+        module: such as `thesis.command`; it is imported only now.
+        arguments: of the command line; None: those of this process.
+
+    Returns:
+        The exit status: its own, 2 if what it needs is not installed, 130 after Ctrl-C.
+    """
     try:
         require_ours()
-    except ShadowedError as error:
+        return int(import_module(f"rimless_gym.commands.{module}").main(arguments))
+    except (MissingExtraError, ShadowedError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    return int(import_module("scripts.rimless").main())
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def usage() -> str:
+    """All commands, one a line."""
+    width = max(map(len, COMMANDS))
+    lines = [f"  {word:{width}}  {command.meaning}" for word, command in COMMANDS.items()]
+    return "\n".join(["usage: rimless COMMAND ...; rimless COMMAND --help has its options", *lines])

@@ -7,7 +7,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 #: Packages that are installed with this one. The text of their `__init__.py` holds `MARK`.
-PACKAGES = ("trajopt", "agents", "scripts")
+PACKAGES = ("trajopt", "agents")
 
 MARK = "rimless-gym"
 

@@ -4,10 +4,8 @@
 import sys
 from pathlib import Path
 
-if not __package__:  # run as a file
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from scripts.fronts.command import main
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from rimless_gym.command import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run("fronts.command"))

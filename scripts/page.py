@@ -1,35 +1,11 @@
 #!/usr/bin/env python
-"""Write the page that people pass on: one HTML file that loads nothing."""
-
-from __future__ import annotations
+"""Write one HTML file to pass on: the front, a wheel to drive; see `--help`."""
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-if not __package__:  # run as a file
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from agents.page.write import write_page
-from scripts.commandline import Parser
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when the page is written."""
-    parser = Parser(__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/page.html"), help="file to write")
-    parser.add_argument(
-        "--policy",
-        default="imitation",
-        help="a policy file, or the name of a policy that comes with the package",
-    )
-    options = parser.parse_args(arguments)
-    parser.require_file(options.out)
-    with parser.refusing():
-        written = write_page(options.out, options.policy)
-    print(f"{written}: {written.stat().st_size / 1000:.0f} kB; open it in any browser")
-    return 0
-
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from rimless_gym.command import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run("page"))

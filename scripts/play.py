@@ -1,33 +1,11 @@
 #!/usr/bin/env python
-"""Walk yourself: the left and right arrow keys set the motor's voltage. Needs a display."""
-
-from __future__ import annotations
+"""Walk yourself, with the arrow keys; see `--help`."""
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-if not __package__:  # run as a file
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-import gymnasium
-from gymnasium.utils.play import play
-
-import rimless_gym  # noqa: F401  # registers the environments
-from scripts.commandline import DEFAULT_PRESET, Parser
-from scripts.watch import require_display
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line, until the window is closed."""
-    parser = Parser(__doc__)
-    parser.add_machine(DEFAULT_PRESET)
-    options = parser.parse_args(arguments)
-    params = parser.machine(options)
-    require_display(parser, "rimless page writes a page to play on in a browser")
-    play(gymnasium.make("RimlessWheel-v0", params=params, render_mode="rgb_array"))
-    return 0
-
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from rimless_gym.command import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run("play"))

@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import pytest
 
-from scripts.imports import PACKAGES, graph
+from rimless_gym.commands.imports import graph, layer
 
 GRAPH = graph(types=False)
 
@@ -36,8 +36,7 @@ def test_what_is_built_on_does_not_import_what_is_built_on_it(lower: str, upper:
             assert not imported & inside, f"{module} imports {imported & inside}"
 
 
-def test_packages_import_only_those_below_them() -> None:
+def test_layers_import_only_those_below_them() -> None:
     for module, imported in GRAPH.items():
-        rank = PACKAGES.index(module.partition(".")[0])
-        above = [name for name in imported if PACKAGES.index(name.partition(".")[0]) > rank]
+        above = [name for name in imported if layer(name) > layer(module)]
         assert not above, f"{module} imports {above}"

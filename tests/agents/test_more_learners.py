@@ -16,8 +16,8 @@ from agents.policies import learned_policy
 from agents.policy_files import FORMAT, CheckpointError, load_policy
 from agents.session import Session
 from agents.train import train
-from scripts import evaluate as evaluate_script
-from scripts import train as train_script
+from rimless_gym.commands import evaluate as evaluate_script
+from rimless_gym.commands import train as train_script
 from tests.agents.runs import BRIEF, scalars
 from trajopt.files import read_arrays, write_arrays
 

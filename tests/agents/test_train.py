@@ -14,8 +14,8 @@ from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
 from agents.train import train, walking_economy
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
+from rimless_gym.commands import train as command
 from rimless_gym.envs.observation import observe
-from scripts import train as command
 from tests.agents.runs import QUICK, SETTLED, STEPS, run, scalars, small, weights
 
 

@@ -27,7 +27,7 @@ TEXTBOOK = "textbook"
 #: Modules of trajopt beside the engine that it may use, because they know nothing of it.
 BESIDE = ("trajopt.files", "trajopt.processes", "trajopt.provenance")
 
-FOREIGN = ("rimless_gym", "numba", "gymnasium", "agents", "scripts", "trajopt.gaits")
+FOREIGN = ("rimless_gym", "numba", "gymnasium", "agents", "trajopt.gaits")
 
 
 def test_every_module_is_imported_without_the_wheel_numba_and_gymnasium() -> None:

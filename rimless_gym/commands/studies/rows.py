@@ -1,0 +1,182 @@
+"""The rows of the study. One more learner is one more entry in `ROWS`."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from agents.folder import BEST, CLONE, LAST
+from agents.training import IMITATION
+from rimless_gym.commands.feedback_laws.columns.changes import NOISE
+from rimless_gym.commands.studies.first_evening import FirstEvening
+from rimless_gym.commands.studies.trials import (
+    Continued,
+    Distilled,
+    Disturbed,
+    Following,
+    Holding,
+    Trained,
+    Trial,
+)
+from rimless_gym.hybrid import CONTROL_PERIOD
+
+#: The tables of the page: policies for `RimlessWheel-v0`, those for the thesis's machine, those of
+#: plain stable-baselines3 for commanded speeds, those that follow commands as cheaply as the front
+#: allows, and those that learned under disturbances.
+LEARNED, THESIS, FIRST_EVENING = "learned", "thesis", "first_evening"
+FRONT, DISTURBED = "front", "disturbed"
+
+#: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
+KEPT = (("best kept", BEST), ("last", LAST))
+CLONED = (("", CLONE),)
+
+#: Control intervals of a fine-tuning, as in the comparison.
+FINE_TUNING = 600_000
+
+#: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
+TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A way to learn, over several seeds.
+
+    Attributes:
+        name: of its files, and on the command line.
+        title: in the table.
+        table: in which it stands, one of the names above.
+        trial: how a seed is trained and judged.
+        enough: a seed walks if this share of its starts does.
+        minutes: that a seed takes, about, before one has been timed.
+        machine: the name of its preset; None: the study's.
+    """
+
+    name: str
+    title: str
+    table: str
+    trial: Trial
+    enough: float = 0.95
+    minutes: float = 5.0
+    machine: str | None = None
+
+
+ROWS = (
+    Row(
+        "imitation",
+        "imitation of the LQR",
+        LEARNED,
+        Trained("ppo", IMITATION, 0, CLONED),
+        minutes=1.5,
+    ),
+    Row(
+        "fine_tuned",
+        "imitation, fine-tuned by PPO",
+        LEARNED,
+        Continued("ppo", IMITATION, FINE_TUNING, KEPT, "imitation"),
+        minutes=3.0,
+    ),
+    Row(
+        "ppo",
+        "PPO from scratch",
+        LEARNED,
+        Trained("ppo", judged=KEPT),
+        minutes=4.0,
+    ),
+    Row(
+        "screened_ppo",
+        "PPO from screened policies",
+        LEARNED,
+        Trained("screened_ppo", judged=KEPT),
+        minutes=8.0,
+    ),
+    Row(
+        "evolution",
+        "evolution from scratch",
+        LEARNED,
+        Trained("evolution", judged=KEPT),
+        minutes=15.0,
+    ),
+    Row(
+        "distilled",
+        "evolution distilled into a network",
+        LEARNED,
+        Distilled("ppo", IMITATION, 0, CLONED, teacher="evolution"),
+        minutes=2.0,
+    ),
+    Row(
+        "distilled_tuned",
+        "distilled evolution, fine-tuned by PPO",
+        LEARNED,
+        Continued("ppo", IMITATION, FINE_TUNING, KEPT, "distilled"),
+        minutes=3.0,
+    ),
+    Row(
+        "thesis_imitation_slow",
+        "imitation of the LQR about 0.5 m/s",
+        THESIS,
+        Holding("ppo", IMITATION, 0, CLONED, speed=0.5),
+        minutes=2.0,
+        machine="THESIS_PHYSICAL",
+    ),
+    Row(
+        "thesis_imitation",
+        "imitation of the LQR about 0.57 m/s",
+        THESIS,
+        Holding("ppo", IMITATION, 0, CLONED, speed=0.57),
+        minutes=2.0,
+        machine="THESIS_PHYSICAL",
+    ),
+    Row(
+        "thesis_evolution",
+        "evolution from scratch, distance paid up to 0.55 m/s",
+        THESIS,
+        Trained("evolution", judged=KEPT, hyperparameters={"paid_speed": 0.55}),
+        minutes=6.0,
+        machine="THESIS_PHYSICAL",
+    ),
+    Row(
+        "front",
+        "imitation of a ladder of laws",
+        FRONT,
+        Following(
+            "ppo",
+            IMITATION,
+            0,
+            CLONED,
+            speeds=(0.51, 0.62),
+            control_period=CONTROL_PERIOD,
+            commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
+            changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
+            cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
+        ),
+        minutes=6.0,
+    ),
+    Row(
+        "disturbed",
+        "fine-tuned under delay and noise",
+        DISTURBED,
+        Disturbed(
+            "ppo",
+            IMITATION,
+            6_000_000,
+            (("clone", CLONE), ("best kept", BEST), ("last", LAST)),
+            disturbances={"actuator_delay": 2, "sensor_noise": TWICE_THE_NOISE},
+            task={"value_of_distance": 0.1, "target_speed": 0.6},
+            hyperparameters={
+                "n_envs": 512,
+                "n_steps": 128,
+                "batch_size": 16384,
+                "learning_rate": 5e-5,
+            },
+        ),
+        enough=0.9,
+        minutes=6.0,
+    ),
+    Row(
+        "first_evening",
+        "PPO of stable-baselines3",
+        FIRST_EVENING,
+        FirstEvening("PPO", n_envs=8, timesteps=500_000),
+        enough=0.8,
+        minutes=6.0,
+    ),
+)

@@ -1,0 +1,154 @@
+"""Watch the optimal gait, feedback laws and policies walk on one ground, in a window or as a GIF.
+
+The first is drawn solid, the others as ghosts. Below are the phase plane and where the energy goes.
+Laws and policies start from rest. The optimum has no start of its own: behind a walker it joins
+once that has walked some steps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from agents.film import times
+from agents.policy_files import PRETRAINED
+from agents.race import GHOST, MOST, SIZE, Race, ghost
+from agents.recording import Recording, record_gait, record_walker
+from agents.walkers import walker
+from rimless_gym import BUILDABLE
+from rimless_gym.command import INTERRUPTED
+from rimless_gym.commands.commandline import Parser, more_than_zero, whole
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from rimless_gym.rendering.display import Window, has_display, save_gif
+from trajopt import Solution, periodic_gait
+from trajopt.feedback import laws
+from trajopt.files import write_bytes
+from trajopt.gaits.shipped import shipped
+
+#: Pictures of a window per second; of a GIF, which counts in 1/100 s.
+FPS, GIF_FPS = 25, 100 / 6
+
+#: Longest walk, and longest GIF (s); its pictures are all in memory.
+LONGEST, LONGEST_GIF = 600.0, 60.0
+
+#: Size of a GIF's palette, and pictures from which it is chosen.
+COLOURS, SAMPLES = 32, 9
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line, until the window is closed or the time is over."""
+    parser = Parser(__doc__)
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="WALKER",
+        default=[GHOST],
+        help=f"{GHOST}: the optimal gait whose voltage is held for {1e3 * CONTROL_PERIOD:g} ms; a "
+        f"feedback law about it: {', '.join(laws.names())}; a policy that comes with the package: "
+        f"{', '.join(PRETRAINED)}; or a policy's file; at most {MOST} of them",
+    )
+    parser.add_machine(None, "machine; None: a policy's own, otherwise BUILDABLE")
+    parser.add_argument(
+        "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
+    )
+    parser.add_argument("--steps", type=whole(1), default=1, help="of the gait, per stride")
+    parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
+    parser.add_argument("--out", type=Path, help="a GIF to write instead of showing a window")
+    parser.add_argument(
+        "--size", type=whole(50, 4000), nargs=2, default=SIZE, metavar=("WIDTH", "HEIGHT")
+    )
+    options = parser.parse_args(arguments)
+    longest = LONGEST_GIF if options.out else LONGEST
+    if not 1 / GIF_FPS <= options.seconds <= longest:
+        parser.error(
+            f"--seconds {options.seconds:g}: must be at least {1 / GIF_FPS:g}, one picture, and "
+            f"at most {longest:g}"
+        )
+    if len(options.names) > MOST:
+        parser.error(f"{len(options.names)} walkers: at most {MOST} fit into one picture")
+    for name in options.names:
+        if options.names.count(name) > 1:
+            parser.error(f"{name}: is named twice; name each walker once")
+    chosen = options.preset or options.params
+    params = parser.machine(options) if chosen else None
+    if options.out is None:
+        require_display(parser, "write a GIF with --out walk.gif")
+    elif options.out.suffix.lower() != ".gif":
+        parser.error(f"--out {options.out}: is written as a GIF; give a name that ends with .gif")
+    else:
+        parser.require_file(options.out)
+    try:
+        with parser.refusing():
+            race = race_of(options, params)
+            if options.out is None:
+                show(race)
+            else:
+                encoded = gif(race)
+                with parser.out_of_room(options.out.parent):
+                    write_bytes(options.out, encoded)
+                print(options.out)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return 0
+
+
+def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
+    """The walks that were asked for.
+
+    Args:
+        options: of the command line.
+        given: the machine; None: a policy's own, or the default.
+
+    Raises:
+        ValueError: there is no such gait, law or policy, or they are of several machines.
+    """
+
+    @lru_cache
+    def gait_for(machine: WheelParams) -> Solution:
+        return periodic_gait(machine, options.speed, options.steps, hold=CONTROL_PERIOD)
+
+    found = {name: walker(name, gait_for, given) for name in options.names if name != GHOST}
+    params = next((one.params for one in found.values()), given or BUILDABLE)
+    solved = GHOST in options.names or any(one.gait for one in found.values())
+    known = solved or any(gait.params == params for gait in shipped())
+    cycle = gait_for(params) if known else None  # elsewhere the search takes minutes
+    walks: list[Recording] = []
+    for name in options.names:
+        if name != GHOST:
+            command = options.speed if found[name].conditions.commanded else None
+            walks.append(record_walker(found[name], options.seconds, command))
+        elif walks:
+            walks.append(ghost(gait_for(params), walks[0]))
+        else:
+            walks.append(record_gait(GHOST, gait_for(params), options.seconds))
+    return Race(walks, cycle, tuple(options.size))
+
+
+def gif(race: Race) -> bytes:
+    """The walks as an animated GIF."""
+    moments, encoded = times(race.ends, GIF_FPS), io.BytesIO()
+    samples = [race.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
+    frames = (race.frame(time) for time in moments)
+    save_gif(frames, encoded, GIF_FPS, colours=COLOURS, samples=samples)
+    return encoded.getvalue()
+
+
+def show(race: Race) -> None:
+    """Show walks in a window until it is closed or they end."""
+    window = Window(race.size, FPS)
+    for time in times(race.ends, FPS):
+        if not window.is_open:
+            break
+        window.show(race.frame(time))
+    window.close()
+
+
+def require_display(parser: Parser, remedy: str) -> None:
+    """Refuse to go on where no window can be shown."""
+    if not has_display():
+        parser.error(f"no display: nothing can be shown here; {remedy}")

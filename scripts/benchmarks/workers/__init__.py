@@ -1,1 +1,0 @@
-"""Programs that each measure one thing. Those of peers run in the peers' own environments."""

@@ -1,0 +1,205 @@
+"""The study of feedback laws: what it keeps, and what is measured or solved again."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
+from rimless_gym.commands.feedback_laws import cells, command, drawing, gaits, page
+from rimless_gym.commands.feedback_laws.cells import Cell, measured
+from rimless_gym.commands.feedback_laws.columns import COLUMNS, TIMING
+from rimless_gym.commands.feedback_laws.gaits import GAITS, Held
+from rimless_gym.commands.feedback_laws.study import study
+from rimless_gym.commands.imports import PACKAGES, ROOT, needed
+from rimless_gym.params import WheelParams
+from trajopt.gaits.solution import Solution
+
+HELD = GAITS[2]
+
+
+class Repeating:
+    """Measures by reading a finished trial; it counts the cells, and may be interrupted."""
+
+    def __init__(self, trial: dict[str, Any], interrupted_at: int | None = None) -> None:
+        self.trial, self.interrupted_at, self.done = trial, interrupted_at, list[str]()
+
+    def __call__(self, cell: Cell, gait: Path) -> dict[str, Any]:
+        if len(self.done) == self.interrupted_at:
+            raise KeyboardInterrupt
+        self.done.append(cell.column)
+        return {"found": self.trial["results"][cell.gait]["lqr"][cell.column], "seconds": 1.0}
+
+
+def with_gait(kept: Path, folder: Path) -> Path:
+    shutil.copytree(kept / "gaits", folder / "gaits")
+    return folder
+
+
+def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
+    kept: Path, trial: dict[str, Any], tmp_path: Path
+) -> None:
+    folder, first = with_gait(kept, tmp_path), Repeating(trial, interrupted_at=3)
+    with pytest.raises(KeyboardInterrupt):
+        study(folder, [HELD], ["lqr"], 1, True, first)
+    second, third = Repeating(trial), Repeating(trial)
+    found = study(folder, [HELD], ["lqr"], 1, True, second)
+    assert first.done + second.done == list(COLUMNS)
+    assert study(folder, [HELD], ["lqr"], 1, True, third)["results"] == found["results"]
+    assert third.done == []
+    assert page.sections(found)["gaits"] == page.sections(trial)["gaits"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[:20],
+        lambda text: "[]",
+        lambda text: "[" * 100_000,
+        lambda text: json.dumps(json.loads(text) | {"found": {}}),
+        lambda text: json.dumps(json.loads(text) | {"found": {"gap": 0.001}}),
+        lambda text: json.dumps(json.loads(text) | {"seconds": "2"}),
+    ],
+    ids=["cut", "list", "deep", "empty", "edited", "of another type"],
+)
+def test_a_damaged_or_edited_cell_is_named_and_measured_again(
+    damage: Callable[[str], str],
+    kept: Path,
+    trial: dict[str, Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = with_gait(kept, tmp_path)
+    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
+    path = folder / "cells" / f"{HELD.key}_lqr_cost.json"
+    path.write_text(damage(path.read_text()))
+    again = Repeating(trial)
+    study(folder, [HELD], ["lqr"], 1, True, again)
+    assert again.done == ["cost"]
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "measured again" in each]
+    assert f"{path}: damaged" in line
+
+
+@pytest.fixture
+def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the repository's code, of which digests are made."""
+    root, data = tmp_path / "repository", shutil.ignore_patterns("__pycache__", "*.npz", "*.zip")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, root / package, ignore=data)
+    monkeypatch.setattr(cells, "needed", lambda modules: needed(modules, root))
+    return root
+
+
+def test_what_a_changed_law_has_measured_is_measured_again(
+    kept: Path, trial: dict[str, Any], tmp_path: Path, repository: Path
+) -> None:
+    folder, again = with_gait(kept, tmp_path), Repeating(trial)
+    study(folder, [HELD], ["lqr"], 1, True, Repeating(trial))
+    with (repository / "trajopt/feedback/laws/lqr.py").open("a") as file:
+        file.write("# changed\n")
+    study(folder, [HELD], ["lqr"], 1, True, again)
+    assert again.done == list(COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("changed", "columns"),
+    [
+        ("trajopt/feedback/laws/__init__.py", set(COLUMNS)),
+        ("trajopt/feedback/laws/lqr.py", set(COLUMNS)),
+        ("trajopt/feedback/laws/pid.py", set()),
+        ("rimless_gym/kernel/attempt.py", set(COLUMNS)),
+        ("rimless_gym/commands/feedback_laws/columns/pushes.py", {"pushes"}),
+        (
+            "rimless_gym/commands/feedback_laws/columns/changes.py",
+            {"machines", "nuisances", "slopes", "pushes"},
+        ),
+        ("agents/verdicts.py", set(COLUMNS) - {TIMING, "multipliers"}),
+        ("agents/train.py", set()),
+    ],
+)
+def test_what_depends_on_a_changed_file_is_out_of_date(
+    kept: Path, repository: Path, changed: str, columns: set[str]
+) -> None:
+    gait = kept / "gaits" / f"{HELD.key}.npz"
+    study_cells = [Cell(HELD.key, "lqr", column, False, True) for column in COLUMNS]
+    before = {cell.column: cell.made_of(gait) for cell in study_cells}
+    with (repository / changed).open("a") as file:
+        file.write("# changed\n")
+    assert {c.column for c in study_cells if c.made_of(gait) != before[c.column]} == columns
+
+
+@pytest.mark.parametrize(
+    ("params", "speed", "again"),
+    [(BUILDABLE, 0.605, False), (BUILDABLE, 0.59, True), (THESIS_PHYSICAL, 0.605, True)],
+)
+def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_for(
+    kept: Path, monkeypatch: pytest.MonkeyPatch, params: WheelParams, speed: float, again: bool
+) -> None:
+    path = kept / "gaits" / f"{HELD.key}.npz"
+    monkeypatch.setattr(gaits, "preset", lambda name: params)
+    assert (Held("BUILDABLE", speed).fault_of(path) is not None) is again
+
+
+def test_a_gait_is_solved_only_if_none_is_kept(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+    monkeypatch.setattr(Held, "solved", lambda held: gait)
+    assert gaits.kept(tmp_path, [HELD])[HELD.key].exists()
+    monkeypatch.delattr(Held, "solved")
+    gaits.kept(tmp_path, [HELD])
+
+
+@pytest.mark.parametrize("fault", ["damaged", "failed its verification"])
+def test_a_kept_gait_that_is_of_no_use_is_named_and_solved_again(
+    fault: str,
+    kept: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    gait, path = Solution.load(kept / "gaits" / f"{HELD.key}.npz"), tmp_path / f"{HELD.key}.npz"
+    path.touch()
+    if fault != "damaged":
+        failures = dataclasses.replace(gait.verification, failures=("slips",))
+        dataclasses.replace(gait, verification=failures).save(path)
+    monkeypatch.setattr(Held, "solved", lambda held: gait)
+    gaits.kept(tmp_path, [HELD])
+    assert HELD.fault_of(path) is None
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "solved again" in each]
+    assert str(path) in line
+    assert fault in line
+
+
+def test_a_folder_in_the_place_of_a_gait_is_one_line_with_a_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "quick" / "gaits" / f"{HELD.key}.npz"
+    path.mkdir(parents=True)
+    with pytest.raises(SystemExit):
+        command.main(["--quick", "--gaits", HELD.key, "--out", str(tmp_path)])
+    assert f"error: {path}: a folder in the place of a gait's file" in capsys.readouterr().err
+
+
+def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
+    kept: Path, trial: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = with_gait(kept, tmp_path)
+    gait = folder / "gaits" / f"{HELD.key}.npz"
+    failure = measured(Cell(HELD.key, "no_such_law", "cost", False, True), gait)
+    assert "no_such_law" in failure["error"]
+
+    def failing(cell: Cell, gait: Path) -> dict[str, Any]:
+        return failure if cell.column == "cost" else Repeating(trial)(cell, gait)
+
+    found = study(folder, [HELD], ["lqr"], 1, True, failing)
+    assert list(found["errors"]) == [f"{HELD.key}_lqr_cost"]
+    assert not (folder / "cells" / f"{HELD.key}_lqr_cost.json").exists()
+    assert page.sections(found)
+    assert drawing.figures(found)

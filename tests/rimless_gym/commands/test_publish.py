@@ -1,0 +1,128 @@
+"""A finished comparison comes into the README and the package as a whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from agents.comparison.entrants import entrants
+from agents.comparison.headline import SHOWN
+from agents.comparison.learned import Learned
+from agents.comparison.study import Study
+from agents.policy_files import PRETRAINED
+from rimless_gym.commands import publish
+
+ROW = {
+    "walking_share": 1.0,
+    "cot": 0.05,
+    "speed": 0.6,
+    "gap": 0.1,
+    "friction_demand": 0.7,
+    "min_normal_force_over_weight": 0.1,
+}
+
+
+def section(name: str, text: str) -> str:
+    """A page with a section."""
+    return f"before\n<!-- compare: {name} -->\n{text}<!-- end of {name} -->\nafter\n"
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """What `make compare` leaves, of the policies that are shipped."""
+    folder = tmp_path / "study"
+    for name, source in publish.POLICIES.items():
+        (folder / source).parent.mkdir(parents=True)
+        shutil.copy(PRETRAINED[name], folder / source)
+        (folder / source).with_name("train.json").write_text('{"init": "scratch"}')
+    for source in publish.COPIES:
+        (folder / source).write_text(f"picture {source}")
+    (folder / "table.md").write_text("| new table |\n")
+    learned = [one for one in entrants(Study()) if isinstance(one, Learned)]
+    table = [
+        ROW | {"policy": title, "at": one.speed, "return": 0.25}
+        for one in learned
+        for title in one.shown
+    ]
+    table.append(ROW | {"policy": "LQR about the optimum", "at": 0.53, "gap": 0.2})
+    table.append(ROW | {"policy": "LQR about the optimum", "at": Study().speed, "cot": None})
+    of = dataclasses.asdict(Study(changes={"drag": 0.1}))
+    (folder / "results.json").write_text(json.dumps({"study": of, "table": table}))
+    return folder
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with what is to be replaced."""
+    root = tmp_path / "root"
+    for folder in ("docs", "agents/pretrained"):
+        (root / folder).mkdir(parents=True)
+    for name, page in publish.PAGES.items():
+        (root / page).write_text(section(name, "| old |\n"))
+    monkeypatch.setattr(publish, "ROOT", root)
+    monkeypatch.setattr(publish, "PRETRAINED", root / "agents" / "pretrained")
+    return root
+
+
+def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
+    study: Path, root: Path
+) -> None:
+    assert publish.main(["--study", str(study)]) == 0
+    table = (root / "docs" / "comparison.md").read_text()
+    assert table == section("table", "| new table |\n")
+    for source, target in publish.COPIES.items():
+        assert (root / target).read_text() == f"picture {source}"
+    for name in publish.POLICIES:
+        path = root / "agents" / "pretrained" / f"{name}.zip"
+        assert path.read_bytes() == PRETRAINED[name].read_bytes()
+        text = path.with_suffix(".md").read_text()
+        assert text.startswith(f"# `{name}`: ")
+        assert '| machine | `BUILDABLE with {"drag": 0.1}` |' in text
+        assert "| CoT | 0.0500 |" in text
+
+
+def test_the_headline_is_of_the_studys_own_speed_and_tells_what_does_not_walk(
+    study: Path, root: Path
+) -> None:
+    publish.main(["--study", str(study)])
+    lines = (root / "README.md").read_text().splitlines()[4:-2]
+    assert [line.split(" | ")[1:] for line in lines] == [
+        ["-", "+10.0%", "0.600", "100% |"],
+        *[["0.0500", "+10.0%", "0.600", "100% |"]] * 4,
+    ]
+
+
+def test_the_published_headline_is_taken_from_the_published_table() -> None:
+    whole = (publish.ROOT / "docs" / "comparison.md").read_text()
+    rows = [line.strip("| ").split(" | ") for line in whole.splitlines() if line[:2] == "| "]
+    known = {tuple(row[n] for n in (1, 4, 3, 5)) for row in rows if len(row) == 8}
+    readme = (publish.ROOT / "README.md").read_text()
+    shown = re.search(r"<!-- compare: headline -->\n(.*?)<!-- end of headline", readme, re.DOTALL)
+    assert shown
+    lines = [line.strip("| ").split(" | ") for line in shown[1].splitlines()[2:]]
+    assert [line[0] for line in lines] == list(SHOWN.values())
+    assert {tuple(line[1:]) for line in lines} <= known
+
+
+def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
+    publish.main(["--study", str(study)])
+    once = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    publish.main(["--study", str(study)])
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == once
+
+
+@pytest.mark.parametrize("name", publish.PAGES)
+def test_a_page_without_marks_is_refused_before_anything_is_copied(
+    study: Path, root: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    (root / publish.PAGES[name]).write_text("no table\n")
+    with pytest.raises(SystemExit):
+        publish.main(["--study", str(study)])
+    assert f"<!-- compare: {name} -->" in capsys.readouterr().err
+    left = {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
+    assert left == set(publish.PAGES.values())
