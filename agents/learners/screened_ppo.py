@@ -89,7 +89,6 @@ class Learner(Sb3Learner):
 
     algorithm = PPO
     hyperparameter_file = "screened_ppo.yml"
-    episode_steps = 1000
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         conditions = training.conditions

@@ -60,7 +60,6 @@ class Sb3Learner(Learner):
     Attributes:
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
-        episode_steps: longest episode in training; None: that of the environment.
         model: that learns.
 
     Raises:
@@ -69,7 +68,6 @@ class Sb3Learner(Learner):
 
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
-    episode_steps: ClassVar[int | None] = None
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
         torch.set_num_threads(1)
@@ -85,7 +83,6 @@ class Sb3Learner(Learner):
             training.seed,
             settings.reward_scale,
             settings.held,
-            self.episode_steps,
         )
         self._price = None if settings.pacing is None else SelfPacedPrice(settings.pacing)
         if start is None:

@@ -91,15 +91,10 @@ def training_env(
     seed: int,
     reward_scale: float = 1.0,
     held: int = 1,
-    episode_steps: int | None = None,
 ) -> ScaledReward:
-    """`n_envs` environments side by side; returns are monitored before the reward is scaled.
-
-    Episodes last for `episode_steps` at most, or as long as those of the environment.
-    """
-    limit = {} if episode_steps is None else {"max_episode_steps": episode_steps}
+    """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
     same_step = AutoresetMode.SAME_STEP
-    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
+    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step))
     env.seed(seed)
     return ScaledReward(HeldActions(VecMonitor(env), held), reward_scale)
 
