@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from agents.comparison.shipped import TITLE
 from agents.reports.tables import figure
 
 #: Titles of rows of the comparison, and what they are for somebody who reads nothing else.
@@ -12,6 +13,7 @@ SHOWN = {
     "LQR about the optimum": "feedback law that holds it (LQR)",
     "imitation": "network cloned from the law",
     "fine-tuned, best kept": "clone fine-tuned by PPO",
+    TITLE: "one network for all speeds of the front",
     "evolution from scratch": "evolution from nothing",
     "PPO from scratch": "PPO from nothing",
 }
