@@ -9,6 +9,7 @@ from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.study import Study
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
+from rimless_gym.envs.task import USUAL_TASK
 
 #: The policy, and its row.
 FILE, TITLE = "front", "one policy for the front"
@@ -33,8 +34,15 @@ class ForTheFront:
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it at each speed."""
-        policy = learned_policy(load_policy(FILE).act)
-        found = evaluate_commanded(policy, self.commands, arena.params, progress=arena.progress)
+        shipped = load_policy(FILE)
+        found = evaluate_commanded(
+            learned_policy(shipped.act),
+            self.commands,
+            arena.params,
+            task=USUAL_TASK,  # the others' returns are of this one
+            control_period=shipped.conditions.control.period,
+            progress=arena.progress,
+        )
         return {"commanded": [each.evaluation.to_dict() for each in found]}
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
