@@ -46,6 +46,19 @@ DISTURBANCES = (
 )
 
 
+class Help(argparse.HelpFormatter):
+    """Says an option's default as it would be typed, unless there is none or its help says it."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        text, default = action.help, action.default
+        none = default is None or default is False or default in ("", [], (), {})
+        if not text or none or default == argparse.SUPPRESS or "default" in text:
+            return text
+        words = default if isinstance(default, (list, tuple)) else [default]
+        typed = " ".join(map(str, words)).replace("%", "%%")
+        return f"{text} (default: {typed})"
+
+
 class Parser(argparse.ArgumentParser):
     """A command line that reports mistakes in one line.
 
@@ -54,9 +67,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, description: str | None) -> None:
-        super().__init__(
-            description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-        )
+        super().__init__(description=description, formatter_class=Help)
 
     def error(self, message: str) -> NoReturn:
         """End with one line on stderr and status 2."""

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--speed", type=more_than_zero, default=0.56, help="of the gait that laws hold (m/s)"
     )
-    parser.add_machine(None, "machine; None: a policy's own, and BUILDABLE for the others")
+    parser.add_machine(None, "machine; by default a policy's own, and BUILDABLE for the others")
     options = parser.parse_args(arguments)
     params = parser.machine(options) if options.preset or options.params else None
     parser.require_folder(options.out)

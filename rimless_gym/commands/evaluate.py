@@ -77,14 +77,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=more_than_zero,
         nargs="+",
         metavar="SPEED",
-        help="at which policies walk that are commanded a speed (m/s); None: "
-        f"every {STEP:g} m/s in the range that they were trained for",
+        help="at which policies walk that are commanded a speed (m/s); by "
+        f"default every {STEP:g} m/s in the range that they were trained for",
     )
     parser.add_argument(
         "--gap",
         action=argparse.BooleanOptionalAction,
-        help="solve the best gaits near the walked speed, and print the gap to them; None: where "
-        "gaits of the machine are shipped, since elsewhere it takes minutes",
+        help="solve the best gaits near the walked speed, and print the gap to them; by default "
+        "where gaits of the machine are shipped, since elsewhere it takes minutes",
     )
     parser.add_argument(
         "--trust-pickle",
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--json", action="store_true", help="everything, as JSON")
     parser.add_machine(
-        None, "machine that the policies must be for; None: the one each was trained on"
+        None, "machine that the policies must be for; by default the one each was trained on"
     )
     parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
     parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)

@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--timesteps",
         type=whole(0),
-        help="time steps in all; None: as the learner says",
+        help="time steps in all; by default as the learner says",
     )
     parser.add_machine(DEFAULT_PRESET)
     parser.add_argument("--task", type=json_object(dict), help=TASK)
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--control-period",
         type=more_than_zero,
-        help="how long an action is held (s); None: as in the environment",
+        help="how long an action is held (s); by default as in the environment",
     )
     parser.add_argument(
         "--settings",

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"feedback law about it: {', '.join(laws.names())}; a policy that comes with the package: "
         f"{', '.join(PRETRAINED)}; or a policy's file; at most {MOST} of them",
     )
-    parser.add_machine(None, "machine; None: a policy's own, otherwise BUILDABLE")
+    parser.add_machine(None, "machine; by default a policy's own, otherwise BUILDABLE")
     parser.add_argument(
         "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
     )
@@ -60,7 +60,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
     parser.add_argument("--out", type=Path, help="a GIF to write instead of showing a window")
     parser.add_argument(
-        "--size", type=whole(50, 4000), nargs=2, default=SIZE, metavar=("WIDTH", "HEIGHT")
+        "--size",
+        type=whole(50, 4000),
+        nargs=2,
+        default=SIZE,
+        metavar=("WIDTH", "HEIGHT"),
+        help="of the picture, in pixels",
     )
     options = parser.parse_args(arguments)
     longest = LONGEST_GIF if options.out else LONGEST

@@ -31,7 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=whole(1), default=7, help="rounds over all rows")
     parser.add_argument("--seconds", type=more_than_zero, default=1.0, help="of each measurement")
     parser.add_argument(
-        "--only", nargs="+", metavar="ROW", choices=keys, help=f"of {', '.join(keys)}; None: all"
+        "--only",
+        nargs="+",
+        metavar="ROW",
+        choices=keys,
+        help=f"of {', '.join(keys)}; by default all",
     )
     parser.add_argument(
         "--out",

@@ -35,7 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--laws", type=_some(laws.names), default=None, help="some laws, a,b,c; by default all"
     )
     parser.add_argument(
-        "--gaits", type=_some(lambda: keys), default=keys, help="some of the gaits, a,b,c"
+        "--gaits",
+        type=_some(lambda: keys),
+        default=keys,
+        help=f"some of the gaits, a,b,c, of {', '.join(keys)}; by default all",
     )
     parser.add_argument("--quick", action="store_true", help="a trial with few short walks")
     parser.add_argument(

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"a policy's file (.zip); one that comes with the package: {', '.join(PRETRAINED)}; "
         f"or a feedback law: {', '.join(laws.names())}",
     )
-    parser.add_machine(None, "machine; None: a policy's own, and BUILDABLE for laws")
+    parser.add_machine(None, "machine; by default a policy's own, and BUILDABLE for laws")
     parser.add_argument("--quick", action="store_true", help="a trial: shows only that all runs")
     parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
     options = parser.parse_args(arguments)

@@ -17,7 +17,7 @@ from agents.evaluate import evaluate
 from agents.protocol import Protocol
 from agents.train import train
 from rimless_gym.commands import evaluate as command
-from rimless_gym.commands.commandline import terminated_like_ctrl_c, whole
+from rimless_gym.commands.commandline import Parser, terminated_like_ctrl_c, whole
 from trajopt.gaits.shipped import FOLDER
 from trajopt.processes import KilledError
 
@@ -36,6 +36,21 @@ WORK = {
     "thesis": ("rimless_gym.commands.thesis.command", "experiments.campaign"),
     "train": ("rimless_gym.commands.train", "train"),
 }
+
+
+def test_help_says_a_default_as_it_is_typed_unless_there_is_none_or_it_is_said_already() -> None:
+    parser = Parser("Nothing.")
+    parser.add_argument("names", nargs="*", default=("a", "b"), help="who")
+    parser.add_argument("--size", nargs=2, default=[720, 468], help="in pixels")
+    parser.add_argument("--share", default="5%", help="of it")
+    parser.add_argument("--machine", help="whose; by default a policy's own")
+    parser.add_argument("--starts", default=24, help="by default some")
+    parser.add_argument("--params", default={}, help="fields")
+    parser.add_argument("--quick", action="store_true", help="less")
+    told = parser.format_help()
+    for typed in "who (default: a b)", "in pixels (default: 720 468)", "of it (default: 5%)":
+        assert typed in told
+    assert told.count("(default") == 3
 
 
 def work(*arguments: Any, **settings: Any) -> None:
