@@ -17,6 +17,11 @@ from rimless_gym.commands.commandline import (
 )
 from trajopt import periodic_gait
 
+#: Speeds (m/s) that a report does not tell apart.
+SAME = 5e-5
+
+WHY = "no speed nearer to it lets a stride last a whole number of intervals"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if the gait passed verification, 1 if not, 2 if none was found."""
@@ -64,5 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     if options.out is not None:
         solution.save(options.out)
-    print(json.dumps(solution.to_dict(), indent=2) if options.json else solution.report())
+    if options.json:
+        print(json.dumps(solution.to_dict(), indent=2))
+    else:
+        print(solution.report())
+        if abs(solution.speed - options.speed) > SAME:
+            print(f"  speed asked for         {options.speed:g} m/s; {WHY}")
     return 0 if solution.verification.passed else 1

@@ -239,7 +239,7 @@ class Solution:
         lines = [
             f"Periodic gait, {self.steps} step(s) per stride at {self.speed:.4f} m/s{self._held()}",
             f"  verification            {verdict}",
-            f"  cost of transport       {self.cot:.6f} (with regeneration "
+            f"  cost of transport       {self.cot:.6f} at {self.speed:.4f} m/s (with regeneration "
             f"{self.cot_with_regeneration:.6f})",
             f"  energy of a stride      {self.cost:.6f} J"
             f" ({'E, with' if self.regeneration else 'E+, no'} regeneration)",

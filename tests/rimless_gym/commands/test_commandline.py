@@ -17,7 +17,9 @@ from agents.evaluate import evaluate
 from agents.protocol import Protocol
 from agents.train import train
 from rimless_gym.commands import evaluate as command
+from rimless_gym.commands import solve_gait
 from rimless_gym.commands.commandline import Parser, terminated_like_ctrl_c, whole
+from trajopt import Solution
 from trajopt.gaits.shipped import FOLDER
 from trajopt.processes import KilledError
 
@@ -358,6 +360,20 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     with pytest.raises(SystemExit):
         command.main([*arguments, "--seeds"])
     assert "not summarised" in capsys.readouterr().err
+
+
+def test_a_gait_at_another_speed_than_asked_for_says_both(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    monkeypatch.setattr(
+        "rimless_gym.commands.solve_gait.periodic_gait", lambda *what, **settings: known
+    )
+    for asked, told in (["--speed", "0.56", "--hold", "0.01"], True), (["--speed", "0.55"], False):
+        assert solve_gait.main(asked) == 0
+        report = capsys.readouterr().out
+        assert f"{known.cot:.6f} at 0.5500 m/s" in report
+        assert ("speed asked for         0.56 m/s; no speed nearer" in report) is told
 
 
 def test_a_killed_worker_is_told_of_in_one_line(

@@ -76,6 +76,14 @@ def test_the_report_says_how_often_each_optimum_was_found(search: Search) -> Non
     assert "16 of 16" in search.report()
 
 
+def test_progress_says_when_nothing_is_found_yet(capsys: pytest.CaptureFixture[str]) -> None:
+    search = multi_start(AROUND, Waves(AROUND), 1, progress=True, max_iter=1)
+    assert not search.optima
+    told = capsys.readouterr().err
+    assert "none found yet" in told
+    assert "inf" not in told
+
+
 def test_the_best_are_refined_and_verified(search: Search) -> None:
     best, second = best_of(search, 2)
     assert best.converged

@@ -101,7 +101,8 @@ def multi_start(
                 finished[outcome.index] = outcome
                 if not outcome.failure:
                     best = min(best, outcome.cost)
-                bar.set_postfix_str(f"best cost {best:.6g}", refresh=False)
+                found = f"best cost {best:.6g}" if best < math.inf else "none found yet"
+                bar.set_postfix_str(found, refresh=False)
                 bar.update()
     except KeyboardInterrupt:
         raise Interrupted(so_far()) from None
