@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
+from tests.peers.running import ROOT, printed
+
 pytestmark = pytest.mark.peers
 pytest.importorskip("rl_zoo3")
 
-ROOT = Path(__file__).parents[2]
 ARGUMENTS = ["--gym-packages", "rimless_gym", "--env", "RimlessWheel-v0", "--device", "cpu"]
 STEPS = {"ppo": 1, "sac": 5200}  # a rollout of PPO; a little past SAC's learning_starts
 
@@ -36,20 +34,9 @@ def hyperparameters(algo: str) -> Path:
 
 def train(folder: Path, program: list[str], algo: str, *more: str) -> tuple[str, Path]:
     """Train for a moment; what was printed, and the folder that rl-zoo3 made."""
-    command = [sys.executable, *program, *ARGUMENTS, "--algo", algo]
-    command += ["--conf-file", str(hyperparameters(algo)), "-n", str(STEPS[algo])]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [*command, "-f", str(folder), "--eval-freq", "-1", *more],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout, folder / algo / "RimlessWheel-v0_1"
+    command = [*program, *ARGUMENTS, "--algo", algo, "-f", str(folder), "--eval-freq", "-1"]
+    command += ["--conf-file", str(hyperparameters(algo)), "-n", str(STEPS[algo]), *more]
+    return printed(command, ROOT), folder / algo / "RimlessWheel-v0_1"
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
