@@ -32,7 +32,6 @@ TUBE = 0.0535  # kg/m: carbon fibre, 12 mm outside and 10 mm inside, 1550 kg/m^3
 HUB_RADIUS = 0.04  # m, where the legs begin
 SOCKET, FOOT, CROSSBAR = 0.010, 0.010, 0.008  # kg: at the hub, at the tip, between two tips
 BOB_RADIUS = 0.020  # m: steel round bar of 40 mm, cut to the wanted mass
-BOB_BAR = 9.86  # kg/m of that bar
 CLAMP = 0.05  # kg: of the arm on its bearings, at the hub
 
 #: Parts of the wheel close to the hub, without motor and gearhead: kg, and distance (m) at which
