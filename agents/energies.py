@@ -23,7 +23,7 @@ def drawn_between(walk: Recording, since: float, time: float) -> float:
 
 
 def spent_between(walk: Recording, since: float, time: float) -> dict[str, float]:
-    """Where that energy went, by term of the ledger (J); the sum of all is what was drawn.
+    """Where that energy went (J), by term of the ledger in words; the sum of all is what was drawn.
 
     The battery cannot be recharged, so that what the motor gives back is lost: "not recharged".
     What pushes give counts as negative.
@@ -32,7 +32,7 @@ def spent_between(walk: Recording, since: float, time: float) -> dict[str, float
     of = {name: after[name] - before[name] for name in after}
     spent = {name: of[name] for name in ("idle", *LOSSES, "collision")}
     spent |= {"not recharged": of["electrical_positive"] - of["electrical"], "push": -of["push"]}
-    return spent | {"mechanical_change": of["mechanical_change"]}
+    return spent | {"change of mechanical energy": of["mechanical_change"]}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -53,6 +53,7 @@ def test_the_optimum_joins_in_step_once_the_first_walks(walk, gait):
 def test_the_terms_add_up_to_what_the_battery_gave(walk, since, time):
     spent = spent_between(walk, since, time)
     assert set(LOSSES) <= set(spent)
+    assert not any("_" in term for term in spent)  # they are written beside the bars
     assert sum(spent.values()) == pytest.approx(drawn_between(walk, since, time), abs=1e-9)
     assert spent["copper"] == walk.spent(time)["copper"] - walk.spent(since)["copper"]
 
