@@ -56,7 +56,7 @@ OBSERVATION_LAYOUT = (
 #: What it sees besides where a speed is commanded.
 COMMANDED_LAYOUT = (f"(speed - {MIDDLE_SPEED} m/s) / {SPEED_SCALE} m/s", "credit / step length")
 
-_REMEDY = "copy it again, or train it again with scripts/train.py"
+_REMEDY = "copy it again, or train it again with `rimless train`"
 
 
 class CheckpointError(ValueError):
@@ -161,7 +161,7 @@ def find_policy(path: str | Path) -> Path:
         raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
     raise CheckpointError(
         f"{path}: no such file, and no policy of that name comes with the package (those are "
-        f"{', '.join(PRETRAINED)}); make one with scripts/train.py, or check the path"
+        f"{', '.join(PRETRAINED)}); make one with `rimless train`, or check the path"
     )
 
 

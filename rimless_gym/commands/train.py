@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     if not result.evaluations:
         print(f"{options.out} holds this training, which is over")
-    print(f"best policy: {result.best}; measure it with scripts/evaluate.py {result.best}")
+    print(f"best policy: {result.best}; measure it with `rimless evaluate {result.best}`")
     return 0
 
 

@@ -92,7 +92,7 @@ def test_the_policies_of_the_package_are_found_from_any_folder(tmp_path, monkeyp
 
 def test_a_missing_policy_is_named_with_those_of_the_package(tmp_path):
     with pytest.raises(
-        CheckpointError, match=r"no such file.*fine_tuned, front, imitation.*train\.py"
+        CheckpointError, match=r"no such file.*fine_tuned, front, imitation.*rimless train"
     ):
         load_policy(tmp_path / "nowhere.zip")
 

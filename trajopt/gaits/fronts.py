@@ -92,7 +92,7 @@ def shipped_front(params: WheelParams) -> CotFront:
     if not found:
         raise NoFrontError(
             "no gaits of this machine are shipped: choose a preset that has a front, such as "
-            "BUILDABLE, or search one with scripts/front.py"
+            "BUILDABLE, or search one with `rimless front`"
         )
     return CotFront(found)
 

@@ -22,7 +22,7 @@ from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 
 FORMAT = "rimless-gym gait 3"
 
-REMEDY = "copy it again, or solve it again with scripts/solve_gait.py"
+REMEDY = "copy it again, or solve it again with `rimless gait`"
 
 #: Entries of the header that are written as they are.
 PLAIN = ("theta_turns", "regeneration", "provenance", "hold")

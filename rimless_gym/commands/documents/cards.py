@@ -33,7 +33,7 @@ CARD = """\
 | licence | MIT, as the rest of the package |
 
 The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over the last
-30 s. {again} `python scripts/evaluate.py {name}` measures this file.
+30 s. {again} `rimless evaluate {name}` measures this file.
 """
 
 #: The card of a policy that walks at commanded speeds.
@@ -58,7 +58,7 @@ COMMANDED = """\
 Each line is measured by the protocol of the README's table: 128 starts, 50 s each, measured over
 the last 30 s, under one command; docs/learning.md also has walks in which it changes. Gaps are to
 the optimum at the walked speed. {again}
-`python scripts/evaluate.py {name} --gap` measures this file.
+`rimless evaluate {name} --gap` measures this file.
 """
 
 #: How the policies of the comparison are made again.

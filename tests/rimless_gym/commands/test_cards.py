@@ -54,7 +54,7 @@ def test_a_card_says_what_the_policy_is_how_it_walks_and_what_made_it() -> None:
     ):
         assert line in text.splitlines()
     assert "| seed | 3 (one seed;" in text
-    assert "`python scripts/evaluate.py mine` measures this file" in text
+    assert "`rimless evaluate mine` measures this file" in text
 
 
 def test_figures_that_a_policy_does_not_have_are_dashes() -> None:
@@ -103,7 +103,7 @@ def test_a_card_names_disturbances_and_how_the_policy_is_made_again() -> None:
     disturbances = {"actuator_delay": 2}
     text = card("mine", RECORD | {"disturbances": disturbances}, ROW, "BUILDABLE", "x", "Ask;")
     assert '| machine | `BUILDABLE`, disturbances {"actuator_delay": 2} |' in text
-    assert "30 s. Ask; `python scripts/evaluate.py mine` measures" in text
+    assert "30 s. Ask; `rimless evaluate mine` measures" in text
 
 
 def test_a_card_has_a_line_for_each_command_of_a_policy_that_walks_at_commanded_speeds() -> None:
@@ -124,7 +124,7 @@ def test_a_card_has_a_line_for_each_command_of_a_policy_that_walks_at_commanded_
         assert line in lines
     assert lines[-3:-1] == [
         "the optimum at the walked speed. Ask;",
-        "`python scripts/evaluate.py mine --gap` measures this file.",
+        "`rimless evaluate mine --gap` measures this file.",
     ]
 
 
