@@ -21,20 +21,27 @@ def idle(states: Floats, observations: NDArray[np.float32]) -> Floats:
     return np.zeros(len(states))
 
 
-def uniform() -> Policy:
-    """Uniformly random voltages; every policy that this returns gives the same sequence."""
-    rng = np.random.default_rng(0)
+def uniform(seed: int) -> Policy:
+    """Uniformly random voltages; every policy of one seed gives the same sequence."""
+    rng = np.random.default_rng(seed)
     return lambda states, observations: rng.uniform(-1.0, 1.0, len(states))
 
 
-#: How each is begun, by name.
-BASELINES: dict[str, Callable[[], Policy]] = {"idle": lambda: idle, "random": uniform}
+#: How each is begun, by name; from a seed.
+BASELINES: dict[str, Callable[[int], Policy]] = {"idle": lambda seed: idle, "random": uniform}
 
 
 def walker_or_baseline(
-    name: str, gait_for: Callable[[WheelParams], Solution], params: WheelParams | None = None
+    name: str,
+    gait_for: Callable[[WheelParams], Solution],
+    params: WheelParams | None = None,
+    seed: int = 0,
 ) -> Walker:
-    """One of `BASELINES`, or what `agents.walkers.walker` finds; it says what is raised."""
+    """One of `BASELINES`, which follow the seed, or what `agents.walkers.walker` finds.
+
+    Raises:
+        ValueError, CheckpointError, NoGaitError: see there.
+    """
     if name in BASELINES:
-        return Walker(name, BASELINES[name](), Conditions(params or BUILDABLE))
+        return Walker(name, BASELINES[name](seed), Conditions(params or BUILDABLE))
     return walker(name, gait_for, params)

@@ -69,12 +69,12 @@ def walks_of(
         params: the machine; None: a policy's own, and BUILDABLE for others.
         gait_for: finds the gait that a law is to hold.
         count: episodes; episode i begins with `reset(seed=seed + i)`.
-        seed: see `count`.
+        seed: see `count`; random voltages follow it too.
 
     Raises:
         CheckpointError, NoGaitError: see `agents.walkers.walker`.
     """
-    found = walker_or_baseline(name, gait_for, params)
+    found = walker_or_baseline(name, gait_for, params, seed)
     steps = found.conditions.control.episode_steps
     envs = found.conditions.envs(count, max_episode_steps=steps)
     walked = episodes(envs, found.policy, seed, keep=KEPT, progress=name)

@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, default=Path("runs/data"), help="folder, Minari's MINARI_DATASETS_PATH"
     )
     parser.add_argument("--episodes", type=whole(1, 10_000), default=100, help="of every walker")
-    parser.add_argument("--seed", type=whole(0), default=0, help="of the first episode")
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, help="of the first episode, and of random voltages"
+    )
     parser.add_argument(
         "--speed", type=more_than_zero, default=0.56, help="of the gait that laws hold (m/s)"
     )

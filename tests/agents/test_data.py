@@ -147,7 +147,7 @@ def test_another_machine_is_in_the_dataset_and_on_the_card(tmp_path, monkeypatch
 def test_who_does_not_get_on_has_no_cost_of_transport():
     envs = Conditions(BUILDABLE).envs(1, max_episode_steps=5)
     begin = {"mode": "double_stance"}
-    rest = episodes(envs, BASELINES["idle"](), options=begin, keep=KEPT)
+    rest = episodes(envs, BASELINES["idle"](0), options=begin, keep=KEPT)
     assert figures(rest, BUILDABLE.weight)["cot"] is None
 
 

@@ -40,13 +40,23 @@ def test_the_single_environment_repeats_every_episode_bit_for_bit(name):
 
 def test_rows_end_by_themselves():
     envs = Conditions(BUILDABLE).envs(12, max_episode_steps=300)
-    walked = episodes(envs, BASELINES["random"]())
+    walked = episodes(envs, BASELINES["random"](0))
     lengths = {len(one.rewards) for one in walked}
     assert len(lengths) > 2
     for one in walked:
         assert not (one.terminations | one.truncations)[:-1].any()
         assert one.terminations[-1] == (len(one.rewards) < 300)
         assert one.total == one.rewards.sum()
+
+
+def test_random_voltages_follow_the_seed():
+    states = np.zeros((4, 5))
+    first, again, other = (
+        walker_or_baseline("random", refused, seed=seed).policy(states, states)
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.isin(first, other).any()
 
 
 def test_a_baseline_walks_on_the_machine_that_is_given():

@@ -117,7 +117,7 @@ def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
     else:
         yield WHEEL, row
     if name in BASELINES:
-        yield COMMANDED, {"name": name} | measured(BASELINES[name](), _commanded(), count)
+        yield COMMANDED, {"name": name} | measured(BASELINES[name](0), _commanded(), count)
 
 
 def _front_rows(name: str, count: int) -> Iterator[tuple[str, Row]]:

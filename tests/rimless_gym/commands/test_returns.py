@@ -76,7 +76,7 @@ def test_resting_earns_what_was_recorded() -> None:
     commanded = Conditions.of(BUILDABLE, None, None, SPEEDS)
     for env, conditions in ((WHEEL, Conditions(BUILDABLE)), (COMMANDED, commanded)):
         (row,) = [row for row in RECORDED[env] if row["name"] == "idle"]
-        found = measured(BASELINES["idle"](), conditions, RECORDED["episodes"])
+        found = measured(BASELINES["idle"](0), conditions, RECORDED["episodes"])
         assert found["mean"] == pytest.approx(row["mean"], abs=1e-6)
 
 
