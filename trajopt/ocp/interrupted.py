@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,16 +30,18 @@ class Interrupted(KeyboardInterrupt, Generic[T]):
 def heeded() -> Iterator[None]:
     """Make Ctrl-C in this context raise KeyboardInterrupt, at the latest at the context's end.
 
-    Without it, CasADi's wrappers lose about one Ctrl-C in ten, or turn it into a SystemError.
+    Without it, CasADi's wrappers lose about one Ctrl-C in ten, or turn it into a SystemError. What
+    CasADi itself says of it on stderr is not shown.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     pressed = threading.Event()
-    former = signal.getsignal(signal.SIGINT)
+    former, stderr = signal.getsignal(signal.SIGINT), sys.stderr
 
     def press(number: int, frame: FrameType | None) -> None:
         pressed.set()
+        sys.stderr = io.StringIO()
         if callable(former):
             former(number, frame)
 
@@ -50,5 +54,6 @@ def heeded() -> Iterator[None]:
         raise
     finally:
         signal.signal(signal.SIGINT, former)
+        sys.stderr = stderr
     if pressed.is_set() and former is signal.default_int_handler:
         raise KeyboardInterrupt
