@@ -1,11 +1,11 @@
-"""Datasets of several walkers, one after the other; those that are there are kept."""
+"""Datasets, one of each walker; those that are there are kept."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,31 +109,28 @@ def require_free(folder: Path, names: Sequence[str], wanted: Wanted) -> list[str
     return [name for name, found in zip(names, recipes, strict=True) if found is None]
 
 
-def write_all(
-    folder: Path, names: Sequence[str], wanted: Wanted
-) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Write the dataset of every walker.
+def write(folder: Path, name: str, wanted: Wanted) -> tuple[str, dict[str, Any]]:
+    """Write the dataset of a walker.
 
     Args:
         folder: of the datasets.
-        names: of the walkers.
-        wanted: what their datasets shall hold.
+        name: of the walker.
+        wanted: what the dataset shall hold.
 
-    Yields:
-        A dataset's identifier and its figures, once it is complete.
+    Returns:
+        The dataset's identifier and its figures.
 
     Raises:
         NoGaitError: a law has no gait to hold.
         OSError: the disk is full, or the folder cannot be written.
     """
-    for name in names:
-        walks, id_ = wanted.walks(name, folder / GAITS), dataset_id(Path(name).stem)
-        found = figures(walks.episodes, walks.conditions.params.weight)
-        machine = _changed(walks.conditions.params)
-        by = provenance(command=wanted.command(name), machine=machine)
-        text = card(id_, environment(walks.conditions), walks, found, by)
-        write_dataset(folder, id_, walks, wanted.recipe(name), text)
-        yield id_, found
+    walks, id_ = wanted.walks(name, folder / GAITS), dataset_id(Path(name).stem)
+    found = figures(walks.episodes, walks.conditions.params.weight)
+    machine = _changed(walks.conditions.params)
+    by = provenance(command=wanted.command(name), machine=machine)
+    text = card(id_, environment(walks.conditions), walks, found, by)
+    write_dataset(folder, id_, walks, wanted.recipe(name), text)
+    return id_, found
 
 
 def _changed(params: WheelParams) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from agents.data.files import CARD
 from agents.data.walks import OPTIMAL, standard
-from agents.data.write import Wanted, require_free, write_all
+from agents.data.write import Wanted, require_free, write
 from agents.folder import sole_user
 from rimless_gym.command import INTERRUPTED
 from rimless_gym.commands.commandline import Parser, more_than_zero, terminated_like_ctrl_c, whole
@@ -56,10 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sole_user(options.out),
         ):
             missing = require_free(options.out, names, wanted)
-            written = write_all(options.out, missing, wanted)
             with tqdm(total=len(names), initial=len(names) - len(missing), desc="data") as bar:
-                for name, found in written:
-                    bar.write(f"{name}: {found['steps']:,} steps, return {found['mean']:.2f} m")
+                for name in missing:
+                    bar.set_postfix_str(name)
+                    id_, found = write(options.out, name, wanted)
+                    bar.write(f"{id_}: {found['steps']:,} steps, return {found['mean']:.2f} m")
                     bar.update()
     except KeyboardInterrupt:
         print("\ninterrupted: the same command writes what is missing", file=sys.stderr)

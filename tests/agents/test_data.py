@@ -13,7 +13,7 @@ from agents.conditions import Conditions
 from agents.data.figures import figures
 from agents.data.files import CARD, dataset_id, recipe_of, write_dataset
 from agents.data.walks import KEPT, optimal_walks
-from agents.data.write import Wanted, require_free, write_all
+from agents.data.write import Wanted, require_free, write
 from agents.episodes import episodes
 from rimless_gym import BUILDABLE, PROTOTYPE
 
@@ -21,7 +21,7 @@ FEW = Wanted(None, 3, 11, 0.56)
 
 
 def written(folder, *names, wanted=FEW):
-    return dict(write_all(folder, names, wanted))
+    return dict(write(folder, name, wanted) for name in names)
 
 
 def require_repeated(dataset):

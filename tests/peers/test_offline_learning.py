@@ -8,7 +8,7 @@ import pytest
 from agents.baselines import idle
 from agents.conditions import Conditions
 from agents.data.files import dataset_id
-from agents.data.write import Wanted, write_all
+from agents.data.write import Wanted, write
 from agents.episodes import episodes
 from rimless_gym import BUILDABLE
 
@@ -33,7 +33,7 @@ WANTED = Wanted(None, 100, 1000, 0.56)
 def folder(tmp_path_factory):
     """The walks of a shipped policy."""
     made = tmp_path_factory.mktemp("data")
-    dict(write_all(made, [WALKER], WANTED))
+    write(made, WALKER, WANTED)
     return made
 
 
