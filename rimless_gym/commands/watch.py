@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from tqdm import tqdm
+
 from agents.film import times
 from agents.policy_files import PRETRAINED
 from agents.race import GHOST, MOST, SIZE, Race, ghost
@@ -115,7 +117,10 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
 
     @lru_cache
     def gait_for(machine: WheelParams) -> Solution:
-        return periodic_gait(machine, options.speed, options.steps, hold=CONTROL_PERIOD)
+        require_near(machine, options.speed)
+        return periodic_gait(
+            machine, options.speed, options.steps, hold=CONTROL_PERIOD, progress=True
+        )
 
     found = {name: walker(name, gait_for, given) for name in options.names if name != GHOST}
     params = next((one.params for one in found.values()), given or BUILDABLE)
@@ -134,11 +139,25 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
     return Race(walks, cycle, tuple(options.size))
 
 
+def require_near(machine: WheelParams, speed: float) -> None:
+    """Refuse a speed (m/s) beyond all shipped gaits of a machine, if it has any.
+
+    Raises:
+        ValueError: a search there would take minutes, and most likely find nothing.
+    """
+    known = [gait.speed for gait in shipped() if gait.params == machine]
+    if known and not min(known) <= speed <= max(known):
+        raise ValueError(
+            f"--speed {speed:g}: must be on this machine's front, from {min(known):.4g} to "
+            f"{max(known):.4g} m/s; beyond it, `rimless gait --speed {speed:g}` searches"
+        )
+
+
 def gif(race: Race) -> bytes:
     """The walks as an animated GIF."""
     moments, encoded = times(race.ends, GIF_FPS), io.BytesIO()
     samples = [race.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
-    frames = (race.frame(time) for time in moments)
+    frames = (race.frame(time) for time in tqdm(moments, desc="gif", unit="picture"))
     save_gif(frames, encoded, GIF_FPS, colours=COLOURS, samples=samples)
     return encoded.getvalue()
 

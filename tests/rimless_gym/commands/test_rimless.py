@@ -130,7 +130,7 @@ def _solved(*what: object, **settings: object) -> Solution:
 
 
 @pytest.mark.usefixtures("gait")
-def test_walkers_are_written_as_a_gif(tmp_path: Path) -> None:
+def test_walkers_are_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "walk.gif"
     arguments = ["evolution", "optimum", "--seconds", "0.6", "--size", "240", "160"]
     assert watch.main([*arguments, "--out", str(out)]) == 0
@@ -138,6 +138,7 @@ def test_walkers_are_written_as_a_gif(tmp_path: Path) -> None:
         assert picture.size == (240, 160)
         assert picture.n_frames == 10  # type: ignore[attr-defined]
         assert picture.info["duration"] == 60
+    assert "gif: 100%" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("gait")
@@ -161,6 +162,7 @@ def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.M
         (["--size", "100000", "100000"], "at most 4000"),
         (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.06, one picture"),
         (["--seconds", "1e9", "--out", "walk.gif"], "at most 60"),
+        (["--speed", "5", "--out", "walk.gif"], "--speed 5: must be on this machine's front"),
         (
             ["evolution", "imitation", "lqr", "ppo", "robust", "--out", "walk.gif"],
             "5 walkers: at most 4",
