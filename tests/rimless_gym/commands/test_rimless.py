@@ -95,11 +95,7 @@ def test_a_script_of_a_checkout_runs_without_installation_from_anywhere(tmp_path
     assert "usage: rimless COMMAND" in done.stdout
 
 
-@pytest.mark.parametrize(
-    "script",
-    sorted((Path(rimless.__file__).parents[1] / "scripts").glob("*.py")),
-    ids=lambda path: path.stem,
-)
+@pytest.mark.parametrize("script", sorted(SCRIPTS.glob("*.py")), ids=lambda path: path.stem)
 def test_every_script_of_a_checkout_runs_a_command(script: Path) -> None:
     found = re.search(r'run\("([\w.]+)"\)', script.read_text())
     if script.stem != "rimless":
