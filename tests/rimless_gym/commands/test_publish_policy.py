@@ -45,7 +45,7 @@ def test_a_policy_is_copied_and_gets_a_card_of_its_figures(package: Path, policy
     assert card.startswith("# `found`: found by evolution\n\nLearned from nothing")
     assert "| starts that walk | 100% |" in card
     assert "| gap to the optimum at this speed | +12.3% |" in card
-    assert f"30 s. {command.AGAIN} `python" in card
+    assert f"30 s. {command.AGAIN} `rimless evaluate" in card
 
 
 def test_nothing_is_published_of_a_policy_that_walks_from_no_start(
