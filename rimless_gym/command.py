@@ -30,7 +30,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "watch": Command("watch", "the optimum, laws and policies, in a window or as a GIF"),
+    "watch": Command("watch", "the optimum, laws and policies, in a window, as a GIF or a video"),
     "play": Command("play", "walk yourself, with the arrow keys"),
     "gait": Command("solve_gait", "find the optimal gait of a machine"),
     "train": Command("train", "train a policy"),

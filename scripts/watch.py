@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Watch the optimum, laws and policies, in a window or as a GIF; see `--help`."""
+"""Watch the optimum, laws and policies, in a window, as a GIF or a video; see `--help`."""
 
 import sys
 from pathlib import Path

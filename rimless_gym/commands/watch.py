@@ -1,4 +1,4 @@
-"""Watch the optimal gait, feedback laws and policies walk on one ground, in a window or as a GIF.
+"""Watch gaits, feedback laws and policies walk on one ground: in a window, as a GIF or a video.
 
 The first is drawn solid, the others as ghosts. Below are the phase plane and where the energy goes.
 Laws and policies start from rest. The optimum has no start of its own: behind a walker it joins
@@ -27,13 +27,14 @@ from rimless_gym.commands.commandline import Parser, more_than_zero, whole
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.display import Window, has_display, save_gif
+from rimless_gym.rendering.video import require_ffmpeg, save_mp4
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.files import write_bytes
 from trajopt.gaits.shipped import shipped
 
-#: Pictures of a window per second; of a GIF, which counts in 1/100 s.
-FPS, GIF_FPS = 25, 100 / 6
+#: Pictures of a window per second; of a GIF, which counts in 1/100 s; of a video.
+FPS, GIF_FPS, VIDEO_FPS = 25, 100 / 6, 50
 
 #: Longest walk, and longest GIF (s); its pictures are all in memory.
 LONGEST, LONGEST_GIF = 600.0, 60.0
@@ -60,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=whole(1), default=1, help="of the gait, per stride")
     parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
-    parser.add_argument("--out", type=Path, help="a GIF to write instead of showing a window")
+    parser.add_argument(
+        "--out", type=Path, help="a .gif or .mp4 to write instead of showing a window"
+    )
     parser.add_argument(
         "--size",
         type=whole(50, 4000),
@@ -70,7 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of the picture, in pixels",
     )
     options = parser.parse_args(arguments)
-    longest = LONGEST_GIF if options.out else LONGEST
+    kind = options.out and options.out.suffix.lower()
+    longest = LONGEST_GIF if kind == GIF else LONGEST
     if not 1 / GIF_FPS <= options.seconds <= longest:
         parser.error(
             f"--seconds {options.seconds:g}: must be at least {1 / GIF_FPS:g}, one picture, and "
@@ -85,9 +89,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     params = parser.machine(options) if chosen else None
     if options.out is None:
         require_display(parser, "write a GIF with --out walk.gif")
-    elif options.out.suffix.lower() != ".gif":
-        parser.error(f"--out {options.out}: is written as a GIF; give a name that ends with .gif")
+    elif kind not in FILMS:
+        parser.error(f"--out {options.out}: give a name that ends with {' or '.join(FILMS)}")
     else:
+        if kind == VIDEO:
+            require_ffmpeg()
         parser.require_file(options.out)
     try:
         with parser.refusing():
@@ -95,9 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.out is None:
                 show(race)
             else:
-                encoded = gif(race)
                 with parser.out_of_room(options.out.parent):
-                    write_bytes(options.out, encoded)
+                    FILMS[kind](race, options.out)
                 print(options.out)
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -153,13 +158,25 @@ def require_near(machine: WheelParams, speed: float) -> None:
         )
 
 
-def gif(race: Race) -> bytes:
-    """The walks as an animated GIF."""
+def gif(race: Race, path: Path) -> None:
+    """Write the walks as an animated GIF."""
     moments, encoded = times(race.ends, GIF_FPS), io.BytesIO()
     samples = [race.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
     frames = (race.frame(time) for time in tqdm(moments, desc="gif", unit="picture"))
     save_gif(frames, encoded, GIF_FPS, colours=COLOURS, samples=samples)
-    return encoded.getvalue()
+    write_bytes(path, encoded.getvalue())
+
+
+def video(race: Race, path: Path) -> None:
+    """Write the walks as a video."""
+    moments = times(race.ends, VIDEO_FPS)
+    frames = (race.frame(time) for time in tqdm(moments, desc="video", unit="picture"))
+    save_mp4(frames, path, VIDEO_FPS)
+
+
+#: How walks are written, by how a file's name ends.
+GIF, VIDEO = ".gif", ".mp4"
+FILMS = {GIF: gif, VIDEO: video}
 
 
 def show(race: Race) -> None:

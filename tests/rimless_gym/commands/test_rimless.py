@@ -12,6 +12,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import imageio_ffmpeg
 import pytest
 from PIL import Image
 
@@ -126,6 +127,24 @@ def _solved(*what: object, **settings: object) -> Solution:
 
 
 @pytest.mark.usefixtures("gait")
+def test_a_walk_is_written_as_a_video(tmp_path: Path) -> None:
+    out = tmp_path / "walk.mp4"
+    assert watch.main(["optimum", "--seconds", "0.5", "--out", str(out)]) == 0
+    frames = imageio_ffmpeg.read_frames(str(out))
+    told = next(frames)
+    assert (told["fps"], told["duration"]) == (50, 0.5)
+    assert len(list(frames)) == 25
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.mp4"]
+
+
+def test_a_video_without_ffmpeg_is_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingExtraError, match=r"rimless-gym\[video\]"):
+        watch.main(["nobody", "--out", str(tmp_path / "walk.mp4")])
+
+
 def test_walkers_are_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "walk.gif"
     arguments = ["evolution", "optimum", "--seconds", "0.6", "--size", "240", "160"]
@@ -151,7 +170,7 @@ def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.M
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--out", "walk.mp4"], "ends with .gif"),
+        (["--out", "walk.avi"], "ends with .gif or .mp4"),
         (["nobody", "--out", "walk.gif"], "nobody"),
         (["lqr", "lqr", "--out", "walk.gif"], "lqr: is named twice"),
         (["--size", "3", "3"], "--size"),
