@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -127,6 +128,20 @@ def test_code_compiled_from_other_sources_is_replaced(
     assert times == 1
     assert len(after) == 1
     assert after != [before]
+
+
+def test_the_fingerprint_counts_all_sources_but_those_of_the_commands(tmp_path: Path) -> None:
+    def fingerprint() -> int:
+        return int(runpy.run_path(str(tmp_path / "fingerprint.py"))["SOURCE_FINGERPRINT"])
+
+    shutil.copy(PACKAGE / "fingerprint.py", tmp_path)
+    for name in ("commands", "kernel"):
+        (tmp_path / name).mkdir()
+    first = fingerprint()
+    (tmp_path / "commands" / "train.py").write_text("1\n")
+    assert fingerprint() == first
+    (tmp_path / "kernel" / "step.py").write_text("1\n")
+    assert fingerprint() != first
 
 
 def test_a_file_that_cannot_be_written_costs_only_a_warning(folder: Path) -> None:
