@@ -27,11 +27,14 @@ from rimless_gym.commands.commandline import Parser, more_than_zero, whole
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.rendering.display import Window, has_display, save_gif
-from rimless_gym.rendering.video import require_ffmpeg, save_mp4
+from rimless_gym.rendering.video import ffmpeg, save_mp4
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.files import write_bytes
 from trajopt.gaits.shipped import shipped
+
+#: How the name of a file ends that is to be an animated GIF, or a video.
+GIF, VIDEO = ".gif", ".mp4"
 
 #: Pictures of a window per second; of a GIF, which counts in 1/100 s; of a video.
 FPS, GIF_FPS, VIDEO_FPS = 25, 100 / 6, 50
@@ -93,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--out {options.out}: give a name that ends with {' or '.join(FILMS)}")
     else:
         if kind == VIDEO:
-            require_ffmpeg()
+            ffmpeg()  # refused before the walks are computed
         parser.require_file(options.out)
     try:
         with parser.refusing():
@@ -175,7 +178,6 @@ def video(race: Race, path: Path) -> None:
 
 
 #: How walks are written, by how a file's name ends.
-GIF, VIDEO = ".gif", ".mp4"
 FILMS = {GIF: gif, VIDEO: video}
 
 

@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
-from rimless_gym.extras import extra
+from rimless_gym.extras import MissingExtraError, extra
 from rimless_gym.rendering.display import Frame
 
-#: Of imageio-ffmpeg, from 0 to 10: thin lines and text stay sharp.
-QUALITY = 8
+#: x264's constant rate factor, from 0, without loss, to 51: thin lines and text stay sharp.
+RATE_FACTOR = 10
 
 
-def require_ffmpeg() -> None:
-    """Check that videos can be written.
+def ffmpeg() -> str:
+    """The program that writes videos.
 
     Raises:
-        MissingExtraError: the extra `video` is not installed.
+        MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
     """
     with extra("video"):
         import imageio_ffmpeg
-
-        imageio_ffmpeg.get_ffmpeg_exe()
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError as error:
+        raise MissingExtraError(
+            "imageio-ffmpeg has no ffmpeg for this computer: install one, or name its file in the "
+            "environment variable IMAGEIO_FFMPEG_EXE"
+        ) from error
 
 
 def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
@@ -36,37 +45,66 @@ def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
         fps: frames per second.
 
     Raises:
-        MissingExtraError: the extra `video` is not installed.
+        MissingExtraError: see `ffmpeg`.
         ValueError: there are no frames.
         OSError: the file cannot be written; one that was there is kept.
     """
-    with extra("video"):
-        from imageio_ffmpeg import write_frames
     pictures = iter(frames)
     first = next(pictures, None)
     if first is None:
-        raise ValueError("frames: there are none")
+        raise ValueError("frames: there are none; give one or more")
     height, width = _even(first).shape[:2]
     unfinished = path.with_name(path.name + ".part")
-    writer = write_frames(
-        str(unfinished),
-        (width, height),
-        fps=fps,
-        codec="libx264",
-        quality=QUALITY,
-        macro_block_size=1,
-        output_params=["-f", "mp4", "-movflags", "+faststart"],
-    )
+    command = [
+        *(ffmpeg(), "-y", "-v", "error"),
+        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}"),
+        *("-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", str(RATE_FACTOR)),
+        *("-movflags", "+faststart", "-f", "mp4"),
+        f"file:{unfinished}",  # or a colon or a first dash in the name would mean something
+    ]
     try:
-        writer.send(None)
-        writer.send(_even(first).tobytes())
-        for frame in pictures:
-            writer.send(_even(frame).tobytes())
-        writer.close()
+        with _fed(command, path) as film:
+            film.write(_even(first).tobytes())
+            for frame in pictures:
+                film.write(_even(frame).tobytes())
         os.replace(unfinished, path)
     finally:
-        writer.close()
         unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def _fed(command: list[str], path: Path) -> Iterator[IO[bytes]]:
+    """The input of ffmpeg, whose exit status says whether the file is complete.
+
+    Raises:
+        OSError: it cannot be run, or failed; the first thing that it said is in the message.
+    """
+    with tempfile.TemporaryFile() as said:
+        program = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            start_new_session=True,  # Ctrl-C is for us: we end it
+        )
+        assert program.stdin is not None
+        broken = False
+        try:
+            with program.stdin as film:
+                yield film
+        except BrokenPipeError:  # it has ended, and said why
+            broken = True
+        except BaseException:
+            program.kill()
+            raise
+        finally:
+            status = program.wait()
+        if status or broken:
+            said.seek(0)
+            why = said.readline().decode(errors="replace").strip() or f"exit status {status}"
+            raise OSError(
+                f"{path}: ffmpeg cannot write it ({why}); make room, or give another place"
+            )
 
 
 def _even(frame: Frame) -> Frame:
