@@ -8,11 +8,14 @@ from agents.commanded import evaluate_commanded
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.study import Study
 from agents.policies import learned_policy
-from agents.policy_files import load_policy
+from agents.policy_files import PRETRAINED, load_policy
 from rimless_gym.envs.task import USUAL_TASK
 
-#: The policy, and its row.
-FILE, TITLE = "front", "one policy for the front"
+#: Its file; by its name alone, a file in the current folder would be found first.
+FILE = PRETRAINED["front"]
+
+#: What its rows are called.
+TITLE = "one policy for the front"
 
 #: Speeds between the study's at which it walks too (m/s), so that a plot shows its curve.
 BETWEEN = (0.545, 0.58)

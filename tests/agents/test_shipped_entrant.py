@@ -40,6 +40,14 @@ def test_it_walks_at_every_speed_of_the_study_and_at_two_between() -> None:
     assert len(entrant.commands) == len(study.speeds) + 2
 
 
+def test_a_file_of_its_name_in_the_current_folder_does_not_take_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "front.zip").write_text("another policy")
+    monkeypatch.chdir(tmp_path)
+    assert for_the_front(Study())
+
+
 def test_it_leaves_out_speeds_that_it_was_not_trained_for() -> None:
     (entrant,) = for_the_front(Study(speed=0.4, further=(0.56,)))
     speeds = load_policy(FILE).conditions.control.speeds
