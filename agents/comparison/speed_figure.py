@@ -86,7 +86,7 @@ def _colour(row: Mapping[str, Any]) -> str:
     return LIGHT[colour_name(row)]
 
 
-def _colour_of_name(row: dict[str, Any]) -> str:
+def _colour_of_name(row: Mapping[str, Any]) -> str:
     return INK if row["walking_share"] is None else _colour(row)
 
 
@@ -104,9 +104,7 @@ def _names(rows: Rows, heights: Sequence[float]) -> list[Named]:
     """Of all points; of one policy at several speeds, only the last is named."""
     ones = [row["speed"] for row in rows if of_one_policy(row)]
     return [
-        Named(
-            row["speed"], y, short_name(row), INK if row["walking_share"] is None else _colour(row)
-        )
+        Named(row["speed"], y, short_name(row), _colour_of_name(row))
         for row, y in zip(rows, heights, strict=True)
         if not of_one_policy(row) or row["speed"] == max(ones)
     ]
