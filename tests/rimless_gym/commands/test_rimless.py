@@ -145,6 +145,7 @@ def test_a_video_without_ffmpeg_is_refused_before_any_work(
         watch.main(["nobody", "--out", str(tmp_path / "walk.mp4")])
 
 
+@pytest.mark.usefixtures("gait")
 def test_walkers_are_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "walk.gif"
     arguments = ["evolution", "optimum", "--seconds", "0.6", "--size", "240", "160"]
