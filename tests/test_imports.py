@@ -40,3 +40,9 @@ def test_layers_import_only_those_below_them() -> None:
     for module, imported in GRAPH.items():
         above = [name for name in imported if layer(name) > layer(module)]
         assert not above, f"{module} imports {above}"
+
+
+def test_relative_imports_count_too() -> None:
+    benchmarks = "rimless_gym.commands.benchmarks"
+    found = GRAPH[f"{benchmarks}.workers.casadi_cartpole"]
+    assert found == {f"{benchmarks}.cartpole", f"{benchmarks}.protocol"}

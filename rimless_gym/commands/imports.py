@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib.util import resolve_name
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +43,7 @@ def graph(root: Path = ROOT, *, types: bool) -> dict[str, set[str]]:
     for module, path in modules.items():
         named = {
             name if name in modules else name.rpartition(".")[0]
-            for name in _imports(ast.parse(path.read_text()), types)
+            for name in _imports(ast.parse(path.read_text()), types, _package(module, path))
         }
         edges[module] = (named & modules.keys()) - {module}
     return edges
@@ -59,15 +60,21 @@ def needed(modules: Iterable[str], root: Path = ROOT) -> list[Path]:
     return [files(root)[module] for module in sorted(found)]
 
 
-def _imports(node: ast.AST, types: bool) -> Iterator[str]:
-    """The names that a file imports, those in functions included."""
+def _package(module: str, path: Path) -> str:
+    """The package in which a module's relative imports begin."""
+    return module if path.stem == "__init__" else module.rpartition(".")[0]
+
+
+def _imports(node: ast.AST, types: bool, package: str) -> Iterator[str]:
+    """The names that a file of a package imports, those in functions included."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.Import):
             yield from (alias.name for alias in child.names)
-        elif isinstance(child, ast.ImportFrom) and child.module:
-            yield from (f"{child.module}.{alias.name}" for alias in child.names)
+        elif isinstance(child, ast.ImportFrom):
+            source = "." * child.level + (f"{child.module}." if child.module else "")
+            yield from (resolve_name(source + alias.name, package) for alias in child.names)
         elif types or not _for_types(child):
-            yield from _imports(child, types)
+            yield from _imports(child, types, package)
 
 
 def _for_types(node: ast.AST) -> bool:
