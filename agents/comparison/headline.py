@@ -13,7 +13,7 @@ SHOWN = {
     "LQR about the optimum": "feedback law that holds it (LQR)",
     "imitation": "network cloned from the law",
     "fine-tuned, best kept": "clone fine-tuned by PPO",
-    TITLE: "one network for all speeds of the front",
+    TITLE: "one network that walks at the speed it is told",
     "evolution from scratch": "evolution from nothing",
     "PPO from scratch": "PPO from nothing",
 }
