@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from agents.comparison import speed_figure
 from agents.comparison.arena import Arena
 from agents.comparison.charts import speed_charts
+from agents.comparison.labels import Named
 from agents.comparison.shipped import FILE, TITLE, for_the_front
 from agents.comparison.study import Study
 from agents.policy_files import load_policy
@@ -72,10 +74,23 @@ def test_its_rows_stand_beside_the_others_of_the_same_speed(
     assert set(study.speeds) < {row["at"] for row in rows}
 
 
-def test_a_plot_joins_its_points(front: CotFront) -> None:
+def walks() -> list[dict[str, Any]]:
+    """Rows of it, at three speeds."""
     row = {"policy": TITLE, "cot": 0.05, "gap": 0.01, "walking_share": 1.0}
-    rows = [row | {"speed": speed} for speed in (0.52, 0.55, 0.58)]
-    for chart in speed_charts(front, front, rows):
+    return [row | {"speed": speed} for speed in (0.52, 0.55, 0.58)]
+
+
+def test_a_printed_plot_names_only_its_last_point(
+    front: CotFront, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named: list[Named] = []
+    monkeypatch.setattr(speed_figure, "write_names", lambda axes, names: named.extend(names))
+    speed_figure.plot_cot_against_speed(tmp_path / "plot.png", front, front, walks())
+    assert [each.x for each in named if each.name == TITLE] == [0.58]
+
+
+def test_a_plot_joins_its_points(front: CotFront) -> None:
+    for chart in speed_charts(front, front, walks()):
         (joined,) = [series for series in chart.series if series.name == TITLE]
         assert list(joined.x) == [0.52, 0.55, 0.58]
         assert joined.line == "solid"
