@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 
 from agents.commanded import evaluate_commanded
 from agents.comparison.arena import Arena, Result, Row
@@ -27,13 +28,18 @@ class ForTheFront:
 
     Attributes:
         commands: at which it walks (m/s).
-        name, effort, after: see `agents.comparison.entrants.Entrant`.
+        effort, after: see `agents.comparison.entrants.Entrant`.
     """
 
     commands: tuple[float, ...]
-    name: str = "one_for_the_front"
     effort: float = 40.0
     after: tuple[str, ...] = ("held_front",)
+
+    @property
+    def name(self) -> str:
+        """Of its stage; another file or other commands make it another stage, which is run."""
+        walks = FILE.read_bytes() + repr(self.commands).encode()
+        return f"one_for_the_front_{hashlib.sha256(walks).hexdigest()[:8]}"
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it at each speed."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from agents.comparison import shipped as shipped_policy
 from agents.comparison import speed_figure
 from agents.comparison.arena import Arena
 from agents.comparison.charts import speed_charts
@@ -60,6 +61,18 @@ def test_it_leaves_out_speeds_that_it_was_not_trained_for() -> None:
 @pytest.mark.parametrize("changes", [{"friction": 0.7}, {"gear_loss": 0.0}])
 def test_it_stays_away_from_other_machines(changes: dict[str, Any]) -> None:
     assert for_the_front(Study(changes=changes)) == ()
+
+
+def test_another_file_or_other_commands_are_another_stage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (entrant,), (other,) = for_the_front(Study()), for_the_front(Study(further=()))
+    before = entrant.name
+    assert other.name != before
+    changed = tmp_path / "front.zip"
+    changed.write_bytes(FILE.read_bytes() + b"more")
+    monkeypatch.setattr(shipped_policy, "FILE", changed)
+    assert entrant.name != before
 
 
 def test_its_rows_stand_beside_the_others_of_the_same_speed(
