@@ -84,7 +84,8 @@ class Learner(Sb3Learner):
 
     Raises:
         TypeError: the training's settings are not `Hyperparameters`.
-        ValueError: there are ranges or disturbances, a commanded speed, or another control period.
+        ValueError: there are ranges or disturbances, a commanded speed, or another control period;
+            or the settings have no pacing of the price.
     """
 
     algorithm = PPO

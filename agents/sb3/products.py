@@ -13,7 +13,7 @@ from agents.evolution.policy import SIZE, features
 from trajopt.feedback.law import Floats
 
 #: A direction in which the products hardly vary is stretched as though its mean square were larger
-#: by this. With ten times as much, a gait gets cheaper half as fast.
+#: by this. docs/learning.md has trials with more and with less.
 FLOOR = 0.003
 
 
