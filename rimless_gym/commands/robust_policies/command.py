@@ -20,7 +20,7 @@ from rimless_gym.commands.feedback_laws.columns.changes import machines, nuisanc
 from rimless_gym.commands.feedback_laws.columns.pushes import pushes
 from rimless_gym.commands.feedback_laws.sizes import FOR_A_TRIAL, FOR_FAST_LAWS
 from rimless_gym.commands.robust_policies import page
-from rimless_gym.commands.robust_policies.walkers import walking
+from rimless_gym.commands.robust_policies.walkers import shown_name, walking
 from trajopt.feedback import laws
 from trajopt.files import jsonable
 
@@ -54,12 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for marks in page.MARKS.values():
             parser.require_page(options.docs, marks, page.WANTED)
     found: dict[str, dict[str, Any]] = {}
+    names = [shown_name(name) for name in options.policies]
+    for name in names:
+        if names.count(name) > 1:
+            parser.error(f"two policies are called {name}: give one of the files another name")
     with parser.refusing():  # all of them, before the first is measured
         walkers = [walking(name, given) for name in options.policies]
-        names = [one.name for one in walkers]
-        for name in names:
-            if names.count(name) > 1:
-                parser.error(f"two policies are called {name}: give one of the files another name")
     total = len(walkers) * len(COLUMNS)
     try:
         with (

@@ -40,6 +40,11 @@ class Walking:
         return self.gait.params
 
 
+def shown_name(name: str) -> str:
+    """What tables call a law, a policy that comes with the package, or one in a file."""
+    return Path(name).stem
+
+
 def walking(name: str, given: WheelParams | None) -> Walking:
     """A feedback law, a policy that comes with the package, or one in a file.
 
@@ -58,7 +63,7 @@ def walking(name: str, given: WheelParams | None) -> Walking:
 
     found = walker(name, gait_for, given)
     if found.gait is not None:
-        return Walking(name, found.policy, found.gait)
+        return Walking(shown_name(name), found.policy, found.gait)
     if found.conditions.control != USUAL:
         raise CheckpointError(
             f"{name}: walks at a commanded speed, or does not decide every {CONTROL_PERIOD:g} s; "
@@ -67,4 +72,4 @@ def walking(name: str, given: WheelParams | None) -> Walking:
     walk = evaluate(found.policy, found.params, SHORT_PROTOCOL)
     if not walk.walking.any():
         raise CheckpointError(f"{name}: walks from no start; give a policy that walks")
-    return Walking(Path(name).stem, found.policy, gait_for(found.params, walk.speed))
+    return Walking(shown_name(name), found.policy, gait_for(found.params, walk.speed))

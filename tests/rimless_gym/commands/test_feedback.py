@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +9,25 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
-from rimless_gym.commands.feedback_laws import command, drawing, page
+from rimless_gym.commands.feedback_laws import command, drawing
 from rimless_gym.commands.feedback_laws.columns import COLUMNS, TIMING
-from rimless_gym.commands.feedback_laws.columns.attraction import random_states
 from rimless_gym.commands.feedback_laws.columns.changes import changed_machines
 from rimless_gym.commands.feedback_laws.columns.multipliers import Stride
 from rimless_gym.commands.feedback_laws.columns.pushes import pushed_states
 from rimless_gym.commands.feedback_laws.gaits import GAITS
 from rimless_gym.commands.feedback_laws.sizes import sizes_for
-from rimless_gym.commands.feedback_laws.subject import subject_of
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from trajopt.feedback.law import Floats
+from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[3] / "docs"
 HELD = GAITS[2]
+
+
+@pytest.fixture(scope="module")
+def gait() -> Solution:
+    return next(each for each in shipped() if each.params == BUILDABLE and each.steps == 1)
 
 
 # -- what is measured -----------------------------------------------------------------------------
@@ -55,8 +58,7 @@ class Jumping(Stride):
         return np.asarray(0.5 * states + 1e-5 * jumps)
 
 
-def test_a_jump_within_one_of_the_central_differences_is_no_multiplier(kept: Path) -> None:
-    gait = Solution.load(kept / "gaits" / f"{HELD.key}.npz")
+def test_a_jump_within_one_of_the_central_differences_is_no_multiplier(gait: Solution) -> None:
     stride = Jumping(gait, lambda x, tick: np.zeros(len(x)), np.ones(4))
     assert stride.jacobian(np.zeros(4)) == pytest.approx(0.5 * np.eye(4), abs=1e-9)
 
@@ -86,14 +88,6 @@ def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(measured: dict[
         assert (walking <= stepping).all()
 
 
-def test_random_states_press_on_the_ground_and_are_the_same_for_all_laws(kept: Path) -> None:
-    subject = subject_of(kept / "gaits" / f"{HELD.key}.npz", "lqr")
-    orbit = subject.law.data.orbit
-    states = random_states(subject, orbit, 10)
-    assert np.array_equal(states, random_states(subject, orbit, 12)[:10])
-    assert states[:, 2].min() < 0 < states[:, 2].max()
-
-
 def test_every_parameter_of_the_machine_is_changed_up_and_down_by_itself() -> None:
     found = list(changed_machines(BUILDABLE))
     assert {name for name, _, _ in found} > {"pendulum_length", "motor_constant", "gear_loss"}
@@ -108,19 +102,6 @@ def test_a_slow_law_is_measured_from_fewer_starts() -> None:
 
 
 # -- what is written ------------------------------------------------------------------------------
-
-
-def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice(
-    trial: dict[str, Any], tmp_path: Path
-) -> None:
-    path = tmp_path / "feedback.md"
-    shutil.copy(DOCS / "feedback.md", path)
-    page.refresh(path, trial)
-    once = path.read_text()
-    page.refresh(path, trial)
-    assert path.read_text() == once
-    assert f"### {HELD.preset} at {HELD.speed:g} m/s" in once
-    assert "| `lqr` |" in once
 
 
 @pytest.mark.slow

@@ -9,19 +9,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from rimless_gym.commands.feedback_laws import cells, command, drawing, gaits, page
 from rimless_gym.commands.feedback_laws.cells import Cell, measured
 from rimless_gym.commands.feedback_laws.columns import COLUMNS, TIMING
+from rimless_gym.commands.feedback_laws.columns.attraction import random_states
 from rimless_gym.commands.feedback_laws.gaits import GAITS, Held
 from rimless_gym.commands.feedback_laws.study import study
+from rimless_gym.commands.feedback_laws.subject import subject_of
 from rimless_gym.commands.imports import PACKAGES, ROOT, needed
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
 
 HELD = GAITS[2]
+DOCS = ROOT / "docs"
 
 
 class Repeating:
@@ -203,3 +207,24 @@ def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
     assert not (folder / "cells" / f"{HELD.key}_lqr_cost.json").exists()
     assert page.sections(found)
     assert drawing.figures(found)
+
+
+def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice(
+    trial: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "feedback.md"
+    shutil.copy(DOCS / "feedback.md", path)
+    page.refresh(path, trial)
+    once = path.read_text()
+    page.refresh(path, trial)
+    assert path.read_text() == once
+    assert f"### {HELD.preset} at {HELD.speed:g} m/s" in once
+    assert "| `lqr` |" in once
+
+
+def test_random_states_press_on_the_ground_and_are_the_same_for_all_laws(kept: Path) -> None:
+    subject = subject_of(kept / "gaits" / f"{HELD.key}.npz", "lqr")
+    orbit = subject.law.data.orbit
+    states = random_states(subject, orbit, 10)
+    assert np.array_equal(states, random_states(subject, orbit, 12)[:10])
+    assert states[:, 2].min() < 0 < states[:, 2].max()

@@ -262,6 +262,7 @@ def test_the_gait_nearest_in_speed_leads_its_family_even_if_slower_ones_cost_les
     assert by_promise(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
 
 
+@pytest.mark.slow
 def test_a_folder_keeps_the_gaits_of_a_front_and_why_others_are_missing(tmp_path, monkeypatch):
     gait = next(s for s in shipped() if s.steps == 1)
     speeds = [gait.speed, 20.0]
