@@ -187,7 +187,7 @@ def test_it_looks_at_a_commanded_speed_too():
     assert (envs.control, envs.max_episode_steps) == (speed.control, None)
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_a_training_that_was_stopped_goes_on_with_its_price(tmp_path, monkeypatch, algo):
     def look(act, *rest):  # some cost that depends on the policy
         return CleanWalking(1.0, 1.5 + 0.5 * float(act(np.ones((1, 6), np.float32))[0, 0]), 0.5)

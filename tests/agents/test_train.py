@@ -19,7 +19,7 @@ from rimless_gym.envs.observation import observe
 from tests.agents.runs import QUICK, SETTLED, STEPS, run, scalars, small, weights
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_training_twice_with_one_seed_gives_the_same_policy(tmp_path, algo):
     first, second, other = (
         run(tmp_path / name, algo, seed=seed) for name, seed in (("a", 1), ("b", 1), ("c", 2))
