@@ -62,7 +62,8 @@ LEAST_SHARE = 0.1
 #: takes more noise than cheap ones stand.
 RACING_NOISE, LAST_NOISE = (0.1, 0.06), (0.06, 0.02)
 
-#: The price of distance after the race begins at this multiple of the best policy's cost.
+#: The price of distance after the race begins at this multiple of the best policy's cost. The price
+#: is looked at again in the first roll-out, so it stays so high only if too few starts walk.
 NEXT_MULTIPLE = 4.0
 
 #: To what share of itself the learning rate falls after the race.
