@@ -2,8 +2,9 @@
 
 No small change leads from leaning to the cheap gaits, in which the pendulum turns once per step:
 PPO that begins with an untrained network never finds them. So thousands of random policies are
-screened first, as evolution does it (`agents.evolution.screening`). Of every family of gaits, PPO
-then improves the policy that walks best, all for the same time, and goes on with the cheapest.
+screened first, as evolution does it (`agents.evolution.screening`). PPO then improves some of every
+family of gaits in a short trial, the best of every family in a longer race, and settles with the
+best of all (`Stage`).
 
 The screening takes about 50 million control intervals, which do not count as time steps.
 """
@@ -14,7 +15,7 @@ import dataclasses
 import functools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -41,8 +42,9 @@ from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
 from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
+from agents.sb3.setting_off import CountApart
 from agents.sb3.state import restore, state_of
-from agents.sb3.training_env import native_of
+from agents.sb3.training_env import native_of, setting_off_of
 from agents.scores import economy
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.envs.task import Task
@@ -51,27 +53,39 @@ from trajopt.feedback.law import Floats
 #: How policies are screened.
 SCREENING = EvolutionSettings()
 
-#: Time steps for which PPO improves the best policy of each family before they are compared.
-TRIAL = 4_000_000
+#: Contenders of each family.
+CONTENDERS = 6
 
-#: A policy takes part if it walks from this share of the starts before PPO improves it.
-LEAST_SHARE = 0.1
 
-#: How the noise falls in the race, and after it: standard deviations, in units of the limit. The
-#: gait that is best under noise is not the one that is best without. But to leave clumsy gaits
-#: takes more noise than cheap ones stand.
-RACING_NOISE, LAST_NOISE = (0.1, 0.06), (0.06, 0.02)
+class Stage(NamedTuple):
+    """How PPO improves each contender, for some time, before they are compared.
 
-#: The price of distance after the race begins at this multiple of the best policy's cost. The price
-#: is looked at again in the first roll-out, so it stays so high only if too few starts walk.
+    To leave clumsy gaits takes more noise than cheap ones stand: the gait that is best under noise
+    is not the one that is best without.
+
+    Attributes:
+        steps: time steps; None: all that are left.
+        critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
+            only begun to learn spoils a good policy within a minute.
+        noise: standard deviations at first and in the end, in units of the limit.
+        last_rate: to what share of itself the learning rate falls.
+    """
+
+    steps: int | None
+    critic_first: int
+    noise: tuple[float, float]
+    last_rate: float
+
+
+#: A trial of all contenders, a race of the best of each family, and the best of all settles.
+STAGES = (
+    Stage(1_000_000, 4, (0.1, 0.1), 1.0),
+    Stage(4_000_000, 16, (0.1, 0.06), 1.0),
+    Stage(None, 16, (0.06, 0.02), 0.1),
+)
+
+#: The price of distance after the trial begins at this multiple of the policy's own cost.
 NEXT_MULTIPLE = 4.0
-
-#: To what share of itself the learning rate falls after the race.
-LAST_RATE = 0.2
-
-#: Roll-outs at the beginning of each turn in which only the critic learns. A critic that has only
-#: begun to learn spoils a good policy within a minute.
-CRITIC_FIRST = 16
 
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
@@ -81,7 +95,7 @@ SEEN_STARTS, SEEN_INTERVALS = 64, 1000
 
 
 class Learner(Sb3Learner):
-    """Screens random policies, improves the best of every family by PPO, then the cheapest.
+    """Screens random policies, and improves the best of every family, then the cheapest, by PPO.
 
     Raises:
         TypeError: the training's settings are not `Hyperparameters`.
@@ -106,10 +120,12 @@ class Learner(Sb3Learner):
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
-        self._begun, self._paced = 0, SelfPacedPrice(self._pacing)
+        self._families, self._stage, self._begun = np.zeros(0, dtype=np.int64), 0, 0
+        self._paced = SelfPacedPrice(self._pacing)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
-            self._race(start.weights["weights"].astype(np.float64).reshape(1, SIZE))
+            weights = start.weights["weights"].astype(np.float64).reshape(1, SIZE)
+            self._enter(len(STAGES) - 1, weights, np.zeros(1, dtype=np.int64))
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
@@ -163,15 +179,16 @@ class Learner(Sb3Learner):
     def learn(self, until: int, watch: Watch) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended."""
         if self.steps < until and not len(self._contenders):
-            self._race(self._screened(watch))
+            self._enter(0, *self._screened(watch))
         while self.steps < until:
-            turn_ends = self._begun + TRIAL if self._racing else until
+            lasts = STAGES[self._stage].steps
+            turn_ends = until if lasts is None else self._begun + lasts
             self._improve(min(turn_ends, until), turn_ends, watch)
-            if self._racing and self.steps >= turn_ends:
+            if lasts is not None and self.steps >= turn_ends:
                 self._end_turn()
 
-    def _screened(self, watch: Watch) -> Floats:
-        """The random policy of each family that walks best, (families, SIZE)."""
+    def _screened(self, watch: Watch) -> tuple[Floats, NDArray[np.int64]]:
+        """The contenders (n, SIZE), the best random policies of each family, and families (n,)."""
         search = screen(SCREENING, self.training.seed)
         request = next(search)
         while True:
@@ -179,48 +196,50 @@ class Learner(Sb3Learner):
             try:
                 request = search.send(answered(request, self._world, self._worth))
             except StopIteration as end:
-                found = end.value.values()
+                found = end.value
                 break
-        contenders, shares = [], []
-        for policies in found:
+        contenders, families = [], []
+        for family, policies in found.items():
             gaits = [self._gait_of(weights) for weights in policies]
             # Falls are mended later; the slowest whirlers walk surely, but only lean in the end.
-            best = int(np.argmax([gait.share / gait.cot for gait in gaits]))
-            contenders.append(policies[best])
-            shares.append(gaits[best].share)
-        walks = np.array(shares) >= min(LEAST_SHARE, max(shares))
-        return np.array(contenders)[walks]
+            order = sorted(range(len(gaits)), key=lambda k: -gaits[k].share / gaits[k].cot)
+            contenders += [policies[k] for k in order[:CONTENDERS]]
+            families += [family] * len(order[:CONTENDERS])
+        return np.array(contenders), np.array(families)
 
-    def _race(self, contenders: Floats) -> None:
-        """Begin with the first of some policies (n, SIZE)."""
-        self._contenders, self._gaits = contenders.copy(), np.zeros((0, 3))
-        self._begin(contenders[0], self._pacing.first_price)
-
-    @property
-    def _racing(self) -> bool:
-        return len(self._gaits) < len(self._contenders) > 1
+    def _enter(self, stage: int, contenders: Floats, families: NDArray[np.int64]) -> None:
+        """Begin a stage, and with the first of its policies (n, SIZE), of families (n,)."""
+        self._stage, self._contenders, self._families = stage, contenders.copy(), families
+        self._gaits = np.zeros((0, 3))
+        self._begin(contenders[0])
 
     def _end_turn(self) -> None:
-        """Note how the last contender walks now; begin with the next, or go on with the best."""
+        """Note how the contender walks now. The next one follows, or the next stage."""
         turn = len(self._gaits)
         self._contenders[turn] = self._weights
         self._gaits = np.vstack([self._gaits, self._gait_of(self._weights)])
-        if self._racing:
-            self._begin(self._contenders[turn + 1], self._pacing.first_price)
+        if turn + 1 < len(self._contenders):
+            self._begin(self._contenders[turn + 1])
             return
-        gaits = [CleanWalking(*map(float, gait)) for gait in self._gaits]
-        best = max(range(len(gaits)), key=lambda k: _merit(gaits[k]))
-        price = min(self._pacing.first_price, NEXT_MULTIPLE * gaits[best].cot)
-        self._begin(self._contenders[best], price)
+        merits = np.array([_merit(CleanWalking(*gait)) for gait in self._gaits.tolist()])
+        best = [np.argmax(merits)]
+        if self._stage + 2 < len(STAGES):
+            each = [np.flatnonzero(self._families == one) for one in np.unique(self._families)]
+            best = [one[np.argmax(merits[one])] for one in each if merits[one].any()] or best
+        self._enter(self._stage + 1, self._contenders[best], self._families[best])
 
-    def _begin(self, weights: Floats, price: float) -> None:
-        """Begin to improve a policy, with a new critic and a first price."""
+    def _begin(self, weights: Floats) -> None:
+        """Begin to improve a policy, with a new critic."""
         steps = self._begun = self.steps
         self.model = self._new_model({})
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
+        price = self._pacing.first_price
+        if self._stage:
+            price = min(price, NEXT_MULTIPLE * self._gait_of(weights).cot)
         self._paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=price))
+        self._paced.restore({"price": price, "due": steps + self._pacing.every})
 
     def _seen_by(self, weights: Floats) -> NDArray[np.float32]:
         """What a policy observes on its walks, (N, 6)."""
@@ -230,19 +249,17 @@ class Learner(Sb3Learner):
         return np.concatenate([interval.observations for interval in walks])
 
     def _improve(self, until: int, ends: int, watch: Watch) -> None:
-        model = self.model
+        model, stage = self.model, STAGES[self._stage]
         model.set_logger(watch.log)
-        critic_first = self._begun + CRITIC_FIRST * model.n_steps * model.n_envs
-        actor = self.actor(model)
-        rate, turn = float(self._arguments["learning_rate"]), (self._begun, ends)
-        if self._racing:
-            settle = Settle(actor, RACING_NOISE, (rate, rate), *turn)
-        else:
-            settle = Settle(actor, LAST_NOISE, (rate, LAST_RATE * rate), *turn)
-        log = LogWalking(self.training.conditions.params, native_of(self._env))
+        critic_first = self._begun + stage.critic_first * model.n_steps * model.n_envs
+        actor, rate = self.actor(model), float(self._arguments["learning_rate"])
+        rates = rate, stage.last_rate * rate
         callbacks: list[BaseCallback] = [
-            *(log, Watched(watch), self._paced, InMetres(self._env, self._paced)),
-            *(Freeze(actor, critic_first), settle),
+            LogWalking(self.training.conditions.params, native_of(self._env)),
+            *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
+            CountApart(setting_off_of(self._env)),
+            Freeze(actor, critic_first),
+            Settle(actor, stage.noise, rates, self._begun, ends),
         ]
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
 
@@ -260,7 +277,9 @@ class Learner(Sb3Learner):
     def state(self) -> dict[str, Any]:
         """The race, and all of the model that learns, between two roll-outs."""
         return {
+            "stage": self._stage,
             "contenders": self._contenders,
+            "families": self._families,
             "gaits": self._gaits,
             "begun": self._begun,
             "price": self._paced.state(),
@@ -270,6 +289,7 @@ class Learner(Sb3Learner):
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         self._contenders, self._gaits = state["contenders"], state["gaits"]
+        self._stage, self._families = int(state["stage"]), state["families"]
         self._begun = int(state["begun"])
         restore(self.model, state)
         self._paced.restore(state["price"])

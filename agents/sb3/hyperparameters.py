@@ -14,19 +14,23 @@ from torch import nn
 
 from agents.learner import NO_CHANGES
 from agents.sb3.pacing import Pacing
+from agents.sb3.training_env import Offer
 from agents.training import Settings
 from rimless_gym.checks import integer, positive, real
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 #: What is not the algorithm's.
-ENVIRONMENTS = ("n_envs", "n_timesteps", "vec_env_wrapper", "callback")
+ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "callback")
 
 _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
+_SETTING_OFF = "agents.sb3.setting_off.SettingOff"
+_LIMITED = "gymnasium.wrappers.TimeLimit"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
 #: The arguments of the classes that may be listed under each key.
-WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"]}
+ENV_WRAPPERS = {_LIMITED: ["max_episode_steps"]}
+WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"], _SETTING_OFF: ["intervals"]}
 CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
 
@@ -36,24 +40,22 @@ class Hyperparameters(Settings):
 
     Attributes:
         n_envs: environments side by side.
-        reward_scale: factor on the reward that the learner sees.
-        held: control intervals for which an action is held.
+        offer: what the environments offer.
         pacing: of the price of distance; None: the task's own price is paid.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
 
     n_envs: int
-    reward_scale: float
-    held: int = 1
+    offer: Offer
     pacing: Pacing | None = None
     algorithm: dict[str, Any]
     entry: dict[str, Any]
 
     @property
     def intervals_per_step(self) -> int:
-        """As `held` says."""
-        return self.held
+        """For which an action is held."""
+        return self.offer.held
 
     @property
     def written(self) -> dict[str, Any]:
@@ -86,6 +88,7 @@ def hyperparameters(
     values = copy.deepcopy(written)
     n_envs = integer("n_envs", values.pop("n_envs"), 1)
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
+    limits = _classes(values, "env_wrapper", ENV_WRAPPERS)
     wrappers = _classes(values, "vec_env_wrapper", WRAPPERS)
     callbacks = _classes(values, "callback", CALLBACKS)
     for name in ("learning_rate", "clip_range"):
@@ -104,8 +107,12 @@ def hyperparameters(
         n_timesteps=n_timesteps,
         silent=integer("learning_starts", values.get("learning_starts", 0), 0),
         n_envs=n_envs,
-        reward_scale=positive("scale", wrappers.get(_SCALED, {}).get("scale", 1.0)),
-        held=integer("intervals", wrappers.get(_HELD, {}).get("intervals", 1), 1),
+        offer=Offer(
+            reward_scale=wrappers.get(_SCALED, {}).get("scale", 1.0),
+            held=wrappers.get(_HELD, {}).get("intervals", 1),
+            setting_off=wrappers.get(_SETTING_OFF, {}).get("intervals", 0),
+            episode_steps=limits.get(_LIMITED, {}).get("max_episode_steps"),
+        ),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,
         algorithm=values,
         entry=written,

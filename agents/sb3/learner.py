@@ -81,8 +81,7 @@ class Sb3Learner(Learner):
             training.conditions,
             training.task,
             training.seed,
-            settings.reward_scale,
-            settings.held,
+            settings.offer,
         )
         self._price = None if settings.pacing is None else SelfPacedPrice(settings.pacing)
         if start is None:

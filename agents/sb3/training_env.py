@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.conditions import Conditions
+from agents.sb3.setting_off import SettingOff
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, positive
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.task import Task
 
 
@@ -84,26 +87,62 @@ class HeldActions(VecEnvWrapper):
         return observations, total, over, infos
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Offer:
+    """What the environments of a training offer to its learner.
+
+    Attributes:
+        reward_scale: factor on the rewards.
+        held: control intervals for which an action is held.
+        setting_off: control intervals at the beginning of an episode in which nothing is paid.
+        episode_steps: control intervals of the longest episode; None: as the environment has them.
+
+    Raises:
+        TypeError: a number is of the wrong kind.
+        ValueError: a number is out of its range, or nothing is ever paid.
+    """
+
+    reward_scale: float = 1.0
+    held: int = 1
+    setting_off: int = 0
+    episode_steps: int | None = None
+
+    def __post_init__(self) -> None:
+        positive("scale", self.reward_scale)
+        integer("intervals", self.held, 1)
+        integer("intervals", self.setting_off, 0)
+        longest = EPISODE_STEPS
+        if self.episode_steps is not None:
+            longest = integer("max_episode_steps", self.episode_steps, 1)
+        if self.setting_off >= longest:
+            raise ValueError(
+                f"SettingOff: intervals = {self.setting_off}: must be less than the {longest} "
+                "intervals of an episode; no later than that is anything paid"
+            )
+
+
 def training_env(
-    n_envs: int,
-    conditions: Conditions,
-    task: Task,
-    seed: int,
-    reward_scale: float = 1.0,
-    held: int = 1,
+    n_envs: int, conditions: Conditions, task: Task, seed: int, offer: Offer | None = None
 ) -> ScaledReward:
-    """`n_envs` environments side by side; returns are monitored before the reward is scaled."""
-    same_step = AutoresetMode.SAME_STEP
-    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step))
+    """`n_envs` environments side by side; what monitors them sees the environment's rewards."""
+    offer, same_step = offer or Offer(), AutoresetMode.SAME_STEP
+    limit = {} if offer.episode_steps is None else {"max_episode_steps": offer.episode_steps}
+    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
     env.seed(seed)
-    return ScaledReward(HeldActions(VecMonitor(env), held), reward_scale)
+    paid = SettingOff(VecMonitor(env), offer.setting_off)
+    return ScaledReward(HeldActions(paid, offer.held), offer.reward_scale)
+
+
+def setting_off_of(env: Any) -> SettingOff:
+    """What pays in a `training_env`."""
+    found = env.venv.venv
+    assert isinstance(found, SettingOff)
+    return found
 
 
 def monitor_of(env: Any) -> VecMonitor:
     """What monitors the returns of a `training_env`."""
-    found = env.venv.venv
-    assert isinstance(found, VecMonitor)
-    return found
+    return setting_off_of(env).monitor
 
 
 def native_of(env: Any) -> Sb3VecEnv:

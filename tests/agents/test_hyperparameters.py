@@ -26,13 +26,13 @@ def test_policy_kwargs_are_read_as_rl_zoo3_reads_them(algo, imitation):
     assert isinstance(text, str)  # rl-zoo3 evaluates text only, and so knows activations
     assert settings.algorithm["policy_kwargs"] == eval(text, {"nn": nn})
     assert issubclass(settings.algorithm["policy_kwargs"]["activation_fn"], nn.Module)
-    assert settings.reward_scale == (100.0 if imitation else 1.0)
+    assert settings.offer.reward_scale == (100.0 if imitation else 1.0)
 
 
 def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
     for algo in ("ppo", "sac"):
         fresh, tuned = (hyperparameters(f"{algo}.yml", imitation) for imitation in (False, True))
-        assert (fresh.held, tuned.held, tuned.pacing) == (4, 1, None)
+        assert (fresh.offer.held, tuned.offer.held, tuned.pacing) == (4, 1, None)
         assert fresh.pacing.first_price == 5.0
         assert not {"callback", "vec_env_wrapper"} & set(fresh.algorithm)
 

@@ -23,8 +23,9 @@ from agents.training import Training
 from rimless_gym.envs.task import Task
 from tests.agents.runs import BRIEF, scalars
 
-#: Time steps of a turn of the race, and of a training: two families, and a turn of the best.
-TURN, STEPS = 512, 1600
+#: Time steps of a turn, and of a training: two families, of one policy each, have two turns each,
+#: and the best has one more.
+TURN, STEPS = 256, 1600
 
 
 @pytest.fixture(autouse=True)
@@ -34,8 +35,9 @@ def brief(monkeypatch, request):
         return
     few = EvolutionSettings(screened=400, kept=20, screen_intervals=400, contenders=2)
     monkeypatch.setattr(screened_ppo, "SCREENING", few)
-    monkeypatch.setattr(screened_ppo, "TRIAL", TURN)
-    monkeypatch.setattr(screened_ppo, "LEAST_SHARE", 0.0)
+    short = [stage._replace(steps=stage.steps and TURN) for stage in screened_ppo.STAGES]
+    monkeypatch.setattr(screened_ppo, "STAGES", short)
+    monkeypatch.setattr(screened_ppo, "CONTENDERS", 1)
     monkeypatch.setattr(screened_ppo, "COMPARED_STARTS", 16)
     monkeypatch.setattr(screened_ppo, "SEEN_INTERVALS", 100)
 
@@ -110,8 +112,8 @@ def test_the_price_follows_and_the_noise_falls_in_a_race_and_after_it(tmp_path):
     shown = scalars(tmp_path)
     assert {"walk/return", "eval/objective", "train/std"} <= set(shown)
     noise = [event.value for event in shown["train/std"]]
-    assert max(noise) == pytest.approx(screened_ppo.RACING_NOISE[0], rel=0.2)
-    assert min(noise) < screened_ppo.RACING_NOISE[1]
+    assert max(noise) == pytest.approx(screened_ppo.STAGES[0].noise[0], rel=0.2)
+    assert min(noise) < screened_ppo.STAGES[1].noise[1]
 
 
 def test_killed_in_every_turn_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from agents.conditions import Conditions
 from agents.pacing import CleanWalking
 from agents.sb3 import pacing
 from agents.sb3.pacing import Pacing, SelfPacedPrice, clean_walking, probe_of
+from agents.sb3.training_env import Offer
 from agents.session import Session
 from agents.train import train
 from agents.training import Training
@@ -220,7 +221,9 @@ def test_a_training_that_was_stopped_goes_on_with_its_price(tmp_path, monkeypatc
 
 def test_hyperparameters_that_cannot_walk_are_warned_of_with_their_numbers(tmp_path):
     settings = small("ppo")
-    blind = dataclasses.replace(settings, held=1, algorithm=settings.algorithm | {"gamma": 0.9})
+    blind = dataclasses.replace(
+        settings, offer=Offer(), algorithm=settings.algorithm | {"gamma": 0.9}
+    )
     with pytest.warns(UserWarning, match=r"gamma = 0.9: .* 10 ms .* 0.1 s .*lasts 0\.\d+ s"):
         train("ppo", out=tmp_path / "a", settings=blind, timesteps=0, protocol=BRIEF)
     cheap = dataclasses.replace(settings, pacing=None)

@@ -18,6 +18,7 @@ from agents.interrupts import StopRequest
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.callbacks import LogWalking
 from agents.sb3.hyperparameters import Hyperparameters
+from agents.sb3.training_env import Offer
 from agents.session import EVALUATIONS, Plan, Session, Standing
 from agents.train import reward_per_second
 from agents.training import SCRATCH, Training
@@ -67,7 +68,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
     hyperparameters = Hyperparameters(
         n_timesteps=TOTAL,
         n_envs=settings["n"],
-        reward_scale=1.0,
+        offer=Offer(),
         algorithm={"policy": "MlpPolicy", **settings["ppo"]},
         entry={},
     )

@@ -1,0 +1,95 @@
+"""Setting off and walking are two problems, so they are paid apart and count apart.
+
+To pump the pendulum up takes many times the energy of the walk that follows. If both are charged
+alike, then near the optimum, where the price of distance is low, setting off never pays within a
+learner's horizon: to fall at once is cheaper. So a learner whose gait gets cheaper learns to fall.
+
+- `SettingOff` pays nothing in the first seconds of an episode, neither travel nor energy. Falls and
+  slips are charged as always.
+- `CountApart` gives advantages of those seconds and of all others the same spread. Otherwise those
+  of the gait, which hardly vary, are lost among those of the falls.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+from agents.sb3.vec_env import Sb3VecEnv
+from rimless_gym.checks import integer
+
+
+class SettingOff(VecEnvWrapper):
+    """Pays nothing in the first control intervals of an episode, but charges for falls and slips.
+
+    Args:
+        venv: a monitor of a `Sb3VecEnv`. What it monitors is not changed.
+        intervals: control intervals of an episode in which nothing is paid.
+
+    Attributes:
+        intervals: as given.
+        monitor: `venv`.
+
+    Raises:
+        TypeError: it is no such monitor, or the number of intervals is not an integer.
+        ValueError: the number is negative.
+    """
+
+    def __init__(self, venv: VecMonitor, intervals: int) -> None:
+        if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
+            raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
+        super().__init__(venv)
+        self.intervals = integer("intervals", intervals, 0)
+        self.monitor, self._native = venv, venv.venv
+
+    @property
+    def setting_off(self) -> NDArray[np.bool_]:
+        """Whether the next interval of each row is one in which nothing is paid, (N,)."""
+        return np.asarray(self.monitor.episode_lengths < self.intervals)
+
+    def reset(self) -> VecEnvObs:
+        """The first observations."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """What the environments give, the rewards as said above."""
+        unpaid = self.setting_off
+        observations, rewards, dones, infos = self.venv.step_wait()
+        info = self._native.last_info
+        charges = (info["reward_slip"] + info["reward_end"]).astype(np.float32)
+        return observations, np.where(unpaid, charges, rewards), dones, infos
+
+
+class CountApart(BaseCallback):
+    """Scales the advantages of setting off, and all others, to a standard deviation of 1 each.
+
+    For on-policy algorithms that do not normalise advantages themselves.
+
+    Args:
+        env: tells which intervals are which.
+    """
+
+    def __init__(self, env: SettingOff) -> None:
+        super().__init__()
+        self._env = env
+        self._steps: list[NDArray[np.bool_]] = []
+
+    def _on_rollout_start(self) -> None:
+        self._steps = [self._env.setting_off]
+
+    def _on_step(self) -> bool:
+        self._steps.append(self._env.setting_off)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        buffer: Any = self.locals["rollout_buffer"]
+        setting_off = np.array(self._steps[: len(buffer.advantages)])
+        for samples in (setting_off, ~setting_off):
+            found = buffer.advantages[samples]
+            if len(found) > 1:
+                buffer.advantages[samples] = (found - found.mean()) / (found.std() + 1e-8)
