@@ -69,8 +69,8 @@ class Pacing:
             positive("least_price", self.least_price)
         if not real("multiple", self.multiple) > 1.0:
             raise ValueError(
-                f"multiple = {self.multiple:g}: must be more than 1; at a price below what walking costs, "
-                "resting pays better"
+                f"multiple = {self.multiple:g}: must be more than 1; at a price below what walking "
+                "costs, resting pays better"
             )
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
