@@ -1,5 +1,6 @@
 """What is paid while a wheel sets off, and how much that counts."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
@@ -77,7 +78,7 @@ def test_advantages_of_setting_off_and_of_all_else_have_the_same_spread():
 
 def test_what_it_cannot_pay_in_is_refused():
     with pytest.raises(TypeError, match=r"must be a VecMonitor around an agents\.Sb3VecEnv"):
-        SettingOff(VecMonitor(DummyVecEnv([lambda: Conditions().envs(1)])), 5)
+        SettingOff(VecMonitor(DummyVecEnv([lambda: gym.make("RimlessWheel-v0")])), 5)
     with pytest.raises(ValueError, match="intervals = 2000: must be less than the 2000 intervals"):
         Offer(setting_off=2000)
     with pytest.raises(ValueError, match="intervals = 300: must be less than the 200 intervals"):
