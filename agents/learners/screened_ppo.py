@@ -54,7 +54,10 @@ from trajopt.feedback.law import Floats
 SCREENING = EvolutionSettings()
 
 #: Contenders of each family.
-CONTENDERS = 6
+CONTENDERS = 4
+
+#: Families whose best contender takes part in the race.
+FINALISTS = 2
 
 
 class Stage(NamedTuple):
@@ -77,14 +80,14 @@ class Stage(NamedTuple):
     last_rate: float
 
 
-#: A trial of all contenders, a race of the best of each family, and the best of all settles.
+#: A trial of all contenders, a race of the best of some families, and the best of all settles.
 STAGES = (
-    Stage(1_000_000, 4, (0.1, 0.1), 1.0),
-    Stage(4_000_000, 16, (0.1, 0.06), 1.0),
-    Stage(None, 16, (0.06, 0.02), 0.1),
+    Stage(1_000_000, 4, (0.15, 0.15), 1.0),
+    Stage(4_000_000, 12, (0.15, 0.1), 1.0),
+    Stage(None, 12, (0.1, 0.03), 0.2),
 )
 
-#: The price of distance after the trial begins at this multiple of the policy's own cost.
+#: The price of distance begins at this multiple of a contender's own cost.
 NEXT_MULTIPLE = 4.0
 
 #: The walks by which policies are compared, and their starts.
@@ -222,10 +225,9 @@ class Learner(Sb3Learner):
             self._begin(self._contenders[turn + 1])
             return
         merits = np.array([_merit(CleanWalking(*gait)) for gait in self._gaits.tolist()])
-        best = [np.argmax(merits)]
-        if self._stage + 2 < len(STAGES):
-            each = [np.flatnonzero(self._families == one) for one in np.unique(self._families)]
-            best = [one[np.argmax(merits[one])] for one in each if merits[one].any()] or best
+        each = [np.flatnonzero(self._families == one) for one in np.unique(self._families)]
+        best = sorted((one[np.argmax(merits[one])] for one in each), key=lambda k: -merits[k])
+        best = best[: FINALISTS if self._stage + 2 < len(STAGES) else 1]
         self._enter(self._stage + 1, self._contenders[best], self._families[best])
 
     def _begin(self, weights: Floats) -> None:
@@ -235,9 +237,7 @@ class Learner(Sb3Learner):
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
-        price = self._pacing.first_price
-        if self._stage:
-            price = min(price, NEXT_MULTIPLE * self._gait_of(weights).cot)
+        price = min(self._pacing.first_price, NEXT_MULTIPLE * self._gait_of(weights).cot)
         self._paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=price))
         self._paced.restore({"price": price, "due": steps + self._pacing.every})
 

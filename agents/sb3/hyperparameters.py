@@ -30,7 +30,7 @@ _LIMITED = "gymnasium.wrappers.TimeLimit"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
 #: The arguments of the classes that may be listed under each key.
 ENV_WRAPPERS = {_LIMITED: ["max_episode_steps"]}
-WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"], _SETTING_OFF: ["intervals"]}
+WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"], _SETTING_OFF: ["intervals", "travel"]}
 CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
 
@@ -111,6 +111,7 @@ def hyperparameters(
             reward_scale=wrappers.get(_SCALED, {}).get("scale", 1.0),
             held=wrappers.get(_HELD, {}).get("intervals", 1),
             setting_off=wrappers.get(_SETTING_OFF, {}).get("intervals", 0),
+            travel=wrappers.get(_SETTING_OFF, {}).get("travel", 0.0),
             episode_steps=limits.get(_LIMITED, {}).get("max_episode_steps"),
         ),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,

@@ -4,8 +4,8 @@ To pump the pendulum up takes many times the energy of the walk that follows. If
 alike, then near the optimum, where the price of distance is low, setting off never pays within a
 learner's horizon: to fall at once is cheaper. So a learner whose gait gets cheaper learns to fall.
 
-- `SettingOff` pays nothing in the first seconds of an episode, neither travel nor energy. Falls and
-  slips are charged as always.
+- `SettingOff` charges no energy in the first seconds of an episode, and pays for little of the
+  travel, so that no dear gait is learned there. Falls and slips are charged as always.
 - `CountApart` gives advantages of those seconds and of all others the same spread. Otherwise those
   of the gait, which hardly vary, are lost among those of the falls.
 """
@@ -21,35 +21,40 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer
+from rimless_gym.checks import integer, not_negative
 
 
 class SettingOff(VecEnvWrapper):
-    """Pays nothing in the first control intervals of an episode, but charges for falls and slips.
+    """Charges no energy in the first control intervals of an episode, but for falls and slips.
 
     Args:
         venv: a monitor of a `Sb3VecEnv`. What it monitors is not changed.
-        intervals: control intervals of an episode in which nothing is paid.
+        intervals: control intervals of an episode in which this is so.
+        travel: share of the travel that is paid in them. If none is, a policy that has always had
+            noise to set it going may forget how to leave rest.
 
     Attributes:
         intervals: as given.
         monitor: `venv`.
 
     Raises:
-        TypeError: it is no such monitor, or the number of intervals is not an integer.
-        ValueError: the number is negative.
+        TypeError: it is no such monitor, or a number is of the wrong kind.
+        ValueError: a number is out of its range.
     """
 
-    def __init__(self, venv: VecMonitor, intervals: int) -> None:
+    def __init__(self, venv: VecMonitor, intervals: int, travel: float = 0.0) -> None:
         if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
             raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
         super().__init__(venv)
-        self.intervals = integer("intervals", intervals, 0)
+        self.intervals, self.travel = (
+            integer("intervals", intervals, 0),
+            not_negative("travel", travel),
+        )
         self.monitor, self._native = venv, venv.venv
 
     @property
     def setting_off(self) -> NDArray[np.bool_]:
-        """Whether the next interval of each row is one in which nothing is paid, (N,)."""
+        """Whether the next interval of each row is one of the first, (N,)."""
         return np.asarray(self.monitor.episode_lengths < self.intervals)
 
     def reset(self) -> VecEnvObs:
@@ -58,11 +63,11 @@ class SettingOff(VecEnvWrapper):
 
     def step_wait(self) -> VecEnvStepReturn:
         """What the environments give, the rewards as said above."""
-        unpaid = self.setting_off
+        first = self.setting_off
         observations, rewards, dones, infos = self.venv.step_wait()
         info = self._native.last_info
-        charges = (info["reward_slip"] + info["reward_end"]).astype(np.float32)
-        return observations, np.where(unpaid, charges, rewards), dones, infos
+        paid = self.travel * info["reward_distance"] + info["reward_slip"] + info["reward_end"]
+        return observations, np.where(first, paid.astype(np.float32), rewards), dones, infos
 
 
 class CountApart(BaseCallback):

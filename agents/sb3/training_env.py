@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from agents.conditions import Conditions
 from agents.sb3.setting_off import SettingOff
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer, positive
+from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.task import Task
 
@@ -94,7 +94,8 @@ class Offer:
     Attributes:
         reward_scale: factor on the rewards.
         held: control intervals for which an action is held.
-        setting_off: control intervals at the beginning of an episode in which nothing is paid.
+        setting_off: control intervals at the beginning of an episode that are paid by `SettingOff`.
+        travel: share of the travel that is paid in them.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
 
     Raises:
@@ -105,19 +106,21 @@ class Offer:
     reward_scale: float = 1.0
     held: int = 1
     setting_off: int = 0
+    travel: float = 0.0
     episode_steps: int | None = None
 
     def __post_init__(self) -> None:
         positive("scale", self.reward_scale)
         integer("intervals", self.held, 1)
         integer("intervals", self.setting_off, 0)
+        not_negative("travel", self.travel)
         longest = EPISODE_STEPS
         if self.episode_steps is not None:
             longest = integer("max_episode_steps", self.episode_steps, 1)
         if self.setting_off >= longest:
             raise ValueError(
                 f"SettingOff: intervals = {self.setting_off}: must be less than the {longest} "
-                "intervals of an episode; no later than that is anything paid"
+                "intervals of an episode: what follows is all that is charged for its energy"
             )
 
 
@@ -129,7 +132,7 @@ def training_env(
     limit = {} if offer.episode_steps is None else {"max_episode_steps": offer.episode_steps}
     env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
     env.seed(seed)
-    paid = SettingOff(VecMonitor(env), offer.setting_off)
+    paid = SettingOff(VecMonitor(env), offer.setting_off, offer.travel)
     return ScaledReward(HeldActions(paid, offer.held), offer.reward_scale)
 
 

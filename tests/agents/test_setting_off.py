@@ -19,8 +19,9 @@ def made(n, setting_off, **offer):
     return training_env(n, Conditions(), Task(), 7, Offer(setting_off=setting_off, **offer))
 
 
-def test_at_first_only_falls_and_slips_are_charged_and_later_all_is_paid():
-    paid, plain = made(16, SETTING_OFF), made(16, 0)
+@pytest.mark.parametrize("travel", [0.0, 0.2])
+def test_at_first_energy_is_free_and_travel_counts_less_but_falls_and_slips_do_not(travel):
+    paid, plain = made(16, SETTING_OFF, travel=travel), made(16, 0)
     np.testing.assert_array_equal(paid.reset(), plain.reset())
     ages, seen = np.zeros(16, dtype=int), set()
     rng = np.random.default_rng(0)
@@ -30,12 +31,11 @@ def test_at_first_only_falls_and_slips_are_charged_and_later_all_is_paid():
         for i in range(16):
             charges = infos[i]["reward_slip"] + infos[i]["reward_end"]
             early = ages[i] < SETTING_OFF
-            assert rewards[i] == pytest.approx(charges if early else whole[i], abs=1e-7)
-            seen.add((bool(early), charges < 0.0, rewards[i] == 0.0))
+            expected = travel * infos[i]["reward_distance"] + charges if early else whole[i]
+            assert rewards[i] == pytest.approx(expected, abs=1e-7)
+            seen.add((bool(early), charges < 0.0))
         ages = np.where(dones, 0, ages + 1)
-    # Charged or not, both at first and later; and at first, what is not charged is 0.
-    assert {(True, True, False), (True, False, True), (False, False, False)} <= seen
-    assert (True, False, False) not in seen
+    assert len(seen) == 4
 
 
 def test_episodes_may_be_shorter_than_the_environments_own():
