@@ -5,8 +5,10 @@ This file imports none of that before it knows what is asked for, and whether it
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import NamedTuple
 
@@ -15,6 +17,9 @@ from rimless_gym.shadowing import ShadowedError, require_ours
 
 #: The exit status that shells give a command ended by Ctrl-C.
 INTERRUPTED = 130
+
+#: The same for a command whose output nobody reads any more.
+UNREAD = 141
 
 
 class Command(NamedTuple):
@@ -53,6 +58,11 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that a word stands for; the exit status is 2 where there is none."""
+    with unread_quietly():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     word, *rest = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if word in ("-h", "--help"):
         print(usage())
@@ -83,6 +93,19 @@ def run(module: str, arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextmanager
+def unread_quietly() -> Iterator[None]:
+    """End without a word if nobody reads the output any more, as in `rimless --help | head -3`."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(UNREAD) from None
 
 
 def usage() -> str:

@@ -115,6 +115,16 @@ class Parser(argparse.ArgumentParser):
                 "another --out; what was saved before is kept, and the same command goes on"
             )
 
+    @contextmanager
+    def writing(self, path: Path) -> Iterator[None]:
+        """Report in one line, with a remedy, that a file cannot be written after all."""
+        try:
+            yield
+        except OSError as error:
+            self.error(
+                f"{path}: was not written ({_reason(error)}); make room, or choose another --out"
+            )
+
     def require_folder(self, folder: Path, *names: str) -> None:
         """Make a folder if there is none, and check that files of these names can be written."""
         try:

@@ -67,12 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED
-    if options.out is not None:
-        solution.save(options.out)
     if options.json:
         print(json.dumps(solution.to_dict(), indent=2))
     else:
         print(solution.report())
         if abs(solution.speed - options.speed) > SAME:
             print(f"  speed asked for         {options.speed:g} m/s; {WHY}")
+    if options.out is not None:
+        with parser.writing(options.out):  # after the report, which a full disk does not take
+            solution.save(options.out)
     return 0 if solution.verification.passed else 1

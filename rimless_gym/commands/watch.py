@@ -26,6 +26,7 @@ from rimless_gym.command import INTERRUPTED
 from rimless_gym.commands.commandline import Parser, more_than_zero, whole
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
+from rimless_gym.presets import machine_name
 from rimless_gym.rendering.display import Window, has_display, save_gif
 from rimless_gym.rendering.video import ffmpeg, save_mp4
 from trajopt import Solution, periodic_gait
@@ -104,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.out is None:
                 show(race)
             else:
-                with parser.out_of_room(options.out.parent):
+                with parser.writing(options.out):
                     FILMS[kind](race, options.out)
                 print(options.out)
     except KeyboardInterrupt:
@@ -155,9 +156,10 @@ def require_near(machine: WheelParams, speed: float) -> None:
     """
     known = [gait.speed for gait in shipped() if gait.params == machine]
     if known and not min(known) <= speed <= max(known):
+        chosen = f"--preset {machine_name(machine)} --speed {speed:g}"  # a front's is a preset
         raise ValueError(
             f"--speed {speed:g}: must be on this machine's front, from {min(known):.4g} to "
-            f"{max(known):.4g} m/s; beyond it, `rimless gait --speed {speed:g}` searches"
+            f"{max(known):.4g} m/s; beyond it, `rimless gait {chosen}` searches"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
 import os
@@ -374,6 +375,27 @@ def test_a_gait_at_another_speed_than_asked_for_says_both(
         report = capsys.readouterr().out
         assert f"{known.cot:.6f} at 0.5500 m/s" in report
         assert ("speed asked for         0.56 m/s; no speed nearer" in report) is told
+
+
+def test_a_gait_for_which_the_disk_has_no_room_is_reported_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    monkeypatch.setattr(
+        "rimless_gym.commands.solve_gait.periodic_gait", lambda *what, **settings: known
+    )
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Solution, "save", full)
+    with pytest.raises(SystemExit) as ended:
+        solve_gait.main(["--speed", "0.55", "--out", str(tmp_path / "gait.npz")])
+    assert ended.value.code == 2
+    printed = capsys.readouterr()
+    assert f"{known.cot:.6f} at 0.5500 m/s" in printed.out
+    (line,) = printed.err.splitlines()
+    assert "gait.npz: was not written (No space left on device); make room, or choose" in line
 
 
 def test_a_killed_worker_is_told_of_in_one_line(

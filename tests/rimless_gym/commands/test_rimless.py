@@ -44,6 +44,17 @@ def test_without_a_word_all_commands_are_listed(capsys: pytest.CaptureFixture[st
     assert all(f"  {word} " in told for word in rimless.COMMANDS)
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["watch", "--help"]])
+def test_it_ends_without_a_word_if_nobody_reads_what_it_prints(arguments: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    code = f"import sys; from rimless_gym.command import main; sys.exit(main({arguments}))"
+    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE)
+    os.close(write)
+    assert done.stderr == b""
+    assert done.returncode in (rimless.UNREAD, 0)  # argparse keeps it to itself that it failed
+
+
 def test_an_unknown_word_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert rimless.main(["dance"]) == 2
     assert "'dance' is no command: watch, play" in capsys.readouterr().err
@@ -179,6 +190,10 @@ def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.M
         (["--seconds", "0.01", "--out", "walk.gif"], "at least 0.06, one picture"),
         (["--seconds", "1e9", "--out", "walk.gif"], "at most 60"),
         (["--speed", "5", "--out", "walk.gif"], "--speed 5: must be on this machine's front"),
+        (
+            ["--preset", "THESIS_PHYSICAL", "--speed", "5", "--out", "walk.gif"],
+            "`rimless gait --preset THESIS_PHYSICAL --speed 5` searches",
+        ),
         (
             ["evolution", "imitation", "lqr", "ppo", "robust", "--out", "walk.gif"],
             "5 walkers: at most 4",
