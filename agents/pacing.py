@@ -41,11 +41,7 @@ NO_WALK = CleanWalking(0.0, math.inf, 0.0)
 
 
 def paced_price(
-    price: float,
-    walking: CleanWalking,
-    floor: float,
-    least_share: float = LEAST_SHARE,
-    multiple: float = MULTIPLE,
+    price: float, walking: CleanWalking, floor: float, least_share: float = LEAST_SHARE
 ) -> float:
     """The next price of distance.
 
@@ -54,8 +50,7 @@ def paced_price(
         walking: how the policy walks, without exploration.
         floor: the true price, below which it never falls.
         least_share: of starts that must walk before it falls.
-        multiple: of the cost of transport, to which it falls.
     """
     if walking.share < least_share or not math.isfinite(walking.cot):
         return price
-    return min(price, max(multiple * walking.cot, floor))
+    return min(price, max(MULTIPLE * walking.cot, floor))

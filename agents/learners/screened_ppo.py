@@ -36,7 +36,7 @@ from agents.learner import NO_CHANGES, PolicyParts, Watch
 from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
+from agents.sb3.callbacks import FallingRate, Freeze, InMetres, LogWalking, NoiseByPrice, Watched
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
@@ -63,32 +63,30 @@ FINALISTS = 2
 class Stage(NamedTuple):
     """How PPO improves each contender, for some time, before they are compared.
 
-    To leave clumsy gaits takes more noise than cheap ones stand: the gait that is best under noise
-    is not the one that is best without.
-
     Attributes:
         steps: time steps; None: all that are left.
         critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
             only begun to learn spoils a good policy within a minute.
-        noise: standard deviations at first and in the end, in units of the limit.
         last_rate: to what share of itself the learning rate falls.
     """
 
     steps: int | None
     critic_first: int
-    noise: tuple[float, float]
     last_rate: float
 
 
 #: A trial of all contenders, a race of the best of some families, and the best of all settles.
 STAGES = (
-    Stage(1_000_000, 4, (0.15, 0.15), 1.0),
-    Stage(4_000_000, 12, (0.15, 0.1), 1.0),
-    Stage(None, 12, (0.1, 0.03), 0.2),
+    Stage(1_000_000, 4, 1.0),
+    Stage(4_000_000, 12, 1.0),
+    Stage(None, 12, 0.2),
 )
 
+#: Noise (standard deviation, in units of the limit) per price of distance, and its limits.
+NOISE, NOISE_LIMITS = 0.2, (0.03, 0.15)
+
 #: The price of distance begins at this multiple of a contender's own cost.
-NEXT_MULTIPLE = 4.0
+FIRST_MULTIPLE = 2.0
 
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
@@ -124,7 +122,7 @@ class Learner(Sb3Learner):
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
         self._families, self._stage, self._begun = np.zeros(0, dtype=np.int64), 0, 0
-        self._paced = SelfPacedPrice(self._pacing)
+        self._paced = self._new_pace(self._pacing.first_price)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             weights = start.weights["weights"].astype(np.float64).reshape(1, SIZE)
@@ -237,9 +235,13 @@ class Learner(Sb3Learner):
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
-        price = min(self._pacing.first_price, NEXT_MULTIPLE * self._gait_of(weights).cot)
-        self._paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=price))
-        self._paced.restore({"price": price, "due": steps + self._pacing.every})
+        self._paced = self._new_pace(FIRST_MULTIPLE * self._gait_of(weights).cot)
+
+    def _new_pace(self, price: float) -> SelfPacedPrice:
+        """What paces the price from now on; it begins at `price`, if that is not too high."""
+        paced, first = SelfPacedPrice(self._pacing), min(self._pacing.first_price, price)
+        paced.restore({"price": first, "due": self._begun + self._pacing.every})
+        return paced
 
     def _seen_by(self, weights: Floats) -> NDArray[np.float32]:
         """What a policy observes on its walks, (N, 6)."""
@@ -258,8 +260,9 @@ class Learner(Sb3Learner):
             LogWalking(self.training.conditions.params, native_of(self._env)),
             *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
             CountApart(setting_off_of(self._env)),
+            NoiseByPrice(actor, self._paced, NOISE, NOISE_LIMITS),
             Freeze(actor, critic_first),
-            Settle(actor, stage.noise, rates, self._begun, ends),
+            FallingRate(rates, self._begun, ends),
         ]
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
 
@@ -292,6 +295,7 @@ class Learner(Sb3Learner):
         self._stage, self._families = int(state["stage"]), state["families"]
         self._begun = int(state["begun"])
         restore(self.model, state)
+        self._paced = self._new_pace(self._pacing.first_price)
         self._paced.restore(state["price"])
 
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.pacing import FEWEST_STEPS, LEAST_SHARE, MULTIPLE, NO_WALK, CleanWalking, paced_price
+from agents.pacing import FEWEST_STEPS, LEAST_SHARE, NO_WALK, CleanWalking, paced_price
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
-from rimless_gym.checks import integer, not_negative, positive, real
+from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs.task import Task
 from rimless_gym.rules import exceeds
 
@@ -34,7 +34,6 @@ class Pacing:
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
         least_share: of starts that must walk before the price falls.
-        multiple: of the policy's own cost of transport, to which the price falls; more than 1.
         least_price: below which it never falls; None: the environment's own. Near the optimum a
             lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
@@ -53,7 +52,6 @@ class Pacing:
 
     first_price: float = 20.0
     least_share: float = LEAST_SHARE
-    multiple: float = MULTIPLE
     least_price: float | None = None
     paid_speed: float = 0.6
     fall_distance: float = 0.5
@@ -67,11 +65,6 @@ class Pacing:
             not_negative(name, getattr(self, name))
         if self.least_price is not None:
             positive("least_price", self.least_price)
-        if not real("multiple", self.multiple) > 1.0:
-            raise ValueError(
-                f"multiple = {self.multiple:g}: must be more than 1; at a price below what walking "
-                "costs, resting pays better"
-            )
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
         for name in ("every", "starts"):
@@ -190,8 +183,7 @@ class SelfPacedPrice(BaseCallback):
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
         least_price = self.pacing.least_price or self._task.value_of_distance
-        share, multiple = self.pacing.least_share, self.pacing.multiple
-        self.price = paced_price(self.price, walking, least_price, share, multiple)
+        self.price = paced_price(self.price, walking, least_price, self.pacing.least_share)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():

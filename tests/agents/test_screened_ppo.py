@@ -16,6 +16,7 @@ from agents.learners import screened_ppo
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
+from agents.sb3.callbacks import NoiseByPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.session import Session
 from agents.train import train
@@ -106,14 +107,30 @@ def test_whitened_products_vary_alike_in_all_directions(observations, learner):
     assert spread() < 20.0 < 100.0 < before
 
 
-def test_the_price_follows_and_the_noise_falls_in_a_race_and_after_it(tmp_path):
-    result = run(tmp_path)
+def test_price_noise_and_learning_rate_fall_while_it_learns(tmp_path):
+    settings = small()
+    looks = dataclasses.replace(settings.pacing, every=256, least_share=0.0, starts=8)
+    result = run(tmp_path, settings=dataclasses.replace(settings, pacing=looks))
     assert result.timesteps >= STEPS
-    shown = scalars(tmp_path)
-    assert {"walk/return", "eval/objective", "train/std"} <= set(shown)
-    noise = [event.value for event in shown["train/std"]]
-    assert max(noise) == pytest.approx(screened_ppo.STAGES[0].noise[0], rel=0.2)
-    assert min(noise) < screened_ppo.STAGES[1].noise[1]
+    shown = {name: [event.value for event in events] for name, events in scalars(tmp_path).items()}
+    assert {"walk/return", "eval/objective"} <= set(shown)
+    least, most = screened_ppo.NOISE_LIMITS
+    for noise in shown["train/std"]:
+        assert 0.999 * least <= noise <= 1.001 * most
+    assert min(shown["pacing/price"]) < settings.pacing.first_price
+    assert shown["train/learning_rate"][-1] < 0.5 * shown["train/learning_rate"][0]
+
+
+class Paid:
+    price = 0.0
+
+
+@pytest.mark.parametrize(("price", "noise"), [(5.0, 0.15), (0.4, 0.08), (0.1, 0.03)])
+def test_the_noise_is_in_proportion_to_the_price_within_limits(learner, price, noise):
+    paid, actor = Paid(), learner.actor(learner.model)
+    paid.price = price
+    NoiseByPrice(actor, paid, 0.2, (0.03, 0.15)).on_rollout_start()
+    assert learner.model.policy.log_std.exp().item() == pytest.approx(noise)
 
 
 def test_killed_in_every_turn_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
