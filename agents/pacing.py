@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-#: The price is this multiple of the cost of transport.
+#: The price is this multiple of the cost of transport, if no margin says otherwise.
 MULTIPLE = 2.0
 
 #: Share of starts that must walk before the price falls.
@@ -41,7 +41,11 @@ NO_WALK = CleanWalking(0.0, math.inf, 0.0)
 
 
 def paced_price(
-    price: float, walking: CleanWalking, floor: float, least_share: float = LEAST_SHARE
+    price: float,
+    walking: CleanWalking,
+    floor: float,
+    least_share: float = LEAST_SHARE,
+    margin: float = math.inf,
 ) -> float:
     """The next price of distance.
 
@@ -50,7 +54,9 @@ def paced_price(
         walking: how the policy walks, without exploration.
         floor: the true price, below which it never falls.
         least_share: of starts that must walk before it falls.
+        margin: the most that the price exceeds the cost of transport.
     """
     if walking.share < least_share or not math.isfinite(walking.cot):
         return price
-    return min(price, max(MULTIPLE * walking.cot, floor))
+    aimed = min(MULTIPLE * walking.cot, walking.cot + margin)
+    return min(price, max(aimed, floor))

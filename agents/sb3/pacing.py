@@ -34,6 +34,8 @@ class Pacing:
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
         least_share: of starts that must walk before the price falls.
+        margin: the most that the price exceeds the policy's own cost of transport. A small one
+            makes dear gaits cheaper sooner; with none, speed pays more.
         least_price: below which it never falls; None: the environment's own. Near the optimum a
             lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
@@ -52,6 +54,7 @@ class Pacing:
 
     first_price: float = 20.0
     least_share: float = LEAST_SHARE
+    margin: float = math.inf
     least_price: float | None = None
     paid_speed: float = 0.6
     fall_distance: float = 0.5
@@ -65,6 +68,8 @@ class Pacing:
             not_negative(name, getattr(self, name))
         if self.least_price is not None:
             positive("least_price", self.least_price)
+        if self.margin != math.inf:
+            positive("margin", self.margin)
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
         for name in ("every", "starts"):
@@ -183,7 +188,8 @@ class SelfPacedPrice(BaseCallback):
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
         least_price = self.pacing.least_price or self._task.value_of_distance
-        self.price = paced_price(self.price, walking, least_price, self.pacing.least_share)
+        share, margin = self.pacing.least_share, self.pacing.margin
+        self.price = paced_price(self.price, walking, least_price, share, margin)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():
