@@ -116,6 +116,20 @@ def test_the_share_that_must_walk_before_the_price_falls_can_be_chosen(walks):
     assert prices == [9.0, 9.0, 3.0]
 
 
+def test_the_price_keeps_within_a_margin_of_the_policys_own_cost(walks):
+    walks(CleanWalking(1.0, 4.0, 0.5), CleanWalking(1.0, 0.8, 0.5))
+    prices = []
+
+    class Noted(SelfPacedPrice):
+        def _on_rollout_end(self):
+            prices.append(self.price)
+
+    learned(Noted(first_price=9.0, every=EVERY, margin=1.0), looks=2)
+    assert prices == [9.0, 5.0, 1.6]
+    with pytest.raises(ValueError, match="margin = 0"):
+        SelfPacedPrice(margin=0.0)
+
+
 def test_the_price_is_never_below_the_true_one(walks):
     walks(CleanWalking(1.0, 0.05, 0.5))
     price = SelfPacedPrice(first_price=2.0, every=EVERY)
