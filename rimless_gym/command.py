@@ -58,14 +58,10 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that a word stands for; the exit status is 2 where there is none."""
-    with unread_quietly():
-        return _main(arguments)
-
-
-def _main(arguments: Sequence[str] | None) -> int:
     word, *rest = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if word in ("-h", "--help"):
-        print(usage())
+        with unread_quietly():
+            print(usage())
         return 0
     if word not in COMMANDS:
         print(f"error: {word!r} is no command: {', '.join(COMMANDS)}", file=sys.stderr)
@@ -86,7 +82,9 @@ def run(module: str, arguments: Sequence[str] | None = None) -> int:
     """
     try:
         require_ours()
-        return int(import_module(f"rimless_gym.commands.{module}").main(arguments))
+        main = import_module(f"rimless_gym.commands.{module}").main
+        with unread_quietly():
+            return int(main(arguments))
     except (MissingExtraError, ShadowedError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -97,15 +95,22 @@ def run(module: str, arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def unread_quietly() -> Iterator[None]:
-    """End without a word if nobody reads the output any more, as in `rimless --help | head -3`."""
+    """End without a word if nobody reads the output any more, as in `rimless --help | head -3`.
+
+    Nothing else that fails is hidden.
+    """
+    ended: SystemExit | None = None
     try:
         try:
             yield
-        finally:
-            sys.stdout.flush()
+        except SystemExit as end:
+            ended = end
+        sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(UNREAD) from None
+    if ended is not None:
+        raise ended
 
 
 def usage() -> str:

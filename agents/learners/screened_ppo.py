@@ -3,8 +3,8 @@
 No small change leads from leaning to the cheap gaits, in which the pendulum turns once per step:
 PPO that begins with an untrained network never finds them. So thousands of random policies are
 screened first, as evolution does it (`agents.evolution.screening`). PPO then improves some of every
-family of gaits in a short trial, the best of every family in a longer race, and settles with the
-best of all (`Stage`).
+family of gaits in a short trial, the best of the best families in a longer race, and settles with
+the best of all (`Stage`).
 
 The screening takes about 50 million control intervals, which do not count as time steps.
 """
@@ -44,7 +44,7 @@ from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.sb3.setting_off import CountApart
 from agents.sb3.state import restore, state_of
-from agents.sb3.training_env import native_of, setting_off_of
+from agents.sb3.training_env import begin_out_of_step, native_of, setting_off_of
 from agents.scores import economy
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.envs.task import Task
@@ -83,7 +83,7 @@ STAGES = (
 )
 
 #: Noise (standard deviation, in units of the limit) per price of distance, and its limits.
-NOISE, NOISE_LIMITS = 0.2, (0.03, 0.15)
+NOISE, NOISE_LIMITS = 0.3, (0.03, 0.15)
 
 #: The price of distance begins at this multiple of a contender's own cost.
 FIRST_MULTIPLE = 2.0
@@ -96,7 +96,7 @@ SEEN_STARTS, SEEN_INTERVALS = 64, 1000
 
 
 class Learner(Sb3Learner):
-    """Screens random policies, and improves the best of every family, then the cheapest, by PPO.
+    """Screens random policies, and improves some of every family, then the best of them, by PPO.
 
     Raises:
         TypeError: the training's settings are not `Hyperparameters`.
@@ -116,6 +116,11 @@ class Learner(Sb3Learner):
             raise ValueError(
                 "callback: lists no agents.sb3.pacing.SelfPacedPrice: at the task's own price, "
                 "clumsy policies learn to rest; leave it as it is in screened_ppo.yml"
+            )
+        if training.settings.algorithm.get("normalize_advantage", True):
+            raise ValueError(
+                "normalize_advantage = true: advantages of setting off and of the gait are "
+                "normalised apart; leave it false, as it is in screened_ppo.yml"
             )
         self._pacing: Pacing = pacing
         self._world = World(conditions.params)
@@ -235,12 +240,15 @@ class Learner(Sb3Learner):
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
+        self.model._last_obs = begin_out_of_step(self._env, self.act)
+        self.model._last_episode_starts = np.ones(self._env.num_envs, dtype=bool)
         self._paced = self._new_pace(FIRST_MULTIPLE * self._gait_of(weights).cot)
 
     def _new_pace(self, price: float) -> SelfPacedPrice:
-        """What paces the price from now on; it begins at `price`, if that is not too high."""
-        paced, first = SelfPacedPrice(self._pacing), min(self._pacing.first_price, price)
-        paced.restore({"price": first, "due": self._begun + self._pacing.every})
+        """What paces the price from now on: at first it is `price`, or the pacing's first one."""
+        first = min(self._pacing.first_price, price)
+        paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=first))
+        paced.restore({"price": None, "due": self._begun + self._pacing.every})
         return paced
 
     def _seen_by(self, weights: Floats) -> NDArray[np.float32]:

@@ -54,7 +54,7 @@ class Hyperparameters(Settings):
 
     @property
     def intervals_per_step(self) -> int:
-        """For which an action is held."""
+        """Control intervals for which an action is held."""
         return self.offer.held
 
     @property

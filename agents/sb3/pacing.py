@@ -34,8 +34,8 @@ class Pacing:
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
         least_share: of starts that must walk before the price falls.
-        margin: the most that the price exceeds the policy's own cost of transport. A small one
-            makes dear gaits cheaper sooner; with none, speed pays more.
+        margin: the most that the price exceeds the policy's own cost of transport (reward per
+            metre); by default there is no limit. A small one makes dear gaits cheaper sooner.
         least_price: below which it never falls; None: the environment's own. Near the optimum a
             lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
@@ -164,7 +164,8 @@ class SelfPacedPrice(BaseCallback):
             self._envs, self._task = envs.unwrapped, envs.get_attr("task")[0]
             self._probe = probe_of(envs, self.pacing.starts)
         if self.price is None:
-            self.price = max(self.pacing.first_price, self._task.value_of_distance)
+            least_price = self.pacing.least_price or self._task.value_of_distance
+            self.price = max(self.pacing.first_price, least_price)
         self._pay(self.price, self._task)
 
     def _pay(self, price: float, task: Task) -> None:

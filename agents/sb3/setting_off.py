@@ -6,8 +6,8 @@ learner's horizon: to fall at once is cheaper. So a learner whose gait gets chea
 
 - `SettingOff` charges no energy in the first seconds of an episode, and pays for little of the
   travel, so that no dear gait is learned there. Falls and slips are charged as always.
-- `CountApart` gives advantages of those seconds and of all others the same spread. Otherwise those
-  of the gait, which hardly vary, are lost among those of the falls.
+- `CountApart` gives the advantages of those seconds and of all others the same spread. Otherwise
+  those of the gait, which hardly vary, are lost among those of the falls.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rimless_gym.checks import integer, not_negative
 
 
 class SettingOff(VecEnvWrapper):
-    """Charges no energy in the first control intervals of an episode, but for falls and slips.
+    """Makes energy free in the first control intervals of an episode; falls and slips are charged.
 
     Args:
         venv: a monitor of a `Sb3VecEnv`. What it monitors is not changed.
@@ -34,7 +34,7 @@ class SettingOff(VecEnvWrapper):
             noise to set it going may forget how to leave rest.
 
     Attributes:
-        intervals: as given.
+        intervals, travel: as given.
         monitor: `venv`.
 
     Raises:
@@ -46,10 +46,10 @@ class SettingOff(VecEnvWrapper):
         if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
             raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
         super().__init__(venv)
-        self.intervals, self.travel = (
-            integer("intervals", intervals, 0),
-            not_negative("travel", travel),
-        )
+        self.intervals = integer("intervals", intervals, 0)
+        self.travel = not_negative("travel", travel)
+        if travel > 1.0:
+            raise ValueError(f"travel = {travel:g}: a share of the travel, must be at most 1")
         self.monitor, self._native = venv, venv.venv
 
     @property
@@ -71,9 +71,10 @@ class SettingOff(VecEnvWrapper):
 
 
 class CountApart(BaseCallback):
-    """Scales the advantages of setting off, and all others, to a standard deviation of 1 each.
+    """Brings advantages of setting off, and all others, to mean 0 and standard deviation 1 each.
 
-    For on-policy algorithms that do not normalise advantages themselves.
+    For on-policy algorithms that do not normalise advantages themselves. A time step counts by its
+    first control interval.
 
     Args:
         env: tells which intervals are which.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from agents.conditions import Conditions
 from agents.sb3.setting_off import SettingOff
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer, not_negative, positive
+from rimless_gym.checks import integer, positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.task import Task
 
@@ -100,7 +101,7 @@ class Offer:
 
     Raises:
         TypeError: a number is of the wrong kind.
-        ValueError: a number is out of its range, or nothing is ever paid.
+        ValueError: a number is out of its range.
     """
 
     reward_scale: float = 1.0
@@ -113,27 +114,60 @@ class Offer:
         positive("scale", self.reward_scale)
         integer("intervals", self.held, 1)
         integer("intervals", self.setting_off, 0)
-        not_negative("travel", self.travel)
-        longest = EPISODE_STEPS
         if self.episode_steps is not None:
-            longest = integer("max_episode_steps", self.episode_steps, 1)
-        if self.setting_off >= longest:
-            raise ValueError(
-                f"SettingOff: intervals = {self.setting_off}: must be less than the {longest} "
-                "intervals of an episode: what follows is all that is charged for its energy"
-            )
+            integer("max_episode_steps", self.episode_steps, 1)
 
 
 def training_env(
     n_envs: int, conditions: Conditions, task: Task, seed: int, offer: Offer | None = None
 ) -> ScaledReward:
-    """`n_envs` environments side by side; what monitors them sees the environment's rewards."""
+    """`n_envs` environments side by side; what monitors them sees the environment's rewards.
+
+    Raises:
+        ValueError: wheels set off for whole episodes, so that energy would never be charged.
+    """
     offer, same_step = offer or Offer(), AutoresetMode.SAME_STEP
     limit = {} if offer.episode_steps is None else {"max_episode_steps": offer.episode_steps}
     env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
+    longest = env.env.max_episode_steps
+    if longest is not None and offer.setting_off >= longest:
+        raise ValueError(
+            f"SettingOff: intervals = {offer.setting_off}: an episode has {longest}, and in all of "
+            "them energy would be free; give fewer, or a longer TimeLimit (max_episode_steps)"
+        )
     env.seed(seed)
     paid = SettingOff(VecMonitor(env), offer.setting_off, offer.travel)
     return ScaledReward(HeldActions(paid, offer.held), offer.reward_scale)
+
+
+def begin_out_of_step(
+    env: ScaledReward, act: Callable[[NDArray[np.float32]], NDArray[Any]]
+) -> NDArray[np.float32]:
+    """Walk for the time of an episode, in which one row after the other begins anew.
+
+    Otherwise all rows of a `training_env` would set off together, and again a time limit later: a
+    roll-out would have seen nothing else, and the next ones none of it.
+
+    Args:
+        env: as `training_env` makes it.
+        act: observations (N, 6 or 8) -> actions (N,).
+
+    Returns:
+        Observations (N, 6 or 8) of rows of all ages.
+    """
+    env.reset()
+    rows, monitor = native_of(env).env, monitor_of(env)
+    seen, _ = rows.reset()
+    longest = rows.max_episode_steps or EPISODE_STEPS
+    turns = np.arange(env.num_envs) * longest // env.num_envs
+    for k in range(longest):
+        seen, _, ended, timed_out, _ = rows.step(act(seen)[:, None])
+        monitor.episode_lengths = np.where(ended | timed_out, 0, monitor.episode_lengths + 1)
+        anew = turns == k
+        if anew.any():
+            seen[anew] = rows.reset(options={"reset_mask": anew})[0][anew]
+            monitor.episode_lengths[anew] = 0
+    return seen
 
 
 def setting_off_of(env: Any) -> SettingOff:

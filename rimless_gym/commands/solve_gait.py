@@ -74,6 +74,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if abs(solution.speed - options.speed) > SAME:
             print(f"  speed asked for         {options.speed:g} m/s; {WHY}")
     if options.out is not None:
-        with parser.writing(options.out):  # after the report, which a full disk does not take
+        with parser.writing(options.out):  # after the report, so that a full disk loses none of it
             solution.save(options.out)
     return 0 if solution.verification.passed else 1

@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from agents.conditions import Conditions
 from agents.sb3.setting_off import CountApart, SettingOff
-from agents.sb3.training_env import Offer, setting_off_of, training_env
+from agents.sb3.training_env import Offer, begin_out_of_step, setting_off_of, training_env
 from rimless_gym import Task
 
 SETTING_OFF = 5
@@ -48,7 +48,7 @@ def test_episodes_may_be_shorter_than_the_environments_own():
 
 
 class Spreads(BaseCallback):
-    """Notes how far advantages of setting off, and all others, are spread."""
+    """Notes means and spreads of advantages of setting off, and of all others."""
 
     def __init__(self):
         super().__init__()
@@ -61,7 +61,8 @@ class Spreads(BaseCallback):
 
     def _on_rollout_end(self):
         advantages, early = self.locals["rollout_buffer"].advantages, np.array(self.early)
-        self.found += [(advantages[early].std(), advantages[~early].std())]
+        parts = advantages[early], advantages[~early]
+        self.found += [[(part.mean(), part.std()) for part in parts]]
         self.early = []
 
 
@@ -73,15 +74,28 @@ def test_advantages_of_setting_off_and_of_all_else_have_the_same_spread():
         1024, [CountApart(setting_off_of(env)), spreads]
     )
     assert len(spreads.found) == 4
-    np.testing.assert_allclose(spreads.found, 1.0, rtol=1e-4)
+    np.testing.assert_allclose(spreads.found, [[(0.0, 1.0)] * 2] * 4, atol=1e-4)
+
+
+def test_rows_that_begin_out_of_step_are_of_all_ages():
+    env = made(40, SETTING_OFF, episode_steps=20)
+    seen = begin_out_of_step(env, lambda observations: np.zeros(len(observations)))
+    assert seen.shape == (40, 6)
+    ages = setting_off_of(env).monitor.episode_lengths.copy()
+    assert np.bincount(ages, minlength=20).tolist() == [2] * 20
+    for k in range(20):  # each ends when its own time is over
+        _, _, dones, _ = env.step(np.zeros((40, 1), dtype=np.float32))
+        np.testing.assert_array_equal(dones, ages == 19 - k)
 
 
 def test_what_it_cannot_pay_in_is_refused():
     with pytest.raises(TypeError, match=r"must be a VecMonitor around an agents\.Sb3VecEnv"):
         SettingOff(VecMonitor(DummyVecEnv([lambda: gym.make("RimlessWheel-v0")])), 5)
-    with pytest.raises(ValueError, match="intervals = 2000: must be less than the 2000 intervals"):
-        Offer(setting_off=2000)
-    with pytest.raises(ValueError, match="intervals = 300: must be less than the 200 intervals"):
-        Offer(setting_off=300, episode_steps=200)
+    with pytest.raises(ValueError, match=r"intervals = 2000: an episode has 2000, .*give fewer"):
+        made(1, 2000)
+    with pytest.raises(ValueError, match=r"intervals = 300: an episode has 200, .*give fewer"):
+        made(1, 300, episode_steps=200)
     with pytest.raises(ValueError, match="intervals = -1"):
         Offer(setting_off=-1)
+    with pytest.raises(ValueError, match="travel = 2: a share of the travel, must be at most 1"):
+        made(1, 5, travel=2.0)
