@@ -7,6 +7,7 @@ from torch import nn
 from agents import learners
 from agents.sb3.hyperparameters import FOLDER, hyperparameters
 from agents.sb3.pacing import Pacing
+from agents.sb3.training_env import Offer
 
 HELD = "agents.sb3.training_env.HeldActions"
 PACED = "agents.sb3.pacing.SelfPacedPrice"
@@ -34,7 +35,9 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
         fresh, tuned = (hyperparameters(f"{algo}.yml", imitation) for imitation in (False, True))
         assert (fresh.offer.held, tuned.offer.held, tuned.pacing) == (4, 1, None)
         assert fresh.pacing.first_price == 5.0
-        assert not {"callback", "vec_env_wrapper"} & set(fresh.algorithm)
+        assert not {"callback", "env_wrapper", "vec_env_wrapper"} & set(fresh.algorithm)
+    screened = hyperparameters("screened_ppo.yml", False).offer
+    assert screened == Offer(reward_scale=10.0, setting_off=300, travel=0.2, episode_steps=1000)
 
 
 def test_policy_kwargs_may_nest_plain_values(tmp_path):
@@ -56,8 +59,8 @@ def test_other_expressions_in_policy_kwargs_are_refused(tmp_path, text):
 
 
 def test_other_wrappers_and_schedules_are_refused(tmp_path):
-    for key in ("vec_env_wrapper", "callback"):
-        with pytest.raises(ValueError, match=rf"{key} = .*'gym\.Other' is not known; list .*sb3"):
+    for key in ("env_wrapper", "vec_env_wrapper", "callback"):
+        with pytest.raises(ValueError, match=rf"{key} = .*'gym\.Other' is not known; list "):
             read(tmp_path, **{key: [{"gym.Other": {}}]})
     assert read(tmp_path, callback=["agents.sb3.pacing.SelfPacedPrice"]).pacing == Pacing()
     with pytest.raises(ValueError, match="learning_rate = 'cos_1': write a number"):

@@ -13,20 +13,20 @@ from agents.evolution import policy
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.learners import screened_ppo
+from agents.pacing import CleanWalking
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.callbacks import NoiseByPrice
 from agents.sb3.products import Products, policy_of, put_policy
-from agents.session import Session
 from agents.train import train
 from agents.training import Training
 from rimless_gym.envs.task import Task
 from tests.agents.runs import BRIEF, scalars
 
-#: Time steps of a turn, and of a training: two families, of one policy each, have two turns each,
-#: and the best has one more.
-TURN, STEPS = 256, 1600
+#: Time steps of a roll-out, of a turn, and of a training: two families, of one policy each, have
+#: two turns each, and the best has one more.
+ROLLOUT, TURN, STEPS = 256, 512, 2600
 
 
 @pytest.fixture(autouse=True)
@@ -133,26 +133,64 @@ def test_the_noise_is_in_proportion_to_the_price_within_limits(learner, price, n
     assert learner.model.policy.log_std.exp().item() == pytest.approx(noise)
 
 
-def test_killed_in_every_turn_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
+def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
     monkeypatch.setattr("agents.session.SAVE_INTERVAL", 0.0)
     whole = run(tmp_path / "whole")
-    advanced, out = Session.advanced, tmp_path / "broken"
-    for kill in (TURN // 4, TURN // 2, TURN // 4):
-        calls = []
+    restored, restore = [], screened_ppo.Learner.restore
 
-        def killed(self, calls=calls, kill=kill):
-            calls.append(1)
-            if len(calls) == kill // 2:
+    def noted(self, state):
+        restore(self, state)
+        restored.append((self._stage, len(self._gaits)))
+
+    monkeypatch.setattr(screened_ppo.Learner, "restore", noted)
+    improve, out = screened_ppo.Learner._improve, tmp_path / "broken"
+    for turns in (1, 3, 3):  # the last of them is killed after its first roll-out
+
+        def killed(self, until, ends, watch, left=[turns]):  # noqa: B006
+            left[0] -= 1
+            last = not left[0]
+            improve(self, self.steps + ROLLOUT if last else until, ends, watch)
+            if last:
+                watch.between()
                 raise SystemExit
-            advanced(self)
 
         with monkeypatch.context() as patch:
-            patch.setattr(Session, "advanced", killed)
+            patch.setattr(screened_ppo.Learner, "_improve", killed)
             with pytest.raises(SystemExit):
                 run(out)
     resumed = run(out)
+    assert restored == [(0, 0), (1, 0), (2, 0)]
     for one, other in ((resumed.last, whole.last), (resumed.best, whole.best)):
         np.testing.assert_array_equal(weights(one), weights(other))
+
+
+def test_the_best_of_the_best_families_race_and_the_best_of_all_settles(learner, monkeypatch):
+    n = 5
+    families, marks = np.array([0, 0, -1, -1, 1]), np.arange(1.0, n + 1.0)
+    shares = {1.0: 0.5, 2.0: 0.9, 3.0: 0.0, 4.0: 1.0, 5.0: 0.6}
+    monkeypatch.setattr(
+        learner, "_gait_of", lambda policy: CleanWalking(shares[round(float(policy[0]))], 0.1, 0.5)
+    )
+    monkeypatch.setattr(learner, "_begin", lambda policy: put_policy(learner.model.policy, policy))
+
+    def end_stage():
+        for _ in range(len(learner._contenders)):
+            learner._end_turn()
+
+    learner._enter(0, np.outer(marks, np.ones(SIZE)), families)
+    end_stage()
+    np.testing.assert_allclose(learner._contenders[:, 0], [4.0, 2.0], rtol=1e-4)
+    assert learner._families.tolist() == [-1, 0]
+    end_stage()
+    np.testing.assert_allclose(learner._contenders[:, 0], [4.0], rtol=1e-4)
+    assert learner._families.tolist() == [-1]
+
+
+def test_advantages_that_would_be_normalised_twice_are_refused(tmp_path):
+    settings = small()
+    twice = settings.algorithm | {"normalize_advantage": True}
+    with pytest.raises(ValueError, match=r"normalize_advantage = true: .* leave it false"):
+        run(tmp_path, settings=dataclasses.replace(settings, algorithm=twice))
 
 
 def test_it_goes_on_from_its_own_policy_and_races_with_none(tmp_path):
@@ -174,7 +212,7 @@ def test_what_it_cannot_train_with_is_refused(tmp_path):
 @pytest.mark.slow
 def test_from_nothing_it_walks_more_cheaply_than_anything_that_leans(tmp_path):
     result = train(
-        "screened_ppo", seed=2, out=tmp_path, timesteps=11_000_000, protocol=SHORT_PROTOCOL
+        "screened_ppo", seed=2, out=tmp_path, timesteps=20_000_000, protocol=SHORT_PROTOCOL
     )
     walk = evaluate(learned_policy(load_policy(result.best).act), protocol=SHORT_PROTOCOL)
     assert walk.walking_share > 0.8

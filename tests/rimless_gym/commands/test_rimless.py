@@ -44,15 +44,34 @@ def test_without_a_word_all_commands_are_listed(capsys: pytest.CaptureFixture[st
     assert all(f"  {word} " in told for word in rimless.COMMANDS)
 
 
+def unread(code: str, write: int) -> tuple[int, bytes]:
+    """Status and stderr of code that writes into a pipe that nobody reads."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, env=environment
+    )
+    os.close(write)
+    return done.returncode, done.stderr
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["watch", "--help"]])
 def test_it_ends_without_a_word_if_nobody_reads_what_it_prints(arguments: list[str]) -> None:
     read, write = os.pipe()
     os.close(read)
     code = f"import sys; from rimless_gym.command import main; sys.exit(main({arguments}))"
-    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE)
-    os.close(write)
-    assert done.stderr == b""
-    assert done.returncode in (rimless.UNREAD, 0)  # argparse keeps it to itself that it failed
+    assert unread(code, write) == (rimless.UNREAD, b"")
+
+
+def test_what_fails_while_nobody_reads_is_told_all_the_same() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    code = (
+        "from rimless_gym.command import unread_quietly\n"
+        "with unread_quietly():\n    print(1)\n    raise RuntimeError('broken')"
+    )
+    status, told = unread(code, write)
+    assert status not in (0, rimless.UNREAD)
+    assert b"RuntimeError: broken" in told
 
 
 def test_an_unknown_word_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
