@@ -117,7 +117,7 @@ class Learner(Sb3Learner):
                 "callback: lists no agents.sb3.pacing.SelfPacedPrice: at the task's own price, "
                 "clumsy policies learn to rest; leave it as it is in screened_ppo.yml"
             )
-        if training.settings.algorithm.get("normalize_advantage", True):
+        if self._arguments.get("normalize_advantage", True):
             raise ValueError(
                 "normalize_advantage = true: advantages of setting off and of the gait are "
                 "normalised apart; leave it false, as it is in screened_ppo.yml"
