@@ -36,7 +36,7 @@ from agents.learner import NO_CHANGES, PolicyParts, Watch
 from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from agents.sb3.callbacks import FallingRate, Freeze, InMetres, LogWalking, NoiseByPrice, Watched
+from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
@@ -67,23 +67,24 @@ class Stage(NamedTuple):
         steps: time steps; None: all that are left.
         critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
             only begun to learn spoils a good policy within a minute.
+        noise: standard deviations at first and in the end, in units of the limit. To leave dear
+            gaits takes more noise than cheap ones stand; and what pays best under noise is not what
+            pays best without, so noise that stays stops the descent.
         last_rate: to what share of itself the learning rate falls.
     """
 
     steps: int | None
     critic_first: int
+    noise: tuple[float, float]
     last_rate: float
 
 
 #: A trial of all contenders, a race of the best of some families, and the best of all settles.
 STAGES = (
-    Stage(1_000_000, 4, 1.0),
-    Stage(4_000_000, 12, 1.0),
-    Stage(None, 12, 0.2),
+    Stage(1_000_000, 4, (0.1, 0.1), 1.0),
+    Stage(4_000_000, 12, (0.1, 0.06), 1.0),
+    Stage(None, 12, (0.06, 0.025), 0.2),
 )
-
-#: Noise (standard deviation, in units of the limit) per price of distance, and its limits.
-NOISE, NOISE_LIMITS = 0.3, (0.03, 0.15)
 
 #: The price of distance begins at this multiple of a contender's own cost.
 FIRST_MULTIPLE = 2.0
@@ -268,9 +269,8 @@ class Learner(Sb3Learner):
             LogWalking(self.training.conditions.params, native_of(self._env)),
             *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
             CountApart(setting_off_of(self._env)),
-            NoiseByPrice(actor, self._paced, NOISE, NOISE_LIMITS),
             Freeze(actor, critic_first),
-            FallingRate(rates, self._begun, ends),
+            Settle(actor, stage.noise, rates, self._begun, ends),
         ]
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
 

@@ -111,49 +111,36 @@ class InMetres(BaseCallback):
         self._env.scale = self._scale
 
 
-class FallingRate(BaseCallback):
-    """Lets the learning rate fall linearly between two counts of time steps.
+class Settle(BaseCallback):
+    """Lets noise and learning rate fall between two counts of time steps.
+
+    The noise falls geometrically, the learning rate linearly.
 
     Args:
+        actor: of the model that learns.
+        noise: standard deviation at first and in the end, in units of the limit.
         rates: of learning, at first and in the end.
         begun, until: the time steps.
     """
 
-    def __init__(self, rates: tuple[float, float], begun: int, until: int) -> None:
+    def __init__(
+        self,
+        actor: Actor,
+        noise: tuple[float, float],
+        rates: tuple[float, float],
+        begun: int,
+        until: int,
+    ) -> None:
         super().__init__()
-        self._rates, self._begun, self._lasting = rates, begun, max(1, until - begun)
+        self._actor, self._noise, self._rates = actor, noise, rates
+        self._begun, self._lasting = begun, max(1, until - begun)
 
     def _on_rollout_start(self) -> None:
         share = min(1.0, (self.num_timesteps - self._begun) / self._lasting)
-        rate = (1.0 - share) * self._rates[0] + share * self._rates[1]
+        (loud, quiet), (fast, slow) = self._noise, self._rates
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * fast + share * slow
         self.model.lr_schedule = lambda _: rate
-
-    def _on_step(self) -> bool:
-        return True
-
-
-class NoiseByPrice(BaseCallback):
-    """Keeps the exploration noise in proportion to the price of distance, within limits.
-
-    To leave dear gaits takes more noise than cheap ones stand.
-
-    Args:
-        actor: of the model that learns.
-        price: of distance.
-        factor: standard deviation, in units of the limit, per price.
-        limits: of the standard deviation.
-    """
-
-    def __init__(
-        self, actor: Actor, price: SelfPacedPrice, factor: float, limits: tuple[float, float]
-    ) -> None:
-        super().__init__()
-        self._actor, self._price, self._factor, self._limits = actor, price, factor, limits
-
-    def _on_rollout_start(self) -> None:
-        assert self._price.price is not None
-        least, most = self._limits
-        self._actor.set_noise(math.log(min(max(self._factor * self._price.price, least), most)))
 
     def _on_step(self) -> bool:
         return True

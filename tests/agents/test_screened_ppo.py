@@ -17,7 +17,6 @@ from agents.pacing import CleanWalking
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
-from agents.sb3.callbacks import NoiseByPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.train import train
 from agents.training import Training
@@ -114,23 +113,10 @@ def test_price_noise_and_learning_rate_fall_while_it_learns(tmp_path):
     assert result.timesteps >= STEPS
     shown = {name: [event.value for event in events] for name, events in scalars(tmp_path).items()}
     assert {"walk/return", "eval/objective"} <= set(shown)
-    least, most = screened_ppo.NOISE_LIMITS
-    for noise in shown["train/std"]:
-        assert 0.999 * least <= noise <= 1.001 * most
+    assert max(shown["train/std"]) == pytest.approx(screened_ppo.STAGES[0].noise[0])
+    assert min(shown["train/std"]) < screened_ppo.STAGES[-1].noise[0]
     assert min(shown["pacing/price"]) < settings.pacing.first_price
     assert shown["train/learning_rate"][-1] < 0.5 * shown["train/learning_rate"][0]
-
-
-class Paid:
-    price = 0.0
-
-
-@pytest.mark.parametrize(("price", "noise"), [(5.0, 0.15), (0.4, 0.08), (0.1, 0.03)])
-def test_the_noise_is_in_proportion_to_the_price_within_limits(learner, price, noise):
-    paid, actor = Paid(), learner.actor(learner.model)
-    paid.price = price
-    NoiseByPrice(actor, paid, 0.2, (0.03, 0.15)).on_rollout_start()
-    assert learner.model.policy.log_std.exp().item() == pytest.approx(noise)
 
 
 def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
