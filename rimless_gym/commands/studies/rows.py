@@ -86,7 +86,7 @@ ROWS = (
         "PPO from screened policies",
         LEARNED,
         Trained("screened_ppo", judged=KEPT),
-        minutes=8.0,
+        minutes=10.0,
     ),
     Row(
         "evolution",
