@@ -25,7 +25,7 @@ from tests.agents.runs import BRIEF, scalars
 
 #: Time steps of a roll-out, of a turn, and of a training: two families, of one policy each, have
 #: two turns each, and the best has one more.
-ROLLOUT, TURN, STEPS = 256, 512, 2600
+ROLLOUT, TURN, STEPS = 128, 256, 1300
 
 
 @pytest.fixture(autouse=True)
@@ -44,8 +44,9 @@ def brief(monkeypatch, request):
 
 def small():
     settings = screened_ppo.Learner.settings("scratch")
-    changes = {"n_steps": 64, "batch_size": 64}
-    return dataclasses.replace(settings, n_envs=4, algorithm=settings.algorithm | changes)
+    algorithm = settings.algorithm | {"n_steps": 32, "batch_size": 32}
+    offer = dataclasses.replace(settings.offer, setting_off=30, episode_steps=100)
+    return dataclasses.replace(settings, n_envs=4, algorithm=algorithm, offer=offer)
 
 
 def run(out, **changes):
