@@ -56,9 +56,6 @@ SCREENING = EvolutionSettings()
 #: Contenders of each family.
 CONTENDERS = 4
 
-#: Families whose best contender takes part in the race.
-FINALISTS = 2
-
 
 class Stage(NamedTuple):
     """How PPO improves each contender, for some time, before they are compared.
@@ -71,19 +68,21 @@ class Stage(NamedTuple):
             gaits takes more noise than cheap ones stand; and what pays best under noise is not what
             pays best without, so noise that stays stops the descent.
         last_rate: to what share of itself the learning rate falls.
+        finalists: families whose best contender goes on to the next stage.
     """
 
     steps: int | None
     critic_first: int
     noise: tuple[float, float]
     last_rate: float
+    finalists: int
 
 
 #: A trial of all contenders, a race of the best of some families, and the best of all settles.
 STAGES = (
-    Stage(1_000_000, 4, (0.1, 0.1), 1.0),
-    Stage(4_000_000, 12, (0.1, 0.06), 1.0),
-    Stage(None, 12, (0.06, 0.025), 0.2),
+    Stage(1_000_000, 4, (0.1, 0.1), 1.0, finalists=2),
+    Stage(4_000_000, 12, (0.1, 0.06), 1.0, finalists=1),
+    Stage(None, 12, (0.06, 0.025), 0.2, finalists=0),
 )
 
 #: The price of distance begins at this multiple of a contender's own cost.
@@ -102,7 +101,7 @@ class Learner(Sb3Learner):
     Raises:
         TypeError: the training's settings are not `Hyperparameters`.
         ValueError: there are ranges or disturbances, a commanded speed, or another control period;
-            or the settings have no pacing of the price.
+            or the settings have no pacing of the price, or normalise all advantages together.
     """
 
     algorithm = PPO
@@ -231,7 +230,7 @@ class Learner(Sb3Learner):
         merits = np.array([_merit(CleanWalking(*gait)) for gait in self._gaits.tolist()])
         each = [np.flatnonzero(self._families == one) for one in np.unique(self._families)]
         best = sorted((one[np.argmax(merits[one])] for one in each), key=lambda k: -merits[k])
-        best = best[: FINALISTS if self._stage + 2 < len(STAGES) else 1]
+        best = best[: STAGES[self._stage].finalists]
         self._enter(self._stage + 1, self._contenders[best], self._families[best])
 
     def _begin(self, weights: Floats) -> None:
@@ -303,7 +302,8 @@ class Learner(Sb3Learner):
         self._stage, self._families = int(state["stage"]), state["families"]
         self._begun = int(state["begun"])
         restore(self.model, state)
-        self._paced = self._new_pace(self._pacing.first_price)
+        # Before the first time step, the callback begins at the first price whatever it restored.
+        self._paced = self._new_pace(state["price"]["price"] or self._pacing.first_price)
         self._paced.restore(state["price"])
 
 

@@ -164,9 +164,12 @@ class SelfPacedPrice(BaseCallback):
             self._envs, self._task = envs.unwrapped, envs.get_attr("task")[0]
             self._probe = probe_of(envs, self.pacing.starts)
         if self.price is None:
-            least_price = self.pacing.least_price or self._task.value_of_distance
-            self.price = max(self.pacing.first_price, least_price)
+            self.price = max(self.pacing.first_price, self._least_price(self._task))
         self._pay(self.price, self._task)
+
+    def _least_price(self, task: Task) -> float:
+        """Below which the price never falls; the environments pay by `task`."""
+        return self.pacing.least_price or task.value_of_distance
 
     def _pay(self, price: float, task: Task) -> None:
         """Let the environments pay a price from now on, and charge no more than a task."""
@@ -188,9 +191,8 @@ class SelfPacedPrice(BaseCallback):
         self._due = self.num_timesteps + self.pacing.every
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
-        least_price = self.pacing.least_price or self._task.value_of_distance
         share, margin = self.pacing.least_share, self.pacing.margin
-        self.price = paced_price(self.price, walking, least_price, share, margin)
+        self.price = paced_price(self.price, walking, self._least_price(self._task), share, margin)
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():

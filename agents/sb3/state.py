@@ -66,7 +66,8 @@ def restore(model: Any, state: dict[str, Any]) -> None:
         recursive_getattr(model, name).data.copy_(value)
     for name, value in state["counters"].items():
         setattr(model, name, value)
-    model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+    # None, if it was saved before the first roll-out: while policies are screened.
+    model.ep_info_buffer = deque(state["episodes"] or (), maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)
     model._last_obs = state["last_observations"]
     model._last_episode_starts = state["last_starts"]

@@ -151,6 +151,15 @@ def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path
         np.testing.assert_array_equal(weights(one), weights(other))
 
 
+def test_resumed_before_the_first_time_step_it_begins_at_the_same_price(learner):
+    learner._enter(0, np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    learner._paced.price = 0.7
+    again = screened_ppo.Learner(learner.training)
+    again.restore(learner.state())
+    assert again._paced.pacing.first_price == 0.7
+    again.close()
+
+
 def test_the_best_of_the_best_families_race_and_the_best_of_all_settles(learner, monkeypatch):
     n = 5
     families, marks = np.array([0, 0, -1, -1, 1]), np.arange(1.0, n + 1.0)
