@@ -40,9 +40,10 @@ class Pacing:
             lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
             pay however high the price is.
-        fall_distance: travel forfeited by an early end in training (m), if the task forfeits no
-            less. At a high price the task's own 2 m make resting safer than walking.
-        slip_speed: travel forfeited per second of slipping in training (m/s), likewise.
+        fall_distance: travel forfeited by an early end in training (m), instead of the task's own.
+            At a high price 2 m make resting safer than walking.
+        slip_speed: travel forfeited per second of slipping in training (m/s), likewise. A high one
+            keeps a policy from slipping a little at every touchdown.
         every: time steps, of all environments together, between two looks at the policy.
         starts: from which it then walks.
         seconds: for how long; the second half is judged.
@@ -172,13 +173,13 @@ class SelfPacedPrice(BaseCallback):
         return self.pacing.least_price or task.value_of_distance
 
     def _pay(self, price: float, task: Task) -> None:
-        """Let the environments pay a price from now on, and charge no more than a task."""
+        """Let the environments pay a price from now on, and the rest as told or as a task does."""
         paid = dataclasses.replace(
             task,
             value_of_distance=price,
             target_speed=min(self.pacing.paid_speed, task.target_speed),
-            fall_distance=min(self.pacing.fall_distance, task.fall_distance),
-            slip_speed=min(self.pacing.slip_speed, task.slip_speed),
+            fall_distance=self.pacing.fall_distance,
+            slip_speed=self.pacing.slip_speed,
         )
         self.training_env.env_method("set_task", paid)
 

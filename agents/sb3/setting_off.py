@@ -6,8 +6,8 @@ learner's horizon: to fall at once is cheaper. So a learner whose gait gets chea
 
 - `SettingOff` charges no energy in the first seconds of an episode, and pays for little of the
   travel, so that no dear gait is learned there. Falls and slips are charged as always.
-- `CountApart` gives the advantages of those seconds and of all others the same spread. Otherwise
-  those of the gait, which hardly vary, are lost among those of the falls.
+- `CountApart` gives the advantages of those seconds, of walking and of wheels that have stalled the
+  same spread. Otherwise those of the gait, which hardly vary, are lost among the others.
 """
 
 from __future__ import annotations
@@ -23,6 +23,12 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym.checks import integer, not_negative
 
+#: Advantages further from the median than so many spreads count as though they were at that limit.
+LIMIT = 10.0
+
+#: The percentage of a normal distribution that lies within one standard deviation.
+WITHIN_SPREAD = 68.27
+
 
 class SettingOff(VecEnvWrapper):
     """Makes energy free in the first control intervals of an episode; falls and slips are charged.
@@ -36,6 +42,7 @@ class SettingOff(VecEnvWrapper):
     Attributes:
         intervals, travel: as given.
         monitor: `venv`.
+        steps: of each row since this was made, (N,); those backward count as -1.
 
     Raises:
         TypeError: it is no such monitor, or a number is of the wrong kind.
@@ -51,6 +58,7 @@ class SettingOff(VecEnvWrapper):
         if travel > 1.0:
             raise ValueError(f"travel = {travel:g}: a share of the travel, must be at most 1")
         self.monitor, self._native = venv, venv.venv
+        self.steps = np.zeros(venv.num_envs, dtype=np.int64)
 
     @property
     def setting_off(self) -> NDArray[np.bool_]:
@@ -66,15 +74,17 @@ class SettingOff(VecEnvWrapper):
         first = self.setting_off
         observations, rewards, dones, infos = self.venv.step_wait()
         info = self._native.last_info
+        self.steps = self.steps + info["steps"]
         paid = self.travel * info["reward_distance"] + info["reward_slip"] + info["reward_end"]
         return observations, np.where(first, paid.astype(np.float32), rewards), dones, infos
 
 
 class CountApart(BaseCallback):
-    """Brings advantages of setting off, and all others, to mean 0 and standard deviation 1 each.
+    """Gives advantages of setting off, of walking and of stalled wheels mean 0 and spread 1 each.
 
-    For on-policy algorithms that do not normalise advantages themselves. A time step counts by its
-    first control interval.
+    A wheel has stalled if it has set off but gets no step forward in a roll-out, which should last
+    longer than a step. A time step counts by its first control interval. For on-policy algorithms
+    that do not normalise advantages themselves.
 
     Args:
         env: tells which intervals are which.
@@ -83,19 +93,33 @@ class CountApart(BaseCallback):
     def __init__(self, env: SettingOff) -> None:
         super().__init__()
         self._env = env
-        self._steps: list[NDArray[np.bool_]] = []
+        self._setting_off: list[NDArray[np.bool_]] = []
+        self._begun_at = env.steps
 
     def _on_rollout_start(self) -> None:
-        self._steps = [self._env.setting_off]
+        self._setting_off, self._begun_at = [self._env.setting_off], self._env.steps
 
     def _on_step(self) -> bool:
-        self._steps.append(self._env.setting_off)
+        self._setting_off.append(self._env.setting_off)
         return True
 
     def _on_rollout_end(self) -> None:
         buffer: Any = self.locals["rollout_buffer"]
-        setting_off = np.array(self._steps[: len(buffer.advantages)])
-        for samples in (setting_off, ~setting_off):
+        setting_off = np.array(self._setting_off[: len(buffer.advantages)])
+        walks = self._env.steps > self._begun_at
+        for samples in (setting_off, ~setting_off & walks, ~setting_off & ~walks):
             found = buffer.advantages[samples]
             if len(found) > 1:
-                buffer.advantages[samples] = (found - found.mean()) / (found.std() + 1e-8)
+                buffer.advantages[samples] = alike(found)
+
+
+def alike(advantages: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    """Advantages (N,) with mean 0 and standard deviation 1, in which rare ones do not hide others.
+
+    The spread is measured by the usual ones, and what is beyond `LIMIT` spreads is clipped.
+    """
+    centred = advantages - np.median(advantages)
+    limit = LIMIT * np.percentile(np.abs(centred), WITHIN_SPREAD)
+    if limit > 0.0:
+        centred = np.clip(centred, -limit, limit)
+    return (centred - centred.mean()) / (centred.std() + 1e-8)

@@ -155,9 +155,8 @@ def begin_out_of_step(
     Returns:
         Observations (N, 6 or 8) of rows of all ages.
     """
-    env.reset()
+    seen = np.asarray(env.reset())
     rows, monitor = native_of(env).env, monitor_of(env)
-    seen, _ = rows.reset()
     longest = rows.max_episode_steps or EPISODE_STEPS
     turns = np.arange(env.num_envs) * longest // env.num_envs
     for k in range(longest):

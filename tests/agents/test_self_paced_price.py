@@ -159,7 +159,7 @@ def test_it_works_through_wrappers_and_leaves_the_true_task_behind(walks, kind):
     assert paid(envs) == Task()
 
 
-def test_it_never_charges_more_or_pays_more_speed_than_the_task(walks):
+def test_it_charges_as_told_and_pays_no_more_speed_than_the_task(walks):
     walks()
     seen = []
 
@@ -169,7 +169,8 @@ def test_it_never_charges_more_or_pays_more_speed_than_the_task(walks):
 
     task = Task(fall_distance=0.2, slip_speed=0.1, target_speed=0.3)
     learned(Noted(), VecMonitor(Sb3VecEnv(native(2, task=task))), looks=0)
-    assert seen == [dataclasses.replace(task, value_of_distance=20.0)]
+    charged = {"fall_distance": 0.5, "slip_speed": 1.0}
+    assert seen == [dataclasses.replace(task, value_of_distance=20.0, **charged)]
 
 
 def test_settings_are_those_of_pacing_and_are_checked():

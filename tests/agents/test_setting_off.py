@@ -8,7 +8,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from agents.conditions import Conditions
-from agents.sb3.setting_off import CountApart, SettingOff
+from agents.sb3.setting_off import LIMIT, CountApart, SettingOff, alike
 from agents.sb3.training_env import Offer, begin_out_of_step, setting_off_of, training_env
 from rimless_gym import Task
 
@@ -48,33 +48,48 @@ def test_episodes_may_be_shorter_than_the_environments_own():
 
 
 class Spreads(BaseCallback):
-    """Notes means and spreads of advantages of setting off, and of all others."""
+    """Notes means and spreads of advantages: of setting off, of walking, and of stalled wheels."""
 
     def __init__(self):
         super().__init__()
-        self.ages, self.early, self.found = np.zeros(8, dtype=int), [], []
+        self.ages, self.early, self.steps, self.found = np.zeros(8, dtype=int), [], 0, []
 
     def _on_step(self):
         self.early.append(self.ages < SETTING_OFF)
         self.ages = np.where(self.locals["dones"], 0, self.ages + 1)
+        self.steps = self.steps + np.array([info["steps"] for info in self.locals["infos"]])
         return True
 
     def _on_rollout_end(self):
         advantages, early = self.locals["rollout_buffer"].advantages, np.array(self.early)
-        parts = advantages[early], advantages[~early]
-        self.found += [[(part.mean(), part.std()) for part in parts]]
-        self.early = []
+        parts = [early, ~early & (self.steps > 0), ~early & (self.steps <= 0)]
+        self.found += [[(advantages[part].mean(), advantages[part].std()) for part in parts]]
+        self.early, self.steps = [], 0
 
 
-def test_advantages_of_setting_off_and_of_all_else_have_the_same_spread():
-    env = made(8, SETTING_OFF, episode_steps=20)
-    settings = {"n_steps": 32, "batch_size": 64, "n_epochs": 1, "normalize_advantage": False}
+def test_advantages_of_setting_off_of_walking_and_of_stalled_wheels_have_the_same_spread():
+    env = made(8, SETTING_OFF, episode_steps=50)
+    settings = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "normalize_advantage": False}
     spreads = Spreads()
-    PPO("MlpPolicy", env, device="cpu", **settings).learn(
-        1024, [CountApart(setting_off_of(env)), spreads]
+    PPO("MlpPolicy", env, device="cpu", seed=0, **settings).learn(
+        2048, [CountApart(setting_off_of(env)), spreads]
     )
     assert len(spreads.found) == 4
-    np.testing.assert_allclose(spreads.found, [[(0.0, 1.0)] * 2] * 4, atol=1e-4)
+    np.testing.assert_allclose(spreads.found, [[(0.0, 1.0)] * 3] * 4, atol=1e-4)
+
+
+def test_rare_advantages_do_not_hide_the_usual_ones():
+    usual = np.random.default_rng(0).normal(size=1000)
+    rare = np.array([-1000.0, 400.0])
+    found = alike(np.concatenate([usual, rare]))
+    assert found[:1000].std() > 0.85
+    np.testing.assert_allclose(found[:1000], alike(usual), atol=0.5)
+    assert found.std() == pytest.approx(1.0)
+    assert np.abs(found[1000:]) == pytest.approx(LIMIT, rel=0.15)
+
+
+def test_advantages_that_are_all_the_same_are_none():
+    np.testing.assert_allclose(alike(np.full(5, 3.0)), 0.0)
 
 
 def test_rows_that_begin_out_of_step_are_of_all_ages():
