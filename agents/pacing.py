@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-#: The price is this multiple of the cost of transport, if no margin says otherwise.
+#: The price is this multiple of the cost of transport, if nothing else is said.
 MULTIPLE = 2.0
 
 #: Share of starts that must walk before the price falls.
@@ -45,6 +45,7 @@ def paced_price(
     walking: CleanWalking,
     floor: float,
     least_share: float = LEAST_SHARE,
+    multiple: float = MULTIPLE,
     margin: float = math.inf,
 ) -> float:
     """The next price of distance.
@@ -54,9 +55,10 @@ def paced_price(
         walking: how the policy walks, without exploration.
         floor: the true price, below which it never falls.
         least_share: of starts that must walk before it falls.
+        multiple: of the cost of transport, which the price becomes.
         margin: the most that the price exceeds the cost of transport.
     """
     if walking.share < least_share or not math.isfinite(walking.cot):
         return price
-    aimed = min(MULTIPLE * walking.cot, walking.cot + margin)
+    aimed = min(multiple * walking.cot, walking.cot + margin)
     return min(price, max(aimed, floor))

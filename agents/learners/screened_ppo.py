@@ -82,11 +82,8 @@ class Stage(NamedTuple):
 STAGES = (
     Stage(1_000_000, 4, (0.1, 0.1), 1.0, finalists=2),
     Stage(4_000_000, 12, (0.1, 0.06), 1.0, finalists=1),
-    Stage(None, 12, (0.06, 0.025), 0.2, finalists=0),
+    Stage(None, 12, (0.06, 0.02), 0.2, finalists=0),
 )
-
-#: The price of distance begins at this multiple of a contender's own cost.
-FIRST_MULTIPLE = 2.0
 
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
@@ -242,7 +239,7 @@ class Learner(Sb3Learner):
         put_policy(self.model.policy, weights)
         self.model._last_obs = begin_out_of_step(self._env, self.act)
         self.model._last_episode_starts = np.ones(self._env.num_envs, dtype=bool)
-        self._paced = self._new_pace(FIRST_MULTIPLE * self._gait_of(weights).cot)
+        self._paced = self._new_pace(self._pacing.multiple * self._gait_of(weights).cot)
 
     def _new_pace(self, price: float) -> SelfPacedPrice:
         """What paces the price from now on: at first it is `price`, or the pacing's first one."""

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.pacing import FEWEST_STEPS, LEAST_SHARE, NO_WALK, CleanWalking, paced_price
+from agents.pacing import (
+    FEWEST_STEPS,
+    LEAST_SHARE,
+    MULTIPLE,
+    NO_WALK,
+    CleanWalking,
+    paced_price,
+)
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs.task import Task
@@ -34,6 +41,8 @@ class Pacing:
     Attributes:
         first_price: reward per metre at first; it falls with the policy's own cost of transport.
         least_share: of starts that must walk before the price falls.
+        multiple: of the policy's own cost of transport, which the price becomes; greater than 1.
+            With a small one, a policy may stay with a slow gait that is dear for its speed.
         margin: the most that the price exceeds the policy's own cost of transport (reward per
             metre); by default there is no limit. A small one makes dear gaits cheaper sooner.
         least_price: below which it never falls; None: the environment's own. Near the optimum a
@@ -55,6 +64,7 @@ class Pacing:
 
     first_price: float = 20.0
     least_share: float = LEAST_SHARE
+    multiple: float = MULTIPLE
     margin: float = math.inf
     least_price: float | None = None
     paid_speed: float = 0.6
@@ -71,6 +81,11 @@ class Pacing:
             positive("least_price", self.least_price)
         if self.margin != math.inf:
             positive("margin", self.margin)
+        if positive("multiple", self.multiple) <= 1.0:
+            raise ValueError(
+                f"multiple = {self.multiple:g}: walking must earn more than it costs, so give "
+                "more than 1; 2 is usual"
+            )
         for name in ("paid_speed", "seconds"):
             positive(name, getattr(self, name))
         for name in ("every", "starts"):
@@ -192,8 +207,14 @@ class SelfPacedPrice(BaseCallback):
         self._due = self.num_timesteps + self.pacing.every
         intervals = round(self.pacing.seconds / self._probe.control.period)
         walking = clean_walking(self._act, self._probe, intervals)
-        share, margin = self.pacing.least_share, self.pacing.margin
-        self.price = paced_price(self.price, walking, self._least_price(self._task), share, margin)
+        self.price = paced_price(
+            self.price,
+            walking,
+            self._least_price(self._task),
+            self.pacing.least_share,
+            self.pacing.multiple,
+            self.pacing.margin,
+        )
         self._pay(self.price, self._task)
         self.logger.record("pacing/price", self.price)
         for name, value in walking._asdict().items():

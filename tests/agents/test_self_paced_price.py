@@ -177,6 +177,8 @@ def test_settings_are_those_of_pacing_and_are_checked():
     assert SelfPacedPrice(every=3).pacing == Pacing(every=3)
     with pytest.raises(ValueError, match="paid_speed"):
         SelfPacedPrice(paid_speed=0.0)
+    with pytest.raises(ValueError, match=r"multiple = 1: .*give more than 1; 2 is usual"):
+        SelfPacedPrice(multiple=1.0)
     with pytest.raises(TypeError, match="evry"):
         SelfPacedPrice(evry=3)
     with pytest.raises(TypeError, match="give one of them"):

@@ -105,3 +105,4 @@ def test_the_paced_price_follows_the_cost_of_walking_and_never_rises():
     assert paced_price(1.0, CleanWalking(0.9, 0.05, 0.5), 0.5) == 0.5
     assert paced_price(5.0, CleanWalking(LEAST_SHARE - 0.01, 0.8, 0.5), 0.5) == 5.0
     assert paced_price(5.0, NO_WALK, 0.5) == 5.0
+    assert paced_price(5.0, CleanWalking(0.9, 0.8, 0.5), 0.5, multiple=3.0) == 3.0 * 0.8
