@@ -7,11 +7,19 @@ from pathlib import Path
 
 from rimless_gym.commands.documents import marked
 from rimless_gym.commands.documents.markdown import count, table
-from rimless_gym.commands.studies.rows import DISTURBED, FIRST_EVENING, FRONT, LEARNED, THESIS
-from rimless_gym.commands.studies.summary import Average, Everywhere, Line
+from rimless_gym.commands.studies.rows import (
+    DISTURBED,
+    FIRST_EVENING,
+    FRONT,
+    LEARNED,
+    SEEDS,
+    THESIS,
+)
+from rimless_gym.commands.studies.summary import Average, Everywhere, Line, Seed
 
 SECTIONS = (LEARNED, THESIS, FRONT, DISTURBED, FIRST_EVENING)
-MARKS, WANTED = marked.marks("study", SECTIONS), marked.wanted("study", SECTIONS)
+MARKED = (*SECTIONS, SEEDS)
+MARKS, WANTED = marked.marks("study", MARKED), marked.wanted("study", MARKED)
 
 NONE = "-"
 
@@ -69,9 +77,11 @@ def _names(line: str, titles: Sequence[str]) -> bool:
     return line.startswith(tuple(f"| {title}{end}" for title in titles for end in (" |", ", ")))
 
 
-def sections(lines: Sequence[Line], whole: Sequence[Everywhere]) -> dict[str, str]:
+def sections(
+    lines: Sequence[Line], whole: Sequence[Everywhere], seeds: Sequence[Seed]
+) -> dict[str, str]:
     """A table for every section that has a row."""
-    found = {}
+    found = {SEEDS: seeds_table(seeds)} if seeds else {}
     for section in SECTIONS:
         own = [line for line in lines if line.row.table == section]
         if own:
@@ -89,6 +99,21 @@ def learned_table(lines: Sequence[Line]) -> str:
     return table(HEAD, [_learned(line) for line in lines])
 
 
+def seeds_table(seeds: Sequence[Seed]) -> str:
+    """Seeds one by one, walking from enough starts or not."""
+    head = ["policy", "seed", "starts that walk", "gap to the optimum", "CoT", "speed (m/s)"]
+    rows = []
+    for each in seeds:
+        walk = each.policy
+        gap = NONE if each.gap is None else f"{100 * each.gap:+.1f} %"
+        rows.append(
+            [_titled(each), str(each.seed), f"{100 * walk.share:.1f} %", gap]
+            + [_figure(walk.cot, 4), _figure(walk.speed, 3)]
+            + [_percent(walk.falls), _percent(walk.slips)]
+        )
+    return table([*head, "falls", "slips"], rows)
+
+
 def nearly_free_table(lines: Sequence[Line]) -> str:
     """The same on a machine whose optimum costs next to nothing: a gap in percent says little."""
     rows = [[*_learned(line), _mean(line.above, 4)] for line in lines]
@@ -96,9 +121,8 @@ def nearly_free_table(lines: Sequence[Line]) -> str:
 
 
 def _learned(line: Line) -> list[str]:
-    title = ", ".join(part for part in (line.row.title, line.which) if part)
     return [
-        *(title, _seeds(line), _starts(line), _gap(line.gap), _mean(line.cot, 4)),
+        *(_titled(line), _seeds(line), _starts(line), _gap(line.gap), _mean(line.cot, 4)),
         *(_mean(line.speed, 3), _percent(line.falls), _percent(line.slips)),
         *(_minutes(line.minutes), count(line.steps)),
     ]
@@ -123,6 +147,10 @@ def commanded_table(lines: Sequence[Line], whole: Sequence[Everywhere]) -> str:
     return table(head, rows)
 
 
+def _titled(of: Line | Seed) -> str:
+    return ", ".join(part for part in (of.row.title, of.which) if part)
+
+
 def _seeds(line: Line) -> str:
     return f"{line.walking} of {line.seeds}"
 
@@ -139,7 +167,11 @@ def _gap(gap: Average | None) -> str:
 
 
 def _mean(figure: Average | None, digits: int) -> str:
-    return NONE if figure is None else f"{figure.mean:.{digits}f}"
+    return NONE if figure is None else _figure(figure.mean, digits)
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return NONE if value is None else f"{value:.{digits}f}"
 
 
 def _percent(share: float) -> str:

@@ -25,6 +25,9 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 LEARNED, THESIS, FIRST_EVENING = "learned", "thesis", "first_evening"
 FRONT, DISTURBED = "front", "disturbed"
 
+#: One more table, of the seeds one by one, for rows whose seeds differ much.
+SEEDS = "seeds"
+
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = (("best kept", BEST), ("last", LAST))
 CLONED = (("", CLONE),)
@@ -48,6 +51,7 @@ class Row:
         enough: a seed walks if this share of its starts does.
         minutes: that a seed takes, about, before one has been timed.
         machine: the name of its preset; None: the study's.
+        one_by_one: whether its seeds stand in the table of `SEEDS` too.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Row:
     enough: float = 0.95
     minutes: float = 5.0
     machine: str | None = None
+    one_by_one: bool = False
 
 
 ROWS = (
@@ -87,6 +92,7 @@ ROWS = (
         LEARNED,
         Trained("screened_ppo", judged=KEPT),
         minutes=10.0,
+        one_by_one=True,
     ),
     Row(
         "evolution",

@@ -17,7 +17,7 @@ from rimless_gym.commands.studies.figures import Figures
 from rimless_gym.commands.studies.optima import Optima
 from rimless_gym.commands.studies.rows import FIRST_EVENING, Row
 from rimless_gym.commands.studies.running import Failure, Run, completed, ran
-from rimless_gym.commands.studies.summary import everywhere, lines, walks
+from rimless_gym.commands.studies.summary import everywhere, lines, one_by_one, walks
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name, preset
 from trajopt.files import jsonable, write_text
@@ -136,7 +136,7 @@ def _told(
     table, whole = lines(results, gap), everywhere(results)
     counts = {row: sum(cell.row == row for cell in results) for row in study.rows}
     found = Found(
-        page.sections(table, whole),
+        page.sections(table, whole, one_by_one(results, gap)),
         {cell.key: failure for cell, failure in failures.items()},
         tuple(
             f"{row.name} ({count} of {study.seeds} seeds)"

@@ -80,6 +80,25 @@ class Line:
 
 
 @dataclasses.dataclass(frozen=True)
+class Seed:
+    """One policy of one seed.
+
+    Attributes:
+        row: of the study.
+        which: what distinguishes it from the seed's other policies.
+        seed: of its training.
+        policy: how it walks.
+        gap: to the optimum at its speed; None without one.
+    """
+
+    row: Row
+    which: str
+    seed: int
+    policy: Figures
+    gap: float | None
+
+
+@dataclasses.dataclass(frozen=True)
 class Everywhere:
     """How many seeds of a row walk from enough starts in every one of their policies' places.
 
@@ -101,6 +120,16 @@ def lines(results: Mapping[Cell, Result], gap: Gap) -> list[Line]:
         for which in own[0].policies:
             found.append(_line(row, which, own, gap))
     return found
+
+
+def one_by_one(results: Mapping[Cell, Result], gap: Gap) -> list[Seed]:
+    """The policies of rows whose seeds are told of one by one, in the order of the cells."""
+    return [
+        Seed(cell.row, which, cell.seed, policy, gap(cell.row, policy))
+        for cell, result in results.items()
+        if cell.row.one_by_one
+        for which, policy in result.policies.items()
+    ]
 
 
 def everywhere(results: Mapping[Cell, Result]) -> list[Everywhere]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from agents.statistics import interquartile_mean
 from rimless_gym.commands.studies import page
 from rimless_gym.commands.studies.running import completed
-from rimless_gym.commands.studies.summary import lines
+from rimless_gym.commands.studies.summary import lines, one_by_one
 from tests.rimless_gym.commands.studies.toys import cells_of, toy
 
 
@@ -37,3 +38,21 @@ def test_a_row_of_which_no_seed_walks_has_no_averages(tmp_path: Path) -> None:
     best, _ = lines(results, lambda row, policy: 0.1)
     assert (best.gap, best.cot, best.speed, best.walking) == (None, None, None, 0)
     assert "| a toy, best | 0 of 2 | 0 % (0 to 0) | - | - | - |" in page.learned_table([best])
+
+
+def test_seeds_stand_one_by_one_whether_they_walk_or_not(tmp_path: Path) -> None:
+    row = dataclasses.replace(toy(standing=(1,)), one_by_one=True)
+    results, _ = completed(tmp_path, cells_of(row, 2), 1)
+    found = one_by_one(results, lambda row, policy: 0.5 if policy.share else None)
+    assert [(each.seed, each.gap) for each in found if each.which == "best"] == [
+        (0, 0.5),
+        (1, None),
+    ]
+    text = page.seeds_table(found)
+    assert "| a toy, best | 0 | 100.0 % | +50.0 % | 0.0600 |" in text
+    assert "| a toy, best | 1 | 0.0 % | - | - | - |" in text
+
+
+def test_other_rows_have_no_seeds_one_by_one(tmp_path: Path) -> None:
+    results, _ = completed(tmp_path, cells_of(toy(), 2), 1)
+    assert one_by_one(results, lambda row, policy: None) == []
