@@ -83,7 +83,7 @@ def test_rare_advantages_do_not_hide_the_usual_ones():
     rare = np.array([-1000.0, 400.0])
     found = alike(np.concatenate([usual, rare]))
     assert found[:1000].std() > 0.85
-    np.testing.assert_allclose(found[:1000], alike(usual), atol=0.5)
+    assert np.corrcoef(found[:1000], usual)[0, 1] > 0.999
     assert found.std() == pytest.approx(1.0)
     assert np.abs(found[1000:]) == pytest.approx(LIMIT, rel=0.15)
 
