@@ -34,7 +34,7 @@ from trajopt.feedback.law import Floats
 SAVE_INTERVAL = 30.0
 
 #: Evaluations of a training, besides the one at its start.
-EVALUATIONS = 10
+EVALUATIONS = 20
 
 #: Seconds of a film of the best policy; its pictures per second, and their size in pixels.
 FILMED, FPS, PICTURE = 6.0, 10, (300, 180)

@@ -3,8 +3,8 @@
 No small change leads from leaning to the cheap gaits, in which the pendulum turns once per step:
 PPO that begins with an untrained network never finds them. So thousands of random policies are
 screened first, as evolution does it (`agents.evolution.screening`). PPO then improves some of every
-family of gaits in a short trial, the best of the best families in a longer race, and settles with
-the best of all (`Stage`).
+family of gaits in a short trial and the best of them in two longer heats, and settles with the best
+of all (`agents.sb3.stages`).
 
 The screening takes about 50 million control intervals, which do not count as time steps.
 """
@@ -15,7 +15,7 @@ import dataclasses
 import functools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -38,14 +38,20 @@ from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
 from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
 from agents.sb3.hyperparameters import Hyperparameters
+from agents.sb3.kept import KeepBest
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
 from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.sb3.setting_off import CountApart
+from agents.sb3.stages import RACING_SHARE, STAGES, best_of, promise
 from agents.sb3.state import restore, state_of
-from agents.sb3.training_env import begin_out_of_step, native_of, setting_off_of
-from agents.scores import economy
+from agents.sb3.training_env import (
+    begin_out_of_step,
+    native_of,
+    setting_off_of,
+    stepping_back_of,
+)
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
@@ -57,36 +63,11 @@ SCREENING = EvolutionSettings()
 CONTENDERS = 4
 
 
-class Stage(NamedTuple):
-    """How PPO improves each contender, for some time, before they are compared.
-
-    Attributes:
-        steps: time steps; None: all that are left.
-        critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
-            only begun to learn spoils a good policy within a minute.
-        noise: standard deviations at first and in the end, in units of the limit. To leave dear
-            gaits takes more noise than cheap ones stand; and what pays best under noise is not what
-            pays best without, so noise that stays stops the descent.
-        last_rate: to what share of itself the learning rate falls.
-        finalists: families whose best contender goes on to the next stage.
-    """
-
-    steps: int | None
-    critic_first: int
-    noise: tuple[float, float]
-    last_rate: float
-    finalists: int
-
-
-#: A trial of all contenders, a race of the best of some families, and the best of all settles.
-STAGES = (
-    Stage(1_000_000, 4, (0.1, 0.1), 1.0, finalists=2),
-    Stage(4_000_000, 12, (0.1, 0.06), 1.0, finalists=1),
-    Stage(None, 12, (0.06, 0.02), 0.2, finalists=0),
-)
-
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
+
+#: Looks at the policy that settles: their walks and starts, and the time steps between two.
+LOOK, LOOK_STARTS, LOOK_EVERY = Duration.judged_in_second_half(3000), 256, 524_288
 
 #: The walks over which products are whitened.
 SEEN_STARTS, SEEN_INTERVALS = 64, 1000
@@ -120,11 +101,13 @@ class Learner(Sb3Learner):
                 "normalised apart; leave it false, as it is in screened_ppo.yml"
             )
         self._pacing: Pacing = pacing
+        self._back_charge = stepping_back_of(self._env).charge
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
         self._families, self._stage, self._begun = np.zeros(0, dtype=np.int64), 0, 0
         self._paced = self._new_pace(self._pacing.first_price)
+        self._kept = KeepBest(self._looked_at, LOOK_EVERY)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             weights = start.weights["weights"].astype(np.float64).reshape(1, SIZE)
@@ -176,8 +159,16 @@ class Learner(Sb3Learner):
 
     @property
     def act(self) -> Act:
-        """The deterministic policy as it is now; it does nothing before one was found."""
-        return functools.partial(policy.act, self._weights)
+        """The deterministic policy; it does nothing before one was found.
+
+        Once a policy settles, it is the best that was looked at.
+        """
+        return functools.partial(policy.act, self._best_weights)
+
+    @property
+    def _best_weights(self) -> Floats:
+        kept = self._kept.weights
+        return self._weights if kept is None else kept
 
     def learn(self, until: int, watch: Watch) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended."""
@@ -204,8 +195,7 @@ class Learner(Sb3Learner):
         contenders, families = [], []
         for family, policies in found.items():
             gaits = [self._gait_of(weights) for weights in policies]
-            # Falls are mended later; the slowest whirlers walk surely, but only lean in the end.
-            order = sorted(range(len(gaits)), key=lambda k: -gaits[k].share / gaits[k].cot)
+            order = sorted(range(len(gaits)), key=lambda k: -promise(gaits[k]))
             contenders += [policies[k] for k in order[:CONTENDERS]]
             families += [family] * len(order[:CONTENDERS])
         return np.array(contenders), np.array(families)
@@ -224,10 +214,8 @@ class Learner(Sb3Learner):
         if turn + 1 < len(self._contenders):
             self._begin(self._contenders[turn + 1])
             return
-        merits = np.array([_merit(CleanWalking(*gait)) for gait in self._gaits.tolist()])
-        each = [np.flatnonzero(self._families == one) for one in np.unique(self._families)]
-        best = sorted((one[np.argmax(merits[one])] for one in each), key=lambda k: -merits[k])
-        best = best[: STAGES[self._stage].finalists]
+        promises = [promise(CleanWalking(*gait)) for gait in self._gaits.tolist()]
+        best = best_of(promises, self._families.tolist(), STAGES[self._stage].finalists)
         self._enter(self._stage + 1, self._contenders[best], self._families[best])
 
     def _begin(self, weights: Floats) -> None:
@@ -237,14 +225,24 @@ class Learner(Sb3Learner):
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
-        self.model._last_obs = begin_out_of_step(self._env, self.act)
+        act = functools.partial(policy.act, weights)
+        self.model._last_obs = begin_out_of_step(self._env, act)
         self.model._last_episode_starts = np.ones(self._env.num_envs, dtype=bool)
         self._paced = self._new_pace(self._pacing.multiple * self._gait_of(weights).cot)
+
+    @property
+    def _settles(self) -> bool:
+        """Whether the contender is the last one."""
+        return STAGES[self._stage].steps is None
 
     def _new_pace(self, price: float) -> SelfPacedPrice:
         """What paces the price from now on: at first it is `price`, or the pacing's first one."""
         first = min(self._pacing.first_price, price)
-        paced = SelfPacedPrice(dataclasses.replace(self._pacing, first_price=first))
+        share = self._pacing.least_share
+        if not self._settles:
+            share = min(share, RACING_SHARE)
+        pacing = dataclasses.replace(self._pacing, first_price=first, least_share=share)
+        paced = SelfPacedPrice(pacing)
         paced.restore({"price": None, "due": self._begun + self._pacing.every})
         return paced
 
@@ -261,6 +259,7 @@ class Learner(Sb3Learner):
         critic_first = self._begun + stage.critic_first * model.n_steps * model.n_envs
         actor, rate = self.actor(model), float(self._arguments["learning_rate"])
         rates = rate, stage.last_rate * rate
+        stepping_back_of(self._env).charge = self._back_charge if self._settles else 0.0
         callbacks: list[BaseCallback] = [
             LogWalking(self.training.conditions.params, native_of(self._env)),
             *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
@@ -268,18 +267,29 @@ class Learner(Sb3Learner):
             Freeze(actor, critic_first),
             Settle(actor, stage.noise, rates, self._begun, ends),
         ]
+        if self._settles:
+            callbacks.append(self._kept)
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
 
     def _gait_of(self, weights: Floats) -> CleanWalking:
-        """How a policy (SIZE,) walks, in the family of gaits in which it walks best."""
+        """How a policy (SIZE,) walks, where contenders are compared."""
         starts = draw_starts(self._world.params, COMPARED_STARTS, (self.training.seed, 4))
-        walks = self._world.walk(weights[None], starts, COMPARED)
-        gaits = [self._worth.gait(walks, COMPARED, family) for family in families(walks)]
-        return max(gaits, key=_merit, default=NO_WALK)
+        return self._walked(weights, starts, COMPARED)
+
+    def _looked_at(self, weights: Floats) -> CleanWalking:
+        """How a policy (SIZE,) walks, where the best is kept."""
+        starts = draw_starts(self._world.params, LOOK_STARTS, (self.training.seed, 6))
+        return self._walked(weights, starts, LOOK)
+
+    def _walked(self, weights: Floats, starts: Floats, duration: Duration) -> CleanWalking:
+        """How a policy (SIZE,) walks, in the family of gaits in which it walks best."""
+        walks = self._world.walk(weights[None], starts, duration)
+        gaits = [self._worth.gait(walks, duration, family) for family in families(walks)]
+        return max(gaits, key=promise, default=NO_WALK)
 
     def parts(self) -> PolicyParts:
-        """The weights of the policy as it is now."""
-        return PolicyParts({}, {"weights": self._weights})
+        """The weights of the policy that `act` is."""
+        return PolicyParts({}, {"weights": self._best_weights})
 
     def state(self) -> dict[str, Any]:
         """The race, and all of the model that learns, between two roll-outs."""
@@ -290,6 +300,7 @@ class Learner(Sb3Learner):
             "gaits": self._gaits,
             "begun": self._begun,
             "price": self._paced.state(),
+            "kept": self._kept.state(),
             **state_of(self.model),
         }
 
@@ -302,7 +313,4 @@ class Learner(Sb3Learner):
         # Before the first time step, the callback begins at the first price whatever it restored.
         self._paced = self._new_pace(state["price"]["price"] or self._pacing.first_price)
         self._paced.restore(state["price"])
-
-
-def _merit(gait: CleanWalking) -> float:
-    return economy(gait.share, gait.cot)
+        self._kept.restore(state["kept"])

@@ -26,11 +26,17 @@ ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "call
 _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
 _SETTING_OFF = "agents.sb3.setting_off.SettingOff"
+_STEPPING_BACK = "agents.sb3.stepping_back.SteppingBack"
 _LIMITED = "gymnasium.wrappers.TimeLimit"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
 #: The arguments of the classes that may be listed under each key.
 ENV_WRAPPERS = {_LIMITED: ["max_episode_steps"]}
-WRAPPERS = {_HELD: ["intervals"], _SCALED: ["scale"], _SETTING_OFF: ["intervals", "travel"]}
+WRAPPERS = {
+    _HELD: ["intervals"],
+    _SCALED: ["scale"],
+    _SETTING_OFF: ["intervals", "travel"],
+    _STEPPING_BACK: ["charge"],
+}
 CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
 
@@ -112,6 +118,7 @@ def hyperparameters(
             held=wrappers.get(_HELD, {}).get("intervals", 1),
             setting_off=wrappers.get(_SETTING_OFF, {}).get("intervals", 0),
             travel=wrappers.get(_SETTING_OFF, {}).get("travel", 0.0),
+            back_charge=wrappers.get(_STEPPING_BACK, {}).get("charge", 0.0),
             episode_steps=limits.get(_LIMITED, {}).get("max_episode_steps"),
         ),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,

@@ -42,6 +42,7 @@ class SettingOff(VecEnvWrapper):
     Attributes:
         intervals, travel: as given.
         monitor: `venv`.
+        native: the environments that it monitors.
         steps: of each row since this was made, (N,); those backward count as -1.
 
     Raises:
@@ -57,7 +58,7 @@ class SettingOff(VecEnvWrapper):
         self.travel = not_negative("travel", travel)
         if travel > 1.0:
             raise ValueError(f"travel = {travel:g}: a share of the travel, must be at most 1")
-        self.monitor, self._native = venv, venv.venv
+        self.monitor, self.native = venv, venv.venv
         self.steps = np.zeros(venv.num_envs, dtype=np.int64)
 
     @property
@@ -73,7 +74,7 @@ class SettingOff(VecEnvWrapper):
         """What the environments give, the rewards as said above."""
         first = self.setting_off
         observations, rewards, dones, infos = self.venv.step_wait()
-        info = self._native.last_info
+        info = self.native.last_info
         self.steps = self.steps + info["steps"]
         paid = self.travel * info["reward_distance"] + info["reward_slip"] + info["reward_end"]
         return observations, np.where(first, paid.astype(np.float32), rewards), dones, infos

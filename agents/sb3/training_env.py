@@ -14,8 +14,9 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from agents.conditions import Conditions
 from agents.sb3.setting_off import SettingOff
+from agents.sb3.stepping_back import SteppingBack
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer, positive
+from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.task import Task
 
@@ -97,6 +98,7 @@ class Offer:
         held: control intervals for which an action is held.
         setting_off: control intervals at the beginning of an episode that are paid by `SettingOff`.
         travel: share of the travel that is paid in them.
+        back_charge: for each step backward (m).
         episode_steps: control intervals of the longest episode; None: as the environment has them.
 
     Raises:
@@ -108,12 +110,14 @@ class Offer:
     held: int = 1
     setting_off: int = 0
     travel: float = 0.0
+    back_charge: float = 0.0
     episode_steps: int | None = None
 
     def __post_init__(self) -> None:
         positive("scale", self.reward_scale)
         integer("intervals", self.held, 1)
         integer("intervals", self.setting_off, 0)
+        not_negative("charge", self.back_charge)
         if self.episode_steps is not None:
             integer("max_episode_steps", self.episode_steps, 1)
 
@@ -137,7 +141,8 @@ def training_env(
         )
     env.seed(seed)
     paid = SettingOff(VecMonitor(env), offer.setting_off, offer.travel)
-    return ScaledReward(HeldActions(paid, offer.held), offer.reward_scale)
+    charged = SteppingBack(paid, offer.back_charge)
+    return ScaledReward(HeldActions(charged, offer.held), offer.reward_scale)
 
 
 def begin_out_of_step(
@@ -169,9 +174,16 @@ def begin_out_of_step(
     return seen
 
 
+def stepping_back_of(env: Any) -> SteppingBack:
+    """What charges steps backward in a `training_env`."""
+    found = env.venv.venv
+    assert isinstance(found, SteppingBack)
+    return found
+
+
 def setting_off_of(env: Any) -> SettingOff:
     """What pays in a `training_env`."""
-    found = env.venv.venv
+    found = stepping_back_of(env).venv
     assert isinstance(found, SettingOff)
     return found
 
@@ -183,6 +195,4 @@ def monitor_of(env: Any) -> VecMonitor:
 
 def native_of(env: Any) -> Sb3VecEnv:
     """The innermost environment of a `training_env`."""
-    found = monitor_of(env).venv
-    assert isinstance(found, Sb3VecEnv)
-    return found
+    return setting_off_of(env).native

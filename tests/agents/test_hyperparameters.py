@@ -37,7 +37,9 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
         assert fresh.pacing.first_price == 5.0
         assert not {"callback", "env_wrapper", "vec_env_wrapper"} & set(fresh.algorithm)
     screened = hyperparameters("screened_ppo.yml", False).offer
-    assert screened == Offer(reward_scale=10.0, setting_off=300, travel=0.2, episode_steps=1000)
+    assert screened == Offer(
+        reward_scale=10.0, setting_off=300, travel=0.2, back_charge=0.1, episode_steps=1000
+    )
 
 
 def test_policy_kwargs_may_nest_plain_values(tmp_path):

@@ -1,6 +1,7 @@
 """PPO from screened random policies: its policy, its race, and what stops and starts it."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,19 +14,20 @@ from agents.evolution import policy
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.learners import screened_ppo
-from agents.pacing import CleanWalking
+from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.products import Products, policy_of, put_policy
+from agents.sb3.training_env import stepping_back_of
 from agents.train import train
 from agents.training import Training
 from rimless_gym.envs.task import Task
 from tests.agents.runs import BRIEF, scalars
 
-#: Time steps of a roll-out, of a turn, and of a training: two families, of one policy each, have
-#: two turns each, and the best has one more.
-ROLLOUT, TURN, STEPS = 128, 256, 1300
+#: Time steps of a roll-out, of a turn, and of a training: two families, of one policy each, have a
+#: trial and two heats; then the best settles.
+ROLLOUT, TURN, STEPS = 128, 256, 2000
 
 
 @pytest.fixture(autouse=True)
@@ -40,6 +42,8 @@ def brief(monkeypatch, request):
     monkeypatch.setattr(screened_ppo, "CONTENDERS", 1)
     monkeypatch.setattr(screened_ppo, "COMPARED_STARTS", 16)
     monkeypatch.setattr(screened_ppo, "SEEN_INTERVALS", 100)
+    monkeypatch.setattr(screened_ppo, "LOOK_STARTS", 16)
+    monkeypatch.setattr(screened_ppo, "LOOK_EVERY", 128)
 
 
 def small():
@@ -131,7 +135,7 @@ def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path
 
     monkeypatch.setattr(screened_ppo.Learner, "restore", noted)
     improve, out = screened_ppo.Learner._improve, tmp_path / "broken"
-    for turns in (1, 3, 3):  # the last of them is killed after its first roll-out
+    for turns in (1, 3, 3, 3):  # the last of them is killed after its first roll-out
 
         def killed(self, until, ends, watch, left=[turns]):  # noqa: B006
             left[0] -= 1
@@ -146,7 +150,7 @@ def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path
             with pytest.raises(SystemExit):
                 run(out)
     resumed = run(out)
-    assert restored == [(0, 0), (1, 0), (2, 0)]
+    assert restored == [(0, 0), (1, 0), (2, 0), (3, 0)]
     for one, other in ((resumed.last, whole.last), (resumed.best, whole.best)):
         np.testing.assert_array_equal(weights(one), weights(other))
 
@@ -160,26 +164,60 @@ def test_resumed_before_the_first_time_step_it_begins_at_the_same_price(learner)
     again.close()
 
 
-def test_the_best_of_the_best_families_race_and_the_best_of_all_settles(learner, monkeypatch):
-    n = 5
-    families, marks = np.array([0, 0, -1, -1, 1]), np.arange(1.0, n + 1.0)
-    shares = {1.0: 0.5, 2.0: 0.9, 3.0: 0.0, 4.0: 1.0, 5.0: 0.6}
-    monkeypatch.setattr(
-        learner, "_gait_of", lambda policy: CleanWalking(shares[round(float(policy[0]))], 0.1, 0.5)
-    )
+def test_the_most_promising_two_of_each_family_go_on_and_the_best_of_all_settles(
+    learner, monkeypatch
+):
+    families = np.array([0, 0, 0, -1, -1, 1])
+    gaits = {  # by the first weight
+        1.0: CleanWalking(1.0, 0.2, 0.5),
+        2.0: CleanWalking(0.6, 0.1, 0.5),
+        3.0: CleanWalking(0.9, 0.2, 0.5),
+        4.0: NO_WALK,
+        5.0: CleanWalking(1.0, 0.4, 0.5),
+        6.0: CleanWalking(0.9, 0.8, 0.5),
+    }
+    monkeypatch.setattr(learner, "_gait_of", lambda policy: gaits[round(float(policy[0]))])
     monkeypatch.setattr(learner, "_begin", lambda policy: put_policy(learner.model.policy, policy))
 
     def end_stage():
         for _ in range(len(learner._contenders)):
             learner._end_turn()
+        return np.round(learner._contenders[:, 0]).tolist(), learner._families.tolist()
 
-    learner._enter(0, np.outer(marks, np.ones(SIZE)), families)
-    end_stage()
-    np.testing.assert_allclose(learner._contenders[:, 0], [4.0, 2.0], rtol=1e-4)
-    assert learner._families.tolist() == [-1, 0]
-    end_stage()
-    np.testing.assert_allclose(learner._contenders[:, 0], [4.0], rtol=1e-4)
-    assert learner._families.tolist() == [-1]
+    learner._enter(0, np.outer(list(gaits), np.ones(SIZE)), families)
+    assert end_stage() == ([2, 1, 5, 6, 4], [0, 0, -1, 1, -1])
+    assert end_stage() == ([2, 1], [0, 0])
+    assert end_stage() == ([2], [0])
+
+
+def test_the_best_policy_that_it_looked_at_is_kept_and_not_the_last(tmp_path, monkeypatch):
+    shares = iter([0.5, 0.9, 0.7, 0.0])
+    looked = []
+
+    def looked_at(self, weights):
+        looked.append(weights)
+        return CleanWalking(next(shares, 0.6), 0.1, 0.5)
+
+    monkeypatch.setattr(screened_ppo.Learner, "_looked_at", looked_at)
+    result = run(tmp_path)
+    assert len(looked) > 3
+    np.testing.assert_array_equal(
+        weights(result.last), looked[1].astype(weights(result.last).dtype)
+    )
+    shown = scalars(tmp_path)
+    assert [round(event.value, 3) for event in shown["looks/share"]][:2] == [0.5, 0.9]
+
+
+def test_only_who_settles_is_charged_for_steps_backward_and_must_walk_from_most_starts(learner):
+    shares, charges = [], []
+    stepping_back = stepping_back_of(learner._env)
+    for stage in range(len(screened_ppo.STAGES)):
+        learner._enter(stage, np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+        learner.model.learn = lambda *_, **__: charges.append(stepping_back.charge)
+        learner._improve(1, 1, SimpleNamespace(log=None))
+        shares.append(learner._paced.pacing.least_share)
+    assert charges == [0.0, 0.0, 0.0, 0.1]
+    assert shares == [0.5, 0.5, 0.5, 0.8]
 
 
 def test_advantages_that_would_be_normalised_twice_are_refused(tmp_path):
