@@ -14,7 +14,7 @@ from typing import Protocol
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.learned import Learned
 from agents.comparison.report import gait_row
-from agents.comparison.shipped import for_the_front
+from agents.comparison.shipped import for_the_front, from_screened
 from agents.comparison.study import Study
 from agents.folder import BEST, CLONE, LAST
 from agents.gaps import FRONT_STEPS
@@ -219,6 +219,7 @@ def entrants(study: Study) -> tuple[Entrant, ...]:
             budget="scratch_timesteps",
             curve="PPO from scratch",
         ),
+        *from_screened(study),
         Learned(
             "evolution",
             SCRATCH,

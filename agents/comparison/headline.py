@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from agents.comparison.shipped import TITLE
+from agents.comparison.shipped import SCREENED, TITLE
 from agents.reports.tables import figure
 
 #: Titles of rows of the comparison, and what they are for somebody who reads nothing else.
@@ -15,6 +15,7 @@ SHOWN = {
     "fine-tuned, best kept": "clone fine-tuned by PPO",
     TITLE: "one network that walks at the speed it is told",
     "evolution from scratch": "evolution from nothing",
+    SCREENED: "PPO that goes on from the best of random policies",
     "PPO from scratch": "PPO from nothing",
 }
 

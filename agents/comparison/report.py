@@ -27,15 +27,15 @@ is the environment's reward per second, the mean over all starts, those that fal
 gait, that of walking on it for ever. The gap is to the environment's own optimum at the row's own
 speed, interpolated: the best periodic gait whose voltage is held for 10 ms. The other optimal gaits
 may change it at any time. At one speed there are all laws; at the others, for want of time, only
-the best law and its clone (fine-tuned too with `--further-timesteps`). Evolution and PPO from
-scratch choose their own speed. The one policy for the front comes with the package, for the default
-machine; it is told the speed to walk at, and walks at two speeds more. "Best kept" is the policy
-that walked most cheaply and surely in the periodic evaluations; it is the clone itself where none
-was better. Gaits and policies keep the same rules: a start walks if in the measured 30 s its foot
-is pressed down and does not slip, and its pendulum does not touch the floor, where there is one.
-Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force
-in weights; both are those of all starts that still take steps at the end, so that they show why
-some do not count."""
+the best law and its clone (fine-tuned too with `--further-timesteps`). Evolution and PPO choose
+their own speed. PPO from screened policies is trained for a quarter of an hour, so its policy comes
+with the package, for the default machine. So does the one policy for the front, which is told the
+speed to walk at, and walks at two speeds more. "Best kept" is the policy that walked most cheaply
+and surely in the periodic evaluations; it is the clone itself where none was better. Gaits and
+policies keep the same rules: a start walks if in the measured 30 s its foot is pressed down and
+does not slip, and its pendulum does not touch the floor, where there is one. Friction demand is the
+largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in weights; both are
+those of all starts that still take steps at the end, so that they show why some do not count."""
 
 
 def gait_row(name: str, gait: Solution, gap: float | None, at: float | None) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""A policy that comes with the package as an entrant of a comparison."""
+"""Policies that come with the package as entrants of a comparison."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+from pathlib import Path
 
 from agents.commanded import evaluate_commanded
 from agents.comparison.arena import Arena, Result, Row
@@ -12,11 +13,11 @@ from agents.policies import learned_policy
 from agents.policy_files import PRETRAINED, load_policy
 from rimless_gym.envs.task import USUAL_TASK
 
-#: Its file; by its name alone, a file in the current folder would be found first.
-FILE = PRETRAINED["front"]
+#: Their files; by the name alone, a file in the current folder would be found first.
+FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
 
-#: What its rows are called.
-TITLE = "one policy for the front"
+#: What their rows are called.
+TITLE, SCREENED = "one policy for the front", "PPO from screened policies"
 
 #: Speeds between the study's at which it walks too (m/s), so that a plot shows its curve.
 BETWEEN = (0.545, 0.58)
@@ -38,8 +39,7 @@ class ForTheFront:
     @property
     def name(self) -> str:
         """Of its stage; another file or other commands make it another stage, which is run."""
-        walks = FILE.read_bytes() + repr(self.commands).encode()
-        return f"one_for_the_front_{hashlib.sha256(walks).hexdigest()[:8]}"
+        return f"one_for_the_front_{_digest(FILE, repr(self.commands))}"
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it at each speed."""
@@ -63,6 +63,36 @@ class ForTheFront:
         ]
 
 
+@dataclasses.dataclass(frozen=True)
+class FromScreened:
+    """The shipped policy of PPO that goes on from screened policies, which is trained for longer.
+
+    Attributes:
+        effort, after: see `agents.comparison.entrants.Entrant`.
+    """
+
+    effort: float = 8.0
+    after: tuple[str, ...] = ("held_front",)
+
+    @property
+    def name(self) -> str:
+        """Of its stage; another file makes it another stage, which is run."""
+        return f"screened_ppo_{_digest(SCREENED_FILE)}"
+
+    def compete(self, arena: Arena) -> Result:
+        """Evaluate it."""
+        return arena.evaluated(learned_policy(load_policy(SCREENED_FILE).act))
+
+    def rows(self, arena: Arena, result: Result) -> list[Row]:
+        """Its row; it chooses its own speed."""
+        return [arena.row(SCREENED, result, None)]
+
+
+def from_screened(study: Study) -> tuple[FromScreened, ...]:
+    """The shipped policy, if the study's machine is its own."""
+    return (FromScreened(),) if load_policy(SCREENED_FILE).params == study.params else ()
+
+
 def for_the_front(study: Study) -> tuple[ForTheFront, ...]:
     """The shipped policy, if the study's machine is its own, at the study's speeds and between."""
     conditions = load_policy(FILE).conditions
@@ -72,3 +102,7 @@ def for_the_front(study: Study) -> tuple[ForTheFront, ...]:
     between = [speed for speed in BETWEEN if min(inner) < speed < max(inner)]
     commands = tuple(s for s in sorted({*inner, *between}) if slowest <= s <= fastest)
     return (ForTheFront(commands),) if conditions.params == study.params and commands else ()
+
+
+def _digest(file: Path, more: str = "") -> str:
+    return hashlib.sha256(file.read_bytes() + more.encode()).hexdigest()[:8]

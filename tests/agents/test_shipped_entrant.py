@@ -1,4 +1,4 @@
-"""The shipped policy for the front competes on its own machine, at the study's speeds."""
+"""Shipped policies compete on their own machine, one of them at the study's speeds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agents.comparison import speed_figure
 from agents.comparison.arena import Arena
 from agents.comparison.charts import speed_charts
 from agents.comparison.labels import Named
-from agents.comparison.shipped import FILE, TITLE, for_the_front
+from agents.comparison.shipped import FILE, SCREENED, TITLE, for_the_front, from_screened
 from agents.comparison.study import Study
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE
@@ -75,7 +75,24 @@ def test_another_file_or_other_commands_are_another_stage(
     assert entrant.name != before
 
 
-def test_its_rows_stand_beside_the_others_of_the_same_speed(
+def test_ppo_from_screened_policies_competes_on_its_own_machine_only(
+    tmp_path: Path, front: CotFront, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert from_screened(Study(changes={"friction": 0.7})) == ()
+    (entrant,) = from_screened(Study())
+    arena = Arena(Study(), tmp_path, progress=False)
+    arena.held_front = front
+    monkeypatch.setattr(arena, "evaluated", lambda policy: {"evaluation": FOUND})
+    (row,) = entrant.rows(arena, entrant.compete(arena))
+    assert (row["policy"], row["at"], row["cot"]) == (SCREENED, None, FOUND["cot"])
+    assert row["gap"] == pytest.approx(arena.gap(FOUND["cot"], FOUND["speed"]))
+    before, changed = entrant.name, tmp_path / "screened_ppo.zip"
+    changed.write_bytes(shipped_policy.SCREENED_FILE.read_bytes() + b"more")
+    monkeypatch.setattr(shipped_policy, "SCREENED_FILE", changed)
+    assert entrant.name != before
+
+
+def test_the_rows_of_the_policy_for_the_front_stand_beside_the_others_of_the_same_speed(
     tmp_path: Path, front: CotFront
 ) -> None:
     study = Study()
