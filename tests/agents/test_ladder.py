@@ -63,7 +63,7 @@ def test_a_ladder_has_rungs_that_rise(speeds):
 
 @pytest.mark.slow
 def test_the_laws_of_a_ladder_walk_at_the_commanded_speed():
-    conditions = Conditions.of(BUILDABLE, None, None, (0.566, 0.566), 0.01)
+    conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.57), 0.01)
     ladder = ladder_of_laws("lqr", conditions, [1])
     assert len(ladder.speeds) == 1
     starts = draw_starts(BUILDABLE, 6, 0)
