@@ -202,7 +202,9 @@ def _at_middle(interval: Interval) -> bool:
     """Whether the first walk's leg passes the vertical in an interval."""
     before, after = interval.states[0, PHI], interval.after[0, PHI]
     upright = (before - math.pi / 2) * (after - math.pi / 2) <= 0.0
-    return bool(upright and interval.info["touchdowns"][0] == 0)
+    # Out of double stance the stance leg may change without a touchdown, as a step of -1.
+    changes = interval.info["touchdowns"][0] != 0 or interval.info["steps"][0] != 0
+    return bool(upright and not changes)
 
 
 def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = None) -> Chart:

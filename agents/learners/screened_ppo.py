@@ -62,7 +62,6 @@ SCREENING = EvolutionSettings()
 #: Contenders of each family.
 CONTENDERS = 4
 
-
 #: The walks by which policies are compared, and their starts.
 COMPARED, COMPARED_STARTS = Duration.judged_in_second_half(2000), 128
 

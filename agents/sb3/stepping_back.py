@@ -19,6 +19,8 @@ from rimless_gym.checks import not_negative
 class SteppingBack(VecEnvWrapper):
     """Charges every touchdown that is a step backward, once a wheel has set off.
 
+    Whoever leaves double stance backward, which takes no touchdown, pays half.
+
     Args:
         venv: in which wheels set off. What it monitors is not changed.
         charge: for each step backward (m), as the energy that lifts the wheel so far.

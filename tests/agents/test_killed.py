@@ -17,6 +17,7 @@ from agents.imitation import Cloning
 from agents.policy_files import load_policy
 from agents.protocol import Protocol
 from agents.train import train
+from agents.training import IMITATION
 from tests.agents.runs import small
 
 KILLS = 20
@@ -77,7 +78,9 @@ def test_a_training_killed_at_random_moments_ends_with_the_same_policies(tmp_pat
 @pytest.mark.slow
 def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path, monkeypatch):
     def brief(algo, init, *arguments, **settings):
-        return train(algo, init, *arguments, settings=small(algo, init), cloning=QUICK, **settings)
+        cloning = QUICK if init == IMITATION else None
+        changed = {"settings": small(algo, init), "cloning": cloning}
+        return train(algo, init, *arguments, **settings | changed)
 
     monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
     monkeypatch.setattr(learned, "train", brief)

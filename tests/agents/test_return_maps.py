@@ -11,6 +11,7 @@ from agents.comparison.return_maps import (
     STEPS,
     Multiplier,
     ReturnMap,
+    last_middle,
     multipliers_text,
     return_chart,
     return_map,
@@ -74,6 +75,18 @@ def test_a_walk_without_steps_is_refused(bare: WheelParams) -> None:
     level = bare.replace(slope=0.0)
     with pytest.raises(ValueError, match="no step in the last 2 s"):
         return_map(level, idle, walk(level, 1.0, 12.0))
+
+
+@pytest.mark.parametrize(("steps", "upright"), [(0, True), (-1, False)])
+def test_a_leg_that_is_changed_out_of_double_stance_does_not_pass_the_vertical(
+    bare: WheelParams, steps: int, upright: bool
+) -> None:
+    [interval] = walk(bare, 1.0, 0.01)
+    after = interval.after.copy()
+    after[0, 0] = bare.constants.b
+    counts = {"touchdowns": np.zeros(1), "steps": np.full(1, steps)}
+    found = last_middle([interval._replace(after=after, info=counts)])
+    assert (found is not None) == upright
 
 
 def test_a_chart_has_the_slopes_of_what_does_not_turn() -> None:

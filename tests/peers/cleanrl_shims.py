@@ -1,4 +1,4 @@
-"""Runs a script of CleanRL 1.2.0 with today's Gymnasium: python cleanrl_shims.py NAME ARGUMENTS.
+"""Runs a script of CleanRL 1.2.0 with today's Gymnasium.
 
 Its PPO was written for Gymnasium 0.28, its SAC for Gym 0.23. What differs is put in their way here;
 the scripts themselves are the package's, unchanged.
@@ -89,9 +89,9 @@ def gym_023() -> types.ModuleType:
     return gym
 
 
-if __name__ == "__main__":
-    name, *arguments = sys.argv[1:]
+def run(name: str, arguments: list[str]) -> dict[str, Any]:
+    """Run a script, and give all names that it leaves behind."""
     gym_028()
     sys.modules["gym"] = gym_023()
     sys.argv = [name, *arguments]
-    runpy.run_module(f"cleanrl.{name}", run_name="__main__", alter_sys=True)
+    return runpy.run_module(f"cleanrl.{name}", run_name="__main__", alter_sys=True)
