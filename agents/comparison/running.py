@@ -80,6 +80,7 @@ def _kept(arena: Arena, entrant: Entrant) -> Result | None:
         return None
     if result is None:
         return None
+    _log(arena.out, name).unlink(missing_ok=True)  # of a run stopped after its last line
     _tell(arena, f"{name}: kept")
     if result["git_revision"] != revision:
         _tell(

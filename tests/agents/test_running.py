@@ -76,6 +76,15 @@ def test_kept_results_are_not_found_again(tmp_path: Path) -> None:
     assert sums(tmp_path, 1, broken) == EXPECTED
 
 
+def test_the_log_of_a_process_stopped_after_its_result_was_written_is_removed(
+    tmp_path: Path,
+) -> None:
+    sums(tmp_path, 1)
+    (tmp_path / "e.log").touch()
+    assert sums(tmp_path, 1) == EXPECTED
+    assert not list(tmp_path.glob("*.log"))
+
+
 def test_stages_side_by_side_find_what_they_find_one_after_the_other(tmp_path: Path) -> None:
     toys = tuple(dataclasses.replace(toy, fails=toy.name == "d") for toy in TOYS)
     with pytest.raises(ValueError, match="d went wrong"):
