@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from agents.comparison.style import FAINT
+from trajopt.feedback.law import Floats
 
 #: Size of the text, and distance between two lines of it (points).
 SIZE, LINE = 8.0, 10.5
@@ -17,6 +18,9 @@ SIZE, LINE = 8.0, 10.5
 #: Points this near to each other in x share a column of names, which begins this far to their
 #: right (points).
 NEAR, ASIDE = 24.0, 12.0
+
+#: The mean width of a letter over the size of the text, at the most.
+LETTER = 0.62
 
 
 class Named(NamedTuple):
@@ -43,16 +47,13 @@ def write_names(axes: Axes, points: Sequence[Named]) -> None:
         return
     scale = axes.figure.dpi / 72.0
     at = axes.transData.transform([(point.x, point.y) for point in points]) / scale
-    bottom, top = axes.bbox.y0 / scale, axes.bbox.y1 / scale
-    for column in _columns(at[:, 0].tolist()):
-        column.sort(key=lambda i: (at[i, 1], -i))
-        heights = spread([at[i, 1] for i in column], LINE, bottom + LINE / 2, top - LINE / 2)
-        x = max(at[i, 0] for i in column) + ASIDE
-        for i, y in zip(column, heights, strict=True):
+    low, high = axes.bbox.y0 / scale + LINE / 2, axes.bbox.y1 / scale - LINE / 2
+    for column in _columns(at, [point.name for point in points], low, high):
+        for i, y in zip(column.points, column.heights, strict=True):
             axes.annotate(
                 points[i].name,
                 (points[i].x, points[i].y),
-                (x, y),
+                (column.left, y),
                 textcoords="figure points",
                 color=points[i].colour,
                 fontsize=SIZE,
@@ -68,15 +69,56 @@ def write_names(axes: Axes, points: Sequence[Named]) -> None:
             )
 
 
-def _columns(xs: Sequence[float]) -> list[list[int]]:
-    """Indices of the points that share a column, from left to right."""
-    columns: list[list[int]] = []
-    for i in np.argsort(xs, kind="stable").tolist():
-        if columns and xs[i] - xs[columns[-1][-1]] < NEAR:
-            columns[-1].append(i)
+class Column(NamedTuple):
+    """Names below each other.
+
+    Attributes:
+        points: indices of the points that are named, from below.
+        left: where the names begin (points).
+        right: where the longest one ends (points).
+        heights: of the names (points).
+    """
+
+    points: list[int]
+    left: float
+    right: float
+    heights: list[float]
+
+    def covers(self, other: Column, at: Floats) -> bool:
+        """Whether its names cover those of a column further right, or its points."""
+        if self.right <= min(at[i, 0] for i in other.points):
+            return False
+        taken = [*other.heights, *(at[i, 1] for i in other.points)]
+        return any(abs(y - height) < LINE for y in self.heights for height in taken)
+
+
+def _columns(at: Floats, names: Sequence[str], low: float, high: float) -> list[Column]:
+    """Columns of names from left to right, none of which covers the next one.
+
+    Args:
+        at: where the points are (points), (N, 2).
+        names: of the points.
+        low: least height of a name (points).
+        high: greatest height of a name (points).
+    """
+
+    def column(of: Sequence[int]) -> Column:
+        indices = sorted(of, key=lambda i: (at[i, 1], -i))
+        left = max(at[i, 0] for i in indices) + ASIDE
+        longest = max(len(names[i]) for i in indices)
+        heights = spread([at[i, 1] for i in indices], LINE, low, high)
+        return Column(indices, left, left + longest * LETTER * SIZE, heights)
+
+    found: list[Column] = []
+    for i in np.argsort(at[:, 0], kind="stable").tolist():
+        if found and at[i, 0] - max(at[k, 0] for k in found[-1].points) < NEAR:
+            found[-1] = column([*found[-1].points, i])
         else:
-            columns.append([i])
-    return columns
+            found.append(column([i]))
+    for k in reversed(range(len(found) - 1)):
+        while k + 1 < len(found) and found[k].covers(found[k + 1], at):
+            found[k : k + 2] = [column([*found[k].points, *found[k + 1].points])]
+    return found
 
 
 def spread(wanted: Sequence[float], least: float, low: float, high: float) -> list[float]:

@@ -30,7 +30,8 @@ class Study:
         scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each.
         evolution_timesteps: control intervals of evolution.
         starts: random starts of the search for the gait, in addition to the shipped guess.
-        front: least and greatest speed of the optimal front (m/s), enclosing the learned ones.
+        front: least and greatest speed of the optimal front (m/s), enclosing the learned ones. A
+            clone may walk a little slower than the gait that it imitates.
 
     Raises:
         TypeError: a value is of the wrong kind.
@@ -48,7 +49,7 @@ class Study:
     scratch_timesteps: int = 250_000
     evolution_timesteps: int = 600_000_000
     starts: int = 4
-    front: tuple[float, ...] = (0.53, 0.63)
+    front: tuple[float, ...] = (0.52, 0.63)
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)

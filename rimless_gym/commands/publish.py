@@ -1,7 +1,7 @@
 """Copy a finished comparison's table, plots and policies into the documents and package.
 
-The README gets the headline, docs/comparison.md the whole table. Every policy gets a card that says
-what it is and how it walks.
+The README gets the headline, with what docs/learning.md says over many seeds beside it, and
+docs/comparison.md the whole table. Every policy gets a card that says what it is and how it walks.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from agents.policy_files import read_record
 from rimless_gym.commands.commandline import Parser
 from rimless_gym.commands.documents.cards import card
 from rimless_gym.commands.documents.marked import marks, refresh, wanted
+from rimless_gym.commands.documents.over_seeds import over_seeds
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIES = {
@@ -39,6 +40,8 @@ PRETRAINED = ROOT / "agents" / "pretrained"
 COMMAND = "compare"  # that leaves the sections
 #: Sections that are written, and their pages.
 PAGES = {"headline": "README.md", "table": "docs/comparison.md"}
+#: The page with the tables of many seeds.
+LEARNING = "docs/learning.md"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,6 +56,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     around = marks(COMMAND, tuple(PAGES))
     for name, page in PAGES.items():
         parser.require_page(ROOT / page, around[name], wanted(COMMAND, (name,)))
+    try:
+        many = over_seeds((ROOT / LEARNING).read_text())
+    except (OSError, ValueError) as error:
+        parser.error(f"{LEARNING}: {error}")
     for target in COPIES.values():
         parser.require_file(ROOT / target)
     for name in POLICIES:
@@ -65,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (PRETRAINED / f"{name}.md").write_text(cards[name])
     results = json.loads((study / "results.json").read_text())
     sections = {
-        "headline": headline(results["table"], results["study"]["speed"]) + "\n",
+        "headline": headline(results["table"], results["study"]["speed"], many) + "\n",
         "table": (study / "table.md").read_text(),
     }
     for name, page in PAGES.items():

@@ -29,10 +29,13 @@ def test_names_stay_within_the_plot_and_apart() -> None:
     assert np.diff(places).min() >= 0.8 - 1e-9
 
 
-def test_no_name_covers_another() -> None:
+@pytest.mark.parametrize("apart", [4.0, 2.0, 1.0], ids=["far", "within a name", "near"])
+def test_no_name_covers_another(apart: float) -> None:
     figure, axes = plt.subplots()
     axes.set(xlim=(0, 10), ylim=(0, 1))
-    points = [Named(x, 0.5, f"policy {x} {k}", "black") for x in (1.0, 5.0) for k in range(9)]
+    places = (1.0, 1.0 + apart)
+    points = [Named(x, 0.5, f"policy {x} {k}", "black") for x in places for k in range(9)]
+    points[0] = points[0]._replace(name="a policy with a name of many words")
     write_names(axes, points)
     figure.canvas.draw()
     assert {text.get_text() for text in axes.texts} == {point.name for point in points}

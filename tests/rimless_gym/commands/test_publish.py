@@ -16,6 +16,7 @@ from agents.comparison.learned import Learned
 from agents.comparison.study import Study
 from agents.policy_files import PRETRAINED
 from rimless_gym.commands import publish
+from rimless_gym.commands.documents.over_seeds import STUDIED, over_seeds
 
 ROW = {
     "walking_share": 1.0,
@@ -25,6 +26,21 @@ ROW = {
     "friction_demand": 0.7,
     "min_normal_force_over_weight": 0.1,
 }
+
+
+#: What docs/learning.md says of every learner, with a table of other columns before.
+HEAD = "| policy | seeds that walk | starts that walk | gap to the optimum |"
+LEARNING = "\n".join(
+    ["| policy | CoT |", "| --- | --- |", *[f"| {cells[0]} | 0.1 |" for cells in STUDIED.values()]]
+    + [HEAD, "| --- | --- | --- | --- |"]
+    + [f"| {cells[0]} | 9 of 10 | 99 % | +7 % |" for cells in STUDIED.values() if len(cells) == 1]
+    + ["", HEAD.replace("policy", "learner | commanded"), "| --- | --- | --- | --- | --- |"]
+    + [
+        f"| {' | '.join(cells)} | 10 of 10 | 99 % | +2 % |"
+        for cells in STUDIED.values()
+        if len(cells) == 2
+    ]
+)
 
 
 def section(name: str, text: str) -> str:
@@ -64,6 +80,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (root / folder).mkdir(parents=True)
     for name, page in publish.PAGES.items():
         (root / page).write_text(section(name, "| old |\n"))
+    (root / publish.LEARNING).write_text(LEARNING)
     monkeypatch.setattr(publish, "ROOT", root)
     monkeypatch.setattr(publish, "PRETRAINED", root / "agents" / "pretrained")
     return root
@@ -92,9 +109,27 @@ def test_the_headline_is_of_the_studys_own_speed_and_tells_what_does_not_walk(
     publish.main(["--study", str(study)])
     lines = (root / "README.md").read_text().splitlines()[4:-2]
     assert [line.split(" | ")[1:] for line in lines] == [
-        ["-", "+10.0%", "0.600", "100% |"],
-        *[["0.0500", "+10.0%", "0.600", "100% |"]] * 4,
+        ["-", "+10.0%", "0.600", "100%", "- |"],
+        *[["0.0500", "+10.0%", "0.600", "100%", "+7 %, 9 of 10 walk |"]] * 4,
     ]
+
+
+def test_what_is_said_over_seeds_is_of_the_right_table_and_command() -> None:
+    found = over_seeds(LEARNING)
+    assert found["evolution from scratch"] == "+7 %, 9 of 10 walk"
+    assert found["one policy for the front"] == "+2 %, 10 of 10 walk"
+    assert found.keys() == STUDIED.keys()
+
+
+def test_a_page_that_has_lost_a_line_of_the_study_is_refused(
+    study: Path, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lost = LEARNING.replace("| evolution from scratch, best kept | 9", "| evolution | 9")
+    (root / publish.LEARNING).write_text(lost)
+    with pytest.raises(SystemExit):
+        publish.main(["--study", str(study)])
+    assert "evolution from scratch, best kept" in capsys.readouterr().err
+    assert "| old |" in (root / "README.md").read_text()
 
 
 def test_the_published_headline_is_taken_from_the_published_table() -> None:
@@ -106,7 +141,10 @@ def test_the_published_headline_is_taken_from_the_published_table() -> None:
     assert shown
     lines = [line.strip("| ").split(" | ") for line in shown[1].splitlines()[2:]]
     assert [line[0] for line in lines] == list(SHOWN.values())
-    assert {tuple(line[1:]) for line in lines} <= known
+    assert {tuple(line[1:5]) for line in lines} <= known
+    told = over_seeds((publish.ROOT / publish.LEARNING).read_text())
+    titles = dict(zip(SHOWN.values(), SHOWN, strict=True))
+    assert [line[5] for line in lines] == [told.get(titles[line[0]], "-") for line in lines]
 
 
 def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
@@ -125,4 +163,4 @@ def test_a_page_without_marks_is_refused_before_anything_is_copied(
         publish.main(["--study", str(study)])
     assert f"<!-- compare: {name} -->" in capsys.readouterr().err
     left = {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
-    assert left == set(publish.PAGES.values())
+    assert left == {*publish.PAGES.values(), publish.LEARNING}
