@@ -8,9 +8,8 @@ from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION
 from rimless_gym.commands.feedback_laws.columns.changes import NOISE
 from rimless_gym.commands.studies.first_evening import FirstEvening
+from rimless_gym.commands.studies.successors import Continued, Distilled
 from rimless_gym.commands.studies.trials import (
-    Continued,
-    Distilled,
     Disturbed,
     Following,
     Holding,
