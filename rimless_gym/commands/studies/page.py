@@ -8,16 +8,19 @@ from pathlib import Path
 from rimless_gym.commands.documents import marked
 from rimless_gym.commands.documents.markdown import count, table
 from rimless_gym.commands.studies.rows import (
+    CLONING,
     DISTURBED,
+    EXPLORATION,
     FIRST_EVENING,
     FRONT,
     LEARNED,
+    PRICE,
     SEEDS,
     THESIS,
 )
 from rimless_gym.commands.studies.summary import Average, Everywhere, Line, Seed
 
-SECTIONS = (LEARNED, THESIS, FRONT, DISTURBED, FIRST_EVENING)
+SECTIONS = (LEARNED, PRICE, EXPLORATION, CLONING, THESIS, FRONT, DISTURBED, FIRST_EVENING)
 MARKED = (*SECTIONS, SEEDS)
 MARKS, WANTED = marked.marks("study", MARKED), marked.wanted("study", MARKED)
 

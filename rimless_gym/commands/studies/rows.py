@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from typing import Any
 
+from agents import learners
 from agents.folder import BEST, CLONE, LAST
-from agents.training import IMITATION
+from agents.training import IMITATION, SCRATCH
 from rimless_gym.commands.feedback_laws.columns.changes import NOISE
 from rimless_gym.commands.studies.first_evening import FirstEvening
+from rimless_gym.commands.studies.successors import Continued, Distilled, WentOn
 from rimless_gym.commands.studies.trials import (
-    Continued,
-    Distilled,
+    Cloned,
     Disturbed,
     Following,
     Holding,
@@ -25,6 +28,9 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 LEARNED, THESIS, FIRST_EVENING = "learned", "thesis", "first_evening"
 FRONT, DISTURBED = "front", "disturbed"
 
+#: Tables of ablations: PPO at other prices, clones fine-tuned with other noise, other clones.
+PRICE, EXPLORATION, CLONING = "price", "exploration", "cloning"
+
 #: One more table, of the seeds one by one, for rows whose seeds differ much.
 SEEDS = "seeds"
 
@@ -34,6 +40,12 @@ CLONED = (("", CLONE),)
 
 #: Control intervals of a fine-tuning, as in the comparison.
 FINE_TUNING = 600_000
+
+#: Demonstrations alone: one round, with as many labels and gradient steps as DAgger's eight.
+DEMONSTRATIONS = {"rounds": 1, "expert_starts": 1044, "gradient_steps": 6750}
+
+#: Hyperparameters of a fine-tuning that changes more than the learner's own do.
+LARGE_BATCHES = {"n_envs": 512, "n_steps": 128, "batch_size": 16384, "learning_rate": 5e-5}
 
 #: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
 TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
@@ -62,6 +74,29 @@ class Row:
     minutes: float = 5.0
     machine: str | None = None
     one_by_one: bool = False
+
+
+def _paced(**changes: float) -> dict[str, Any]:
+    """Hyperparameters of PPO from scratch whose price is paced in another way (`Pacing`)."""
+    (callback,) = learners.learner("ppo").settings(SCRATCH).written["callback"]
+    return {"callback": [{name: usual | changes for name, usual in callback.items()}]}
+
+
+def _noisy(deviation: float) -> Cloned:
+    """A fine-tuning with exploration noise of this share of the voltage limit.
+
+    Travel is paid up to about the clone's own speed, so that it gains nothing by going faster. The
+    learning rate is so low that the gait stays where there is hardly any noise.
+    """
+    return Cloned(
+        "ppo",
+        IMITATION,
+        1_500_000,
+        (("before", CLONE), ("after", LAST)),
+        cloning={"log_std": math.log(deviation)},
+        task={"value_of_distance": 0.1, "target_speed": 0.57},
+        hyperparameters=LARGE_BATCHES | {"learning_rate": 1e-5},
+    )
 
 
 ROWS = (
@@ -116,6 +151,51 @@ ROWS = (
         minutes=3.0,
     ),
     Row(
+        "price_true",
+        "the true price of 0.5 from the beginning",
+        PRICE,
+        Trained("ppo", judged=KEPT, hyperparameters=_paced(first_price=0.5)),
+        minutes=2.0,
+    ),
+    Row(
+        "price_stays",
+        "a price of 5 that never falls",
+        PRICE,
+        Trained("ppo", judged=KEPT, hyperparameters=_paced(least_price=5.0)),
+        minutes=2.0,
+    ),
+    Row(
+        "price_any_speed",
+        "a price of 5 that never falls, paid at any speed",
+        PRICE,
+        Trained("ppo", judged=KEPT, hyperparameters=_paced(least_price=5.0, paid_speed=100.0)),
+        minutes=2.0,
+    ),
+    Row(
+        "price_drops",
+        "a price of 5 that never falls, then 0.5 at once",
+        PRICE,
+        WentOn("ppo", SCRATCH, None, KEPT, "price_stays", hyperparameters=_paced(first_price=0.5)),
+        minutes=2.0,
+    ),
+    Row("noise_small", "noise of 0.0025", EXPLORATION, _noisy(0.0025), minutes=3.0),
+    Row("noise_usual", "noise of 0.011", EXPLORATION, _noisy(0.011), minutes=3.0),
+    Row("noise_large", "noise of 0.03", EXPLORATION, _noisy(0.03), minutes=3.0),
+    Row(
+        "clone_few_labels",
+        "8,000 labels of start-up states a round instead of 60,000",
+        CLONING,
+        Cloned("ppo", IMITATION, 0, CLONED, cloning={"labels": 8000}),
+        minutes=1.5,
+    ),
+    Row(
+        "clone_demonstrations",
+        "as many labels, all of the law's own walks",
+        CLONING,
+        Cloned("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
+        minutes=1.5,
+    ),
+    Row(
         "thesis_imitation_slow",
         "imitation of the LQR about 0.5 m/s",
         THESIS,
@@ -167,12 +247,7 @@ ROWS = (
             (("clone", CLONE), ("best kept", BEST), ("last", LAST)),
             disturbances={"actuator_delay": 2, "sensor_noise": TWICE_THE_NOISE},
             task={"value_of_distance": 0.1, "target_speed": 0.6},
-            hyperparameters={
-                "n_envs": 512,
-                "n_steps": 128,
-                "batch_size": 16384,
-                "learning_rate": 5e-5,
-            },
+            hyperparameters=LARGE_BATCHES,
         ),
         enough=0.9,
         minutes=6.0,

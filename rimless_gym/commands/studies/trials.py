@@ -6,12 +6,12 @@ import dataclasses
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from agents import learners, protocol
 from agents.commanded import evaluate_commanded, walk_through
 from agents.evaluate import evaluate
-from agents.folder import BEST, CLONE
+from agents.folder import BEST
 from agents.imitation import Cloning
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
@@ -34,6 +34,9 @@ PLANS = "plans"
 
 #: Control intervals of a trial that only shows that it runs, where a learner has no other least.
 BRIEF_STEPS = 4096
+
+#: A cloning of such a trial, where its row says how to clone.
+BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
 class Trial(Protocol):
@@ -126,12 +129,34 @@ class Trained:
             found[which] = Figures.of(evaluate(policy, params, by))
         return found
 
-    def brief(self) -> Trained:
+    def brief(self) -> Self:
         """The same with the fewest steps; one that only imitates stays as it is."""
         if self.timesteps == 0:
             return self
         silent = learners.learner(self.algo).settings(self.init).silent
         return dataclasses.replace(self, timesteps=max(BRIEF_STEPS, 2 * silent))
+
+
+@dataclasses.dataclass(frozen=True)
+class Cloned(Trained):
+    """An imitation of the usual law in another way, fine-tuned or not.
+
+    Attributes:
+        cloning: fields of `agents.imitation.Cloning` that differ from its own.
+        task: prices in fine-tuning that differ from the environment's.
+    """
+
+    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """How to clone, and the task."""
+        return {"cloning": Cloning.of(self.cloning), "task": self.task}
+
+    def brief(self) -> Self:
+        """The same with the fewest steps, of cloning too."""
+        return dataclasses.replace(super().brief(), cloning={**self.cloning, **BRIEF_CLONING})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -222,54 +247,3 @@ class Holding(Trained):
         plans.mkdir(exist_ok=True)
         front = cot_front(params, [self.speed], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=plans)
         return laws.design(EXPERT, front.envelope[0], plans)
-
-
-@dataclasses.dataclass(frozen=True)
-class Distilled(Trained):
-    """An imitation of the best policy of another row, of the same seed, which is trained before.
-
-    Attributes:
-        teacher: the other row, which has the name of its learner.
-    """
-
-    teacher: str = ""
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The fields, with what both learners say."""
-        taught = learners.learner(self.teacher).settings(SCRATCH).written
-        return super().settings | {"taught_by": dict(jsonable(taught))}
-
-    def expert(self, seed: int, folder: Path, params: WheelParams) -> str:
-        """The policy's file, in the folder beside this one's."""
-        return str(_of_another(self.teacher, seed, folder, BEST))
-
-
-@dataclasses.dataclass(frozen=True)
-class Continued(Trained):
-    """A training that begins with the clone of another row, of the same seed, made before.
-
-    Attributes:
-        begun: the other row.
-    """
-
-    begun: str = ""
-
-    def start(self, seed: int, folder: Path) -> str:
-        """The clone's file, in the folder beside this one's."""
-        return str(_of_another(self.begun, seed, folder, CLONE))
-
-
-def _of_another(row: str, seed: int, folder: Path, file: str) -> Path:
-    """A policy of another row's seed.
-
-    Raises:
-        ValueError: that seed is not finished.
-    """
-    other = folder.with_name(f"{row}_{seed}")
-    if not (other / RESULT).exists():
-        raise ValueError(
-            f"{other.name} is not finished, and {folder.name} needs its policy: run --rows {row} "
-            "to its end first"
-        )
-    return other / file

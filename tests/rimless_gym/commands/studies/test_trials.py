@@ -19,12 +19,11 @@ from agents.train import EXPERT, TrainResult, train
 from agents.training import IMITATION, SCRATCH
 from rimless_gym import BUILDABLE
 from rimless_gym.commands.studies import trials
-from rimless_gym.commands.studies.cells import RESULT, Cell
+from rimless_gym.commands.studies.cells import Cell
 from rimless_gym.commands.studies.rows import DISTURBED, FRONT, LEARNED, Row
 from rimless_gym.commands.studies.trials import (
     PLANS,
-    Continued,
-    Distilled,
+    Cloned,
     Disturbed,
     Following,
     Holding,
@@ -55,26 +54,6 @@ def test_a_training_by_agents_train_is_judged_from_its_own_files(
     row = dataclasses.replace(cell.row, trial=dataclasses.replace(trial, timesteps=1))
     with pytest.raises(KeyboardInterrupt):
         dataclasses.replace(cell, row=row).run(tmp_path)
-
-
-def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[dict[str, Any]] = []
-
-    def trained(algo: str, init: str, seed: int, out: Path, **others: Any) -> TrainResult:
-        asked.append(others)
-        return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, (), ())
-
-    monkeypatch.setattr(trials, "train", trained)
-    trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
-    (own := tmp_path / "distilled_3").mkdir()
-    with pytest.raises(ValueError, match=r"evolution_3 is not finished.*--rows evolution"):
-        trial.train(3, own, BUILDABLE)
-    (tmp_path / "evolution_3").mkdir()
-    (tmp_path / "evolution_3" / RESULT).touch()
-    trial.train(3, own, BUILDABLE)
-    assert asked[0]["expert"] == str(tmp_path / "evolution_3" / BEST)
 
 
 def test_a_law_about_another_speed_holds_the_gait_nearest_to_it(
@@ -175,24 +154,29 @@ def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_wit
     assert hash(cell.row) == hash(dataclasses.replace(cell.row))  # rows are keys of the tables
 
 
-def test_a_row_goes_on_from_the_clone_of_the_same_seed(
+def test_a_clone_is_made_and_fine_tuned_in_its_own_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun: list[str] = []
+    asked = []
 
-    def training(algo: str, init: str, seed: int, out: Path, **options: Any) -> Any:
-        begun.append(init)
-        raise KeyboardInterrupt
+    def trained(*given: Any, **arguments: Any) -> TrainResult:
+        asked.append((given, arguments))
+        return TrainResult(tmp_path, tmp_path, tmp_path, 0, False, (), ())
 
-    monkeypatch.setattr(trials, "train", training)
-    trial = Continued("ppo", IMITATION, 64, (("", BEST),), begun="imitation")
-    folder = tmp_path / "fine_tuned_3"
-    folder.mkdir()
-    with pytest.raises(ValueError, match=r"imitation_3 is not finished.*run --rows imitation"):
-        trial.train(3, folder, BUILDABLE)
-    other = tmp_path / "imitation_3"
-    other.mkdir()
-    (other / RESULT).write_text("{}")
-    with pytest.raises(KeyboardInterrupt):
-        trial.train(3, folder, BUILDABLE)
-    assert begun == [str(other / CLONE)]
+    monkeypatch.setattr(trials, "train", trained)
+    task = {"value_of_distance": 0.1}
+    trial = Cloned("ppo", IMITATION, 64, cloning={"labels": 8000}, task=task)
+    trial.train(7, tmp_path / "clone_7", BUILDABLE)
+    [(given, arguments)] = asked
+    assert given[1] == IMITATION
+    assert arguments["cloning"] == dataclasses.replace(Cloning(), labels=8000)
+    assert (arguments["timesteps"], arguments["task"]) == (64, task)
+    for other in ({"cloning": {}}, {"task": {}}):
+        assert trial.settings != dataclasses.replace(trial, **other).settings
+
+
+def test_a_brief_cloning_has_one_round_and_keeps_its_other_differences() -> None:
+    trial = Cloned("ppo", IMITATION, 0, cloning={"gradient_steps": 9000, "log_std": -3.5}).brief()
+    cloning = trial.environment["cloning"]
+    assert (cloning.rounds, cloning.log_std) == (1, -3.5)
+    assert cloning.gradient_steps < 100
