@@ -1,0 +1,27 @@
+"""Judges a policy that rl-zoo3 trained on `RimlessWheel-v0`: python rl_zoo3_judged.py ALGO FILE.
+
+It is judged by the protocol of all tables of docs/learning.md, where it decides every 10 ms.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import stable_baselines3
+
+from agents.evaluate import evaluate
+from agents.policies import learned_policy
+
+if __name__ == "__main__":
+    algo, file = sys.argv[1:]
+    model = getattr(stable_baselines3, algo.upper()).load(file, device="cpu")
+
+    def voltages(observations: Any) -> Any:
+        return model.predict(observations, deterministic=True)[0][:, 0].astype(float)
+
+    found = evaluate(learned_policy(voltages), progress=True)
+    print(
+        f"{100 * found.walking_share:.0f} % walk, CoT {found.cot:.4f} at {found.speed:.3f} m/s; "
+        f"the others: {found.faults}"
+    )
