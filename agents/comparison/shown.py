@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 from agents.comparison.arena import Arena
 from agents.comparison.deviations import deviation_charts, deviations, steps_of
-from agents.comparison.entrants import ABBREVIATIONS, Entrant
+from agents.comparison.entrants import Entrant
 from agents.comparison.learned import Learned
 from agents.comparison.return_maps import last_middle, return_chart, return_map
 from agents.comparison.speed_figure import colour_of_policy
 from agents.conditions import Conditions
+from agents.law_names import law_title
 from agents.policies import Policy, controller_policy, learned_policy
 from agents.policy_files import load_policy
 from agents.reports.charts import Chart
@@ -52,7 +53,7 @@ def shown_walks(arena: Arena, entrants: Sequence[Entrant]) -> list[Shown]:
     """Those of a comparison that is over, the law first."""
     gait = arena.held_gait(arena.study.speed)
     law = controller_policy(arena.params, laws.design(EXPERT, gait, arena.out))
-    found = [_shown(arena, ABBREVIATIONS.get(EXPERT, EXPERT), law, arena.study.speed)]
+    found = [_shown(arena, law_title(EXPERT), law, arena.study.speed)]
     for each in entrants:
         if isinstance(each, Learned) and each.drawn:
             policy = learned_policy(load_policy(each.main_file(arena.out)).act)

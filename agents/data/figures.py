@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.data.walks import Walks
 from agents.episodes import Episode
+from rimless_gym.envs.control import Control
 
 CARD = """\
 # `{id}`
@@ -18,7 +19,7 @@ Walks of {made}, in `{env}` of rimless-gym, as a Minari dataset.
 
 | | |
 | --- | --- |
-| environment | `{env}`, {machine}, the reward as registered |
+| environment | `{env}`, {machine}, {control}, the reward as registered |
 | walker | {made} |
 | episodes, steps | {episodes}, {steps:,}; {begun} |
 | return (m), mean, least, greatest | {mean:.3f}, {least:.3f}, {greatest:.3f} |
@@ -86,6 +87,7 @@ def card(name: str, env: str, walks: Walks, found: Mapping[str, Any], by: Mappin
         env=env,
         made=walks.made,
         machine=json.dumps(by["machine"]) if by["machine"] else "the default machine",
+        control=_control(walks.conditions.control),
         begun=f"{start}, seeds {first.seed} to {last}",
         infos=", ".join(f"`{entry}`" for entry in first.infos),
         command=by["command"],
@@ -93,3 +95,12 @@ def card(name: str, env: str, walks: Walks, found: Mapping[str, Any], by: Mappin
         versions=", ".join(f"{key} {version}" for key, version in by["versions"].items()),
         **{**found, "cot": "-" if cot is None else f"{cot:.4f}"},
     )
+
+
+def _control(control: Control) -> str:
+    """How often a walker decides, and what speeds it is commanded, if any."""
+    decides = f"a decision every {1e3 * control.period:g} ms"
+    if control.speeds is None:
+        return decides
+    least, greatest = control.speeds
+    return f"{decides}, commanded {least:g} to {greatest:g} m/s"

@@ -24,8 +24,20 @@ SIZE = (3.4, 2.8)
 NAME = 2.2
 
 
-def printed(charts: Sequence[Chart], across: int, size: tuple[float, float] = SIZE) -> Figure:
-    """Charts in rows of so many, each of a size (inches), with one legend for all."""
+def printed(
+    charts: Sequence[Chart],
+    across: int,
+    size: tuple[float, float] = SIZE,
+    own_legends: bool = False,
+) -> Figure:
+    """Charts in rows of so many.
+
+    Args:
+        charts: to draw.
+        across: how many stand beside each other.
+        size: of each (inches).
+        own_legends: whether each chart has a legend of its own beside it, not one below for all.
+    """
     down = max(1, -(-len(charts) // across))
     whole = size[0] * across, size[1] * down
     figure, panels = plt.subplots(down, across, figsize=whole, layout="constrained", squeeze=False)
@@ -37,9 +49,11 @@ def printed(charts: Sequence[Chart], across: int, size: tuple[float, float] = SI
         axes.set_title(chart.title, fontsize=9)
         _scale(axes, chart.x, "x")
         _scale(axes, chart.y, "y")
+        if own_legends and len(chart.series) > 1:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     for axes in panels.flat[len(charts) :]:
         axes.set_axis_off()
-    if len(named) > 1:
+    if len(named) > 1 and not own_legends:
         figure.legend(
             list(named.values()),
             list(named),

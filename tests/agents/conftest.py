@@ -25,6 +25,12 @@ def few_evaluations(monkeypatch):
     monkeypatch.setattr(session, "EVALUATIONS", 4)
 
 
+@pytest.fixture(autouse=True)
+def short_films(monkeypatch):
+    """So do the films of their policies: `test_film.py` looks at longer ones."""
+    monkeypatch.setattr(session, "FILMED", 0.3)
+
+
 @pytest.fixture
 def swing():
     """A smooth law in volts that swings the pendulum; it need not walk."""

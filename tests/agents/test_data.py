@@ -79,6 +79,7 @@ def test_a_card_tells_the_figures_of_its_dataset(local):
         f"| cost of transport, the way to the gait included | {cot:.4f} |",
         f"| episodes, steps | 3, {dataset.total_steps:,}; the environment's own starts, seeds 11",
         "the policy `evolution`, which comes with the package",
+        "| `RimlessWheel-v0`, the default machine, a decision every 10 ms, the reward as",
         "`rimless data evolution --seed 11 --episodes 3`",
         "| licence | MIT",
         'minari.load_dataset("rimless-wheel/evolution-v0")',
@@ -142,6 +143,12 @@ def test_another_machine_is_in_the_dataset_and_on_the_card(tmp_path, monkeypatch
     require_repeated(dataset)
     changed = json.dumps({"wheel_mass": PROTOTYPE.wheel_mass})[1:-1]
     assert changed in (tmp_path / dataset.spec.dataset_id / CARD).read_text()
+
+
+def test_the_card_of_a_walker_that_is_commanded_says_which_speeds_and_how_often(tmp_path):
+    written(tmp_path, "front", wanted=Wanted(None, 1, 0, 0.56))
+    text = (tmp_path / dataset_id("front") / CARD).read_text()
+    assert "a decision every 10 ms, commanded 0.51 to 0.62 m/s, the reward as registered" in text
 
 
 def test_who_does_not_get_on_has_no_cost_of_transport():

@@ -13,6 +13,7 @@ from agents.evaluate import evaluate
 from agents.evolution import policy
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
+from agents.evolution.walks import Duration
 from agents.learners import screened_ppo
 from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import learned_policy
@@ -40,6 +41,8 @@ def brief(monkeypatch, request):
     short = [stage._replace(steps=stage.steps and TURN) for stage in screened_ppo.STAGES]
     monkeypatch.setattr(screened_ppo, "STAGES", short)
     monkeypatch.setattr(screened_ppo, "CONTENDERS", 1)
+    monkeypatch.setattr(screened_ppo, "COMPARED", Duration.judged_in_second_half(500))
+    monkeypatch.setattr(screened_ppo, "LOOK", Duration.judged_in_second_half(500))
     monkeypatch.setattr(screened_ppo, "COMPARED_STARTS", 16)
     monkeypatch.setattr(screened_ppo, "SEEN_INTERVALS", 100)
     monkeypatch.setattr(screened_ppo, "LOOK_STARTS", 16)

@@ -16,6 +16,7 @@ from rimless_gym.params import WheelParams
 from trajopt.files import jsonable
 from trajopt.gaits.gait_file import read_gait, write_gait
 from trajopt.gaits.gait_problem import gait_problem
+from trajopt.gaits.gait_report import report
 from trajopt.gaits.optimality import LocalOptimum, Optimality
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
@@ -232,58 +233,7 @@ class Solution:
 
     def report(self) -> str:
         """The gait's figures as text; failures in capitals."""
-        v = self.verification
-        verdict = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
-        hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
-        demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
-        lines = [
-            f"Periodic gait, {self.steps} step(s) per stride at {self.speed:.4f} m/s{self._held()}",
-            f"  verification            {verdict}",
-            f"  cost of transport       {self.cot:.6f} at {self.speed:.4f} m/s (with regeneration "
-            f"{self.cot_with_regeneration:.6f})",
-            f"  energy of a stride      {self.cost:.6f} J"
-            f" ({'E, with' if self.regeneration else 'E+, no'} regeneration)",
-            f"  times of touchdown      {', '.join(f'{t:.6f}' for t in self.phase_times[1:])} s",
-            f"  turns of theta          {self.theta_turns} per stride",
-            f"  peak voltage            {v.peak_voltage:.3f} of {self.params.voltage_limit:g} V",
-            f"  least normal force      {v.min_normal_force:.3f} N, "
-            f"{v.min_normal_force_over_weight:.4f} of the weight",
-            f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
-            f"(ground offers {self.params.friction:g})",
-            f"  pendulum's clearance    {v.clearance:.3f} m",
-            f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
-            f"{v.phase_state_error:.1e} (a phase)",
-            f"  energy audit            off by {v.energy_audit:.1e} J",
-            f"  CoT if held for 10 ms   {hold}",
-            f"  mesh error              {self.optimality.mesh_error:.1e}",
-            *self._certainty(),
-            f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in self.floquet)}",
-        ]
-        for o in self.optima:
-            turns = f"{o.theta_turns} turn(s)"
-            lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
-        return "\n".join(lines)
-
-    def _held(self) -> str:
-        """What a report's heading says of the clock."""
-        if self.hold is None:
-            return ""
-        ticks = round(self.duration / self.hold)
-        return f", voltage held for {1e3 * self.hold:g} ms ({ticks} intervals)"
-
-    def _certainty(self) -> list[str]:
-        """What a report says of optimality or, under a clock, of how the stride repeats itself."""
-        v, o = self.verification, self.optimality
-        if self.hold is None:
-            return [
-                f"  Hamiltonian             spread {o.hamiltonian_spread:.1e}, "
-                f"transversality {o.transversality_error:.1e}"
-            ]
-        return [
-            f"  stepped on the kernel   repeats itself to {v.repeat_error:.1e}, "
-            f"ledger off by {v.repeat_residual:.1e} J",
-            f"  first tick              {self.first_tick:.6f} s after the touchdown",
-        ]
+        return report(self)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""

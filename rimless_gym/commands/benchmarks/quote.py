@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from rimless_gym.commands.benchmarks.page import size
 from rimless_gym.commands.benchmarks.results import Result, by_key, middle, rates, ratio
+from rimless_gym.commands.benchmarks.tables import size
 from rimless_gym.commands.documents.markdown import count, table
 
 #: Our rows, and the peers that each is compared with.

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agents.law_names import law_title
 from rimless_gym.commands.documents.drawings import GREY, INK
 
 #: Most panels beside each other.
@@ -53,7 +54,7 @@ def attraction(rows: Mapping[str, Any]) -> Figure:
     )
     points = None
     for axes, (law, row) in zip(panels.flat, rows.items(), strict=False):
-        axes.set_title(law, fontsize=10)
+        axes.set_title(law_title(law), fontsize=10)
         if row["attraction"]:
             points = _states(axes, row["attraction"])
     for axes in panels.flat[len(rows) :]:
@@ -103,7 +104,7 @@ def pushes(rows: Mapping[str, Any]) -> Figure:
                     color=f"C{k}",
                     ms=4,
                     lw=1.2,
-                    label=law if (sign, kind) == (1.0, "walking") else None,
+                    label=law_title(law) if (sign, kind) == (1.0, "walking") else None,
                 )
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set(

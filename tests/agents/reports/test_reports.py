@@ -127,3 +127,16 @@ def test_charts_are_printed_with_one_legend(tmp_path: Path) -> None:
     assert [axes.get_title() for axes in figure.axes] == ["CoT", "CoT", "CoT", ""]
     save(figure, tmp_path / "chart.png")
     assert (tmp_path / "chart.png").stat().st_size > 5000
+
+
+def test_charts_may_have_legends_of_their_own_where_there_is_more_than_one_line() -> None:
+    x = [0.0, 1.0]
+    one, other = Series("angle", x, x), Series("rate", x, x, "teal")
+    charts = [Chart(title, Axis("t"), Axis("y"), lines) for title, lines in
+              (("both", [one, other]), ("one", [one]))]  # fmt: skip
+    figure = printed(charts, across=1, own_legends=True)
+    both, alone = (axes.get_legend() for axes in figure.axes)
+    assert both is not None
+    assert alone is None
+    assert not figure.legends
+    assert [text.get_text() for text in both.get_texts()] == ["angle", "rate"]

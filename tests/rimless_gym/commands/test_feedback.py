@@ -13,7 +13,7 @@ from rimless_gym.commands.feedback_laws import command, drawing
 from rimless_gym.commands.feedback_laws.columns import COLUMNS, TIMING
 from rimless_gym.commands.feedback_laws.columns.changes import changed_machines
 from rimless_gym.commands.feedback_laws.columns.multipliers import Stride
-from rimless_gym.commands.feedback_laws.columns.pushes import pushed_states
+from rimless_gym.commands.feedback_laws.columns.pushes import Survived, pushed_states
 from rimless_gym.commands.feedback_laws.gaits import GAITS
 from rimless_gym.commands.feedback_laws.sizes import sizes_for
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
@@ -109,6 +109,19 @@ def test_there_are_two_pictures_of_every_gait(measured: dict[str, Any]) -> None:
     drawn = drawing.figures(measured)
     assert set(drawn) == {drawing.attraction_file(HELD.key), drawing.pushes_file(HELD.key)}
     assert all(figure.axes for figure in drawn.values())
+
+
+def test_the_pictures_call_the_laws_by_words() -> None:
+    caught = {"rates": [[1.0, 2.0], [0.0, 1.0]], "walking": [True, False], "times": [0.5, None]}
+    kinds = [f"{side}_{kind}" for side in ("forward", "backward") for kind in Survived._fields]
+    pushes = {"phases": [0.25, 0.75]} | {kind: [1.0, 2.0] for kind in kinds}
+    row = {"attraction": caught, "pushes": pushes}
+    found = {"results": {HELD.key: {"sliding_mode": row, "lqr": row}}}
+    states, pushed = drawing.figures(found).values()
+    assert [axes.get_title() for axes in states.axes[:2]] == ["sliding mode", "LQR"]
+    legend = pushed.axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["sliding mode", "LQR"]
 
 
 @pytest.mark.parametrize(

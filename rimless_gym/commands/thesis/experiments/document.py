@@ -30,6 +30,9 @@ DRAWN = {
     "_power": figures.power,
 }
 
+#: Width and height of each chart (inches).
+SIZE = (7.6, 1.9)
+
 COLUMNS = (
     *("", "variant", "cost, thesis", "cost", "energy, thesis (J)", "energy (J)", "t_f (s)"),
     *("state error", "touchdown error (s)", "least Fy / weight", "starts to the best"),
@@ -58,8 +61,8 @@ def refresh(page: Path, solutions: Sequence[Solved]) -> None:
         for solution in solutions:
             if solution.key == key:
                 for suffix, draw in DRAWN.items():
-                    drawn = printed(draw(solution), across=1, size=(7.0, 2.0))
-                    save(drawn, folder / f"{name}{suffix}.png", dpi=70)
+                    drawn = printed(draw(solution), across=1, size=SIZE, own_legends=True)
+                    save(drawn, folder / f"{name}{suffix}.png", dpi=100)
     page.write_text(filled(page.read_text(), rows))
 
 
