@@ -1,7 +1,12 @@
-"""What made a result: versions and git revision."""
+"""What made a result: versions and git revision.
+
+A process asks for them once: what it computes with was loaded when it began, and git takes a tenth
+of a second to answer.
+"""
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import subprocess
 from pathlib import Path
@@ -10,9 +15,10 @@ from typing import Any
 
 def provenance(**settings: Any) -> dict[str, Any]:
     """Versions of what computes, the git revision where there is one, and `settings`."""
-    return {"versions": _versions(), "git_revision": _git_revision(), **settings}
+    return {"versions": dict(_versions()), "git_revision": _git_revision(), **settings}
 
 
+@functools.cache
 def _versions() -> dict[str, str]:
     versions = {}
     for name in ("rimless-gym", "casadi", "numba", "numpy", "scipy"):
@@ -23,6 +29,7 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+@functools.cache
 def _git_revision() -> str | None:
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     try:
