@@ -20,6 +20,7 @@ from rimless_gym.commands.studies.trials import (
     Trained,
     Trial,
 )
+from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 
 #: The tables of the page: policies for `RimlessWheel-v0`, those for the thesis's machine, those of
@@ -46,6 +47,13 @@ DEMONSTRATIONS = {"rounds": 1, "expert_starts": 1044, "gradient_steps": 6750}
 
 #: Hyperparameters of a fine-tuning that changes more than the learner's own do.
 LARGE_BATCHES = {"n_envs": 512, "n_steps": 128, "batch_size": 16384, "learning_rate": 5e-5}
+
+#: The task's own price and charges, in place of those by which training usually pays.
+OWN_PRICE = {
+    "first_price": USUAL_TASK.value_of_distance,
+    "fall_distance": USUAL_TASK.fall_distance,
+    "slip_speed": USUAL_TASK.slip_speed,
+}
 
 #: Standard deviations of the sensors' errors (rad, rad/s): `noise x 2` of docs/feedback.md.
 TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
@@ -152,9 +160,9 @@ ROWS = (
     ),
     Row(
         "price_true",
-        "the true price of 0.5 from the beginning",
+        "the task's own price, 0.5, and its charges",
         PRICE,
-        Trained("ppo", judged=KEPT, hyperparameters=_paced(first_price=0.5)),
+        Trained("ppo", judged=KEPT, hyperparameters=_paced(**OWN_PRICE)),
         minutes=2.0,
     ),
     Row(
@@ -173,9 +181,9 @@ ROWS = (
     ),
     Row(
         "price_drops",
-        "a price of 5 that never falls, then 0.5 at once",
+        "a price of 5 that never falls, then the task's own at once",
         PRICE,
-        WentOn("ppo", SCRATCH, None, KEPT, "price_stays", hyperparameters=_paced(first_price=0.5)),
+        WentOn("ppo", SCRATCH, None, KEPT, "price_stays", hyperparameters=_paced(**OWN_PRICE)),
         minutes=2.0,
     ),
     Row("noise_small", "noise of 0.0025", EXPLORATION, _noisy(0.0025), minutes=3.0),

@@ -33,13 +33,13 @@ def test_every_row_has_a_table_in_the_page() -> None:
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
-        ("price_true", {"first_price": 0.5}),
+        ("price_true", {"first_price": 0.5, "fall_distance": 2.0, "slip_speed": 2.0}),
         ("price_stays", {"least_price": 5.0}),
         ("price_any_speed", {"least_price": 5.0, "paid_speed": 100.0}),
-        ("price_drops", {"first_price": 0.5}),
+        ("price_drops", {"first_price": 0.5, "fall_distance": 2.0, "slip_speed": 2.0}),
     ],
 )
-def test_a_row_about_the_price_differs_from_ppo_in_the_price_alone(
+def test_a_row_about_the_price_differs_from_ppo_only_in_what_is_paid(
     name: str, changes: dict[str, Any]
 ) -> None:
     (row,) = (row for row in ROWS if (row.table, row.name) == (PRICE, name))
