@@ -63,8 +63,11 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def part_of(path: Path) -> Path:
-    """The file that holds what is to be written to another one until it is complete."""
-    return path.with_name(path.name + ".part")
+    """The file that holds what is to be written to another one until it is complete.
+
+    Each process has its own: some write the same gait into a folder that they share.
+    """
+    return path.with_name(f"{path.name}.{os.getpid()}.part")
 
 
 @contextmanager
