@@ -13,7 +13,7 @@ from typing import Any
 from agents.protocol import PROTOCOL, Protocol
 from agents.stopwatch import minutes
 from rimless_gym.commands.studies.figures import Figures
-from rimless_gym.commands.studies.rows import Row
+from rimless_gym.commands.studies.row import Row
 from rimless_gym.commands.studies.trials import RESULT
 from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -11,15 +10,9 @@ from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION, SCRATCH
 from rimless_gym.commands.feedback_laws.columns.changes import NOISE
 from rimless_gym.commands.studies.first_evening import FirstEvening
+from rimless_gym.commands.studies.row import Row
 from rimless_gym.commands.studies.successors import Continued, Distilled, WentOn
-from rimless_gym.commands.studies.trials import (
-    Cloned,
-    Disturbed,
-    Following,
-    Holding,
-    Trained,
-    Trial,
-)
+from rimless_gym.commands.studies.trials import Disturbed, Following, Holding, Trained
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 
@@ -59,44 +52,19 @@ OWN_PRICE = {
 TWICE_THE_NOISE = {name: 2 * deviation for name, deviation in NOISE.items()}
 
 
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """A way to learn, over several seeds.
-
-    Attributes:
-        name: of its files, and on the command line.
-        title: in the table.
-        table: in which it stands, one of the names above.
-        trial: how a seed is trained and judged.
-        enough: a seed walks if this share of its starts does.
-        minutes: that a seed takes, about, before one has been timed.
-        machine: the name of its preset; None: the study's.
-        one_by_one: whether its seeds stand in the table of `SEEDS` too.
-    """
-
-    name: str
-    title: str
-    table: str
-    trial: Trial
-    enough: float = 0.95
-    minutes: float = 5.0
-    machine: str | None = None
-    one_by_one: bool = False
-
-
 def _paced(**changes: float) -> dict[str, Any]:
     """Hyperparameters of PPO from scratch whose price is paced in another way (`Pacing`)."""
     (callback,) = learners.learner("ppo").settings(SCRATCH).written["callback"]
     return {"callback": [{name: usual | changes for name, usual in callback.items()}]}
 
 
-def _noisy(deviation: float) -> Cloned:
+def _noisy(deviation: float) -> Trained:
     """A fine-tuning with exploration noise of this share of the voltage limit.
 
     Travel is paid up to about the clone's own speed, so that it gains nothing by going faster. The
     learning rate is so low that the gait stays where there is hardly any noise.
     """
-    return Cloned(
+    return Trained(
         "ppo",
         IMITATION,
         1_500_000,
@@ -107,19 +75,43 @@ def _noisy(deviation: float) -> Cloned:
     )
 
 
+#: Rows whose policies others need.
+IMITATED = Row(
+    "imitation",
+    "imitation of the LQR",
+    LEARNED,
+    Trained("ppo", IMITATION, 0, CLONED),
+    minutes=1.5,
+)
+EVOLVED = Row(
+    "evolution",
+    "evolution from scratch",
+    LEARNED,
+    Trained("evolution", judged=KEPT),
+    minutes=15.0,
+)
+DISTILLED = Row(
+    "distilled",
+    "evolution distilled into a network",
+    LEARNED,
+    Distilled("ppo", IMITATION, 0, CLONED, before=EVOLVED),
+    minutes=2.0,
+)
+PRICE_STAYS = Row(
+    "price_stays",
+    "a price of 5 that never falls",
+    PRICE,
+    Trained("ppo", judged=KEPT, hyperparameters=_paced(least_price=5.0)),
+    minutes=2.0,
+)
+
 ROWS = (
-    Row(
-        "imitation",
-        "imitation of the LQR",
-        LEARNED,
-        Trained("ppo", IMITATION, 0, CLONED),
-        minutes=1.5,
-    ),
+    IMITATED,
     Row(
         "fine_tuned",
         "imitation, fine-tuned by PPO",
         LEARNED,
-        Continued("ppo", IMITATION, FINE_TUNING, KEPT, "imitation"),
+        Continued("ppo", IMITATION, FINE_TUNING, KEPT, before=IMITATED),
         minutes=3.0,
     ),
     Row(
@@ -137,25 +129,13 @@ ROWS = (
         minutes=10.0,
         one_by_one=True,
     ),
-    Row(
-        "evolution",
-        "evolution from scratch",
-        LEARNED,
-        Trained("evolution", judged=KEPT),
-        minutes=15.0,
-    ),
-    Row(
-        "distilled",
-        "evolution distilled into a network",
-        LEARNED,
-        Distilled("ppo", IMITATION, 0, CLONED, teacher="evolution"),
-        minutes=2.0,
-    ),
+    EVOLVED,
+    DISTILLED,
     Row(
         "distilled_tuned",
         "distilled evolution, fine-tuned by PPO",
         LEARNED,
-        Continued("ppo", IMITATION, FINE_TUNING, KEPT, "distilled"),
+        Continued("ppo", IMITATION, FINE_TUNING, KEPT, before=DISTILLED),
         minutes=3.0,
     ),
     Row(
@@ -165,13 +145,7 @@ ROWS = (
         Trained("ppo", judged=KEPT, hyperparameters=_paced(**OWN_PRICE)),
         minutes=2.0,
     ),
-    Row(
-        "price_stays",
-        "a price of 5 that never falls",
-        PRICE,
-        Trained("ppo", judged=KEPT, hyperparameters=_paced(least_price=5.0)),
-        minutes=2.0,
-    ),
+    PRICE_STAYS,
     Row(
         "price_any_speed",
         "a price of 5 that never falls, paid at any speed",
@@ -183,7 +157,14 @@ ROWS = (
         "price_drops",
         "a price of 5 that never falls, then the task's own at once",
         PRICE,
-        WentOn("ppo", SCRATCH, None, KEPT, "price_stays", hyperparameters=_paced(**OWN_PRICE)),
+        WentOn(
+            "ppo",
+            SCRATCH,
+            None,
+            KEPT,
+            before=PRICE_STAYS,
+            hyperparameters=_paced(**OWN_PRICE),
+        ),
         minutes=2.0,
     ),
     Row("noise_small", "noise of 0.0025", EXPLORATION, _noisy(0.0025), minutes=3.0),
@@ -193,14 +174,14 @@ ROWS = (
         "clone_few_labels",
         "8,000 labels of start-up states a round instead of 60,000",
         CLONING,
-        Cloned("ppo", IMITATION, 0, CLONED, cloning={"labels": 8000}),
+        Trained("ppo", IMITATION, 0, CLONED, cloning={"labels": 8000}),
         minutes=1.5,
     ),
     Row(
         "clone_demonstrations",
         "as many labels, all of the law's own walks",
         CLONING,
-        Cloned("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
+        Trained("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
         minutes=1.5,
     ),
     Row(

@@ -15,7 +15,8 @@ from rimless_gym.commands.studies import page
 from rimless_gym.commands.studies.cells import Cell, Result, kept
 from rimless_gym.commands.studies.figures import Figures
 from rimless_gym.commands.studies.optima import Optima
-from rimless_gym.commands.studies.rows import FIRST_EVENING, Row
+from rimless_gym.commands.studies.row import Row
+from rimless_gym.commands.studies.rows import FIRST_EVENING
 from rimless_gym.commands.studies.running import Failure, Run, completed, ran
 from rimless_gym.commands.studies.summary import everywhere, lines, one_by_one, walks
 from rimless_gym.params import WheelParams
@@ -45,8 +46,8 @@ class Study:
 
     def briefly(self) -> Study:
         """A trial that shows that everything runs."""
-        brief = (dataclasses.replace(row, trial=row.trial.brief()) for row in self.rows)
-        return dataclasses.replace(self, rows=tuple(brief), protocol=SHORT_PROTOCOL)
+        brief = tuple(row.brief() for row in self.rows)
+        return dataclasses.replace(self, rows=brief, protocol=SHORT_PROTOCOL)
 
     def cells(self) -> list[Cell]:
         """Row by row."""

@@ -4,71 +4,76 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from agents import learners
 from agents.folder import BEST, CLONE, LAST
-from agents.training import SCRATCH
+from rimless_gym.commands.studies.row import Row
 from rimless_gym.commands.studies.trials import RESULT, Trained
 from rimless_gym.params import WheelParams
-from trajopt.files import jsonable
 
 
 @dataclasses.dataclass(frozen=True)
-class Distilled(Trained):
-    """An imitation of the best policy of another row, of the same seed, which is trained before.
+class Successor(Trained):
+    """A training that needs a policy of another row.
 
     Attributes:
-        teacher: the other row, which has the name of its learner.
+        before: the other row.
     """
 
-    teacher: str = ""
+    before: Row = dataclasses.field(kw_only=True)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The fields, with what both learners say."""
-        taught = learners.learner(self.teacher).settings(SCRATCH).written
-        return super().settings | {"taught_by": dict(jsonable(taught))}
+        """The fields, with the settings of the other row's trial."""
+        other = {"row": self.before.name, "trial": self.before.trial.settings}
+        return super().settings | {"before": other}
 
-    def expert(self, seed: int, folder: Path, params: WheelParams) -> str:
-        """The policy's file, in the folder beside this one's."""
-        return str(_of_another(self.teacher, seed, folder, BEST))
+    def brief(self) -> Self:
+        """The same with the fewest steps, after a brief trial of the other row."""
+        return dataclasses.replace(super().brief(), before=self.before.brief())
+
+    def found(self, seed: int, folder: Path, file: str) -> str:
+        """A policy's file of the other row's seed, in the folder beside this one's.
+
+        Raises:
+            ValueError: that seed is not finished.
+        """
+        name = self.before.name
+        other = folder.with_name(f"{name}_{seed}")
+        if not (other / RESULT).exists():
+            raise ValueError(
+                f"{other.name} is not finished, and {folder.name} needs its policy: run --rows "
+                f"{name} to its end first"
+            )
+        return str(other / file)
 
 
 @dataclasses.dataclass(frozen=True)
-class Continued(Trained):
-    """A training that begins with the clone of another row, of the same seed, made before.
+class Distilled(Successor):
+    """An imitation of the best policy of another row."""
 
-    Attributes:
-        begun: the other row.
-    """
+    def expert(self, seed: int, folder: Path, params: WheelParams) -> str:
+        """The policy's file."""
+        return self.found(seed, folder, BEST)
 
-    begun: str = ""
+
+@dataclasses.dataclass(frozen=True)
+class Continued(Successor):
+    """A training that begins with the clone of another row."""
+
+    @property
+    def cloned(self) -> None:
+        """It does not clone: the other row has."""
 
     def start(self, seed: int, folder: Path) -> str:
-        """The clone's file, in the folder beside this one's."""
-        return str(_of_another(self.begun, seed, folder, CLONE))
+        """The clone's file."""
+        return self.found(seed, folder, CLONE)
 
 
 @dataclasses.dataclass(frozen=True)
 class WentOn(Continued):
-    """A training that begins with the last policy of another row, of the same seed."""
+    """A training that begins with the last policy of another row."""
 
     def start(self, seed: int, folder: Path) -> str:
-        """The policy's file, in the folder beside this one's."""
-        return str(_of_another(self.begun, seed, folder, LAST))
-
-
-def _of_another(row: str, seed: int, folder: Path, file: str) -> Path:
-    """A policy of another row's seed.
-
-    Raises:
-        ValueError: that seed is not finished.
-    """
-    other = folder.with_name(f"{row}_{seed}")
-    if not (other / RESULT).exists():
-        raise ValueError(
-            f"{other.name} is not finished, and {folder.name} needs its policy: run --rows {row} "
-            "to its end first"
-        )
-    return other / file
+        """The policy's file."""
+        return self.found(seed, folder, LAST)

@@ -9,7 +9,7 @@ from statistics import fmean, median
 from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.commands.studies.cells import Cell, Result
 from rimless_gym.commands.studies.figures import Figures
-from rimless_gym.commands.studies.rows import Row
+from rimless_gym.commands.studies.row import Row
 
 #: CoT over the optimum at the same speed, minus 1; None without one.
 Gap = Callable[[Row, Figures], float | None]

@@ -35,7 +35,7 @@ PLANS = "plans"
 #: Control intervals of a trial that only shows that it runs, where a learner has no other least.
 BRIEF_STEPS = 4096
 
-#: A cloning of such a trial, where its row says how to clone.
+#: A cloning of such a trial.
 BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
@@ -72,21 +72,27 @@ class Trained:
         timesteps: control intervals; None: as many as the learner says.
         judged: what distinguishes a policy -> its file in the training's folder.
         hyperparameters: that differ from the learner's own.
+        cloning: fields of `agents.imitation.Cloning` that differ from its own.
+        task: prices in training that differ from the environment's.
+        disturbances: in training, as the environment takes them.
     """
 
     algo: str
     init: str = SCRATCH
     timesteps: int | None = None
     judged: tuple[tuple[str, str], ...] = (("", BEST),)
-    hyperparameters: Mapping[str, Any] = dataclasses.field(
-        default_factory=dict, hash=False, kw_only=True
-    )
+    _: dataclasses.KW_ONLY
+    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
+    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The fields, with what the learner says."""
+        """The fields, with what the learner says and how it clones, defaults included."""
         own = learners.learner(self.algo).settings(self.init)
-        fields = dataclasses.asdict(self) | {"learner": own.written}
+        cloning = None if self.cloned is None else dataclasses.asdict(self.cloned)
+        fields = dataclasses.asdict(self) | {"learner": own.written, "cloning": cloning}
         return dict(jsonable(fields))
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
@@ -100,6 +106,7 @@ class Trained:
             params=params,
             settings=learners.learner(self.algo).settings(self.init, self.hyperparameters),
             expert=self.expert(seed, folder, params),
+            cloning=self.cloned,
             plans=folder.parent / PLANS,
             progress=False,
             **self.environment,
@@ -111,7 +118,12 @@ class Trained:
     @property
     def environment(self) -> dict[str, Any]:
         """Arguments of `agents.train` that choose the environment."""
-        return {}
+        return {"task": self.task, "disturbances": self.disturbances}
+
+    @property
+    def cloned(self) -> Cloning | None:
+        """How it clones; None if it does not."""
+        return Cloning.of(self.cloning) if self.init == IMITATION else None
 
     def start(self, seed: int, folder: Path) -> str:
         """What it begins from: the name of a way to begin, or a policy's file."""
@@ -130,33 +142,10 @@ class Trained:
         return found
 
     def brief(self) -> Self:
-        """The same with the fewest steps; one that only imitates stays as it is."""
-        if self.timesteps == 0:
-            return self
+        """The same with the fewest steps, of cloning too; one that only imitates still does."""
         silent = learners.learner(self.algo).settings(self.init).silent
-        return dataclasses.replace(self, timesteps=max(BRIEF_STEPS, 2 * silent))
-
-
-@dataclasses.dataclass(frozen=True)
-class Cloned(Trained):
-    """An imitation of the usual law in another way, fine-tuned or not.
-
-    Attributes:
-        cloning: fields of `agents.imitation.Cloning` that differ from its own.
-        task: prices in fine-tuning that differ from the environment's.
-    """
-
-    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
-    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
-
-    @property
-    def environment(self) -> dict[str, Any]:
-        """How to clone, and the task."""
-        return {"cloning": Cloning.of(self.cloning), "task": self.task}
-
-    def brief(self) -> Self:
-        """The same with the fewest steps, of cloning too."""
-        return dataclasses.replace(super().brief(), cloning={**self.cloning, **BRIEF_CLONING})
+        least = 0 if self.timesteps == 0 else max(BRIEF_STEPS, 2 * silent)
+        return dataclasses.replace(self, timesteps=least, cloning={**self.cloning, **BRIEF_CLONING})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,23 +157,18 @@ class Following(Trained):
         control_period: how long an action is held (s).
         commands: that stay for the whole walk (m/s).
         changes: one after the other, every 10 s, in one walk (m/s).
-        cloning: fields of `agents.imitation.Cloning` that differ from its own.
     """
 
     speeds: tuple[float, float] = SPEEDS
     control_period: float = PERIOD
     commands: tuple[float, ...] = ()
     changes: tuple[float, ...] = ()
-    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
 
     @property
     def environment(self) -> dict[str, Any]:
-        """Speeds, control period, and how to clone."""
-        return {
-            "speeds": self.speeds,
-            "control_period": self.control_period,
-            "cloning": Cloning.of(self.cloning) if self.init == IMITATION else None,
-        }
+        """With speeds and control period."""
+        own = {"speeds": self.speeds, "control_period": self.control_period}
+        return super().environment | own
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """The policy at every command."""
@@ -202,20 +186,7 @@ class Following(Trained):
 
 @dataclasses.dataclass(frozen=True)
 class Disturbed(Trained):
-    """A training under disturbances, judged with them and without.
-
-    Attributes:
-        disturbances: of the training, as the environment takes them.
-        task: prices in training that differ from the environment's.
-    """
-
-    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
-    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
-
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Disturbances and task."""
-        return {"disturbances": self.disturbances, "task": self.task}
+    """A training under disturbances, judged with them and without."""
 
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rimless_gym.commands.studies.cells import Cell
 from rimless_gym.commands.studies.first_evening import POLICY, FirstEvening
-from rimless_gym.commands.studies.rows import FIRST_EVENING, Row
+from rimless_gym.commands.studies.row import Row
+from rimless_gym.commands.studies.rows import FIRST_EVENING
 from rimless_gym.commands.studies.running import ran
 from tests.rimless_gym.commands.studies.toys import FEW
 

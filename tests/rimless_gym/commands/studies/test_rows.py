@@ -15,6 +15,7 @@ from agents.training import SCRATCH
 from rimless_gym.commands.studies import page
 from rimless_gym.commands.studies.cells import Cell
 from rimless_gym.commands.studies.rows import DEMONSTRATIONS, PRICE, ROWS
+from rimless_gym.commands.studies.successors import Successor
 from rimless_gym.commands.studies.trials import Trained
 
 
@@ -24,6 +25,12 @@ def test_every_row_has_a_name_of_its_own_and_plain_settings_and_goes_to_other_pr
         for trial in (row.trial, row.trial.brief()):
             assert json.loads(json.dumps(trial.settings)) == trial.settings
         assert pickle.loads(pickle.dumps({Cell(row, 0): 1})) == {Cell(row, 0): 1}
+
+
+def test_a_row_that_another_needs_is_trained_before_it() -> None:
+    for place, row in enumerate(ROWS):
+        if isinstance(row.trial, Successor):
+            assert row.trial.before in ROWS[:place]
 
 
 def test_every_row_has_a_table_in_the_page() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,13 @@ from agents.train import TrainResult
 from agents.training import IMITATION
 from rimless_gym import BUILDABLE
 from rimless_gym.commands.studies import trials
-from rimless_gym.commands.studies.successors import Continued, Distilled, WentOn
-from rimless_gym.commands.studies.trials import RESULT
+from rimless_gym.commands.studies.row import Row
+from rimless_gym.commands.studies.rows import LEARNED
+from rimless_gym.commands.studies.successors import Continued, Distilled, Successor, WentOn
+from rimless_gym.commands.studies.trials import RESULT, Trained
+
+EVOLUTION = Row("evolution", "evolution", LEARNED, Trained("evolution"))
+CLONE_ROW = Row("imitation", "imitation", LEARNED, Trained("ppo", IMITATION, 0))
 
 
 def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
@@ -26,7 +32,7 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
         return TrainResult(out / BEST, out / LAST, out / CLONE, 0, False, (), ())
 
     monkeypatch.setattr(trials, "train", trained)
-    trial = Distilled("ppo", IMITATION, 0, teacher="evolution")
+    trial = Distilled("ppo", IMITATION, 0, before=EVOLUTION)
     (own := tmp_path / "distilled_3").mkdir()
     with pytest.raises(ValueError, match=r"evolution_3 is not finished.*--rows evolution"):
         trial.train(3, own, BUILDABLE)
@@ -40,14 +46,14 @@ def test_a_distilled_policy_is_taught_by_the_other_row_of_its_seed(
 def test_a_row_goes_on_from_a_policy_of_the_same_seed(
     kind: type[Continued], file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun: list[str] = []
+    begun: list[tuple[str, Any]] = []
 
     def training(algo: str, init: str, seed: int, out: Path, **options: Any) -> Any:
-        begun.append(init)
+        begun.append((init, options["cloning"]))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(trials, "train", training)
-    trial = kind("ppo", IMITATION, 64, (("", BEST),), begun="imitation")
+    trial = kind("ppo", IMITATION, 64, (("", BEST),), before=CLONE_ROW)
     folder = tmp_path / "fine_tuned_3"
     folder.mkdir()
     with pytest.raises(ValueError, match=r"imitation_3 is not finished.*run --rows imitation"):
@@ -57,4 +63,17 @@ def test_a_row_goes_on_from_a_policy_of_the_same_seed(
     (other / RESULT).write_text("{}")
     with pytest.raises(KeyboardInterrupt):
         trial.train(3, folder, BUILDABLE)
-    assert begun == [str(other / file)]
+    assert begun == [(str(other / file), None)]  # it clones no more
+
+
+@pytest.mark.parametrize("kind", [Distilled, Continued, WentOn])
+def test_another_trial_of_the_row_before_makes_another_one_of_the_row_that_needs_it(
+    kind: type[Successor],
+) -> None:
+    trial = kind("ppo", IMITATION, 64, before=CLONE_ROW)
+    other = dataclasses.replace(CLONE_ROW, trial=Trained("ppo", IMITATION, 0, task={"idle": 1.0}))
+    assert dataclasses.replace(trial, before=other).settings != trial.settings
+    assert trial.settings["before"]["trial"] == CLONE_ROW.trial.settings
+    assert trial.brief().settings["before"]["trial"] == CLONE_ROW.trial.brief().settings
+    titled = dataclasses.replace(CLONE_ROW, title="a clone")  # which is not how it was trained
+    assert dataclasses.replace(trial, before=titled).settings == trial.settings

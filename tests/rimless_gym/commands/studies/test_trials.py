@@ -20,15 +20,9 @@ from agents.training import IMITATION, SCRATCH
 from rimless_gym import BUILDABLE
 from rimless_gym.commands.studies import trials
 from rimless_gym.commands.studies.cells import Cell
-from rimless_gym.commands.studies.rows import DISTURBED, FRONT, LEARNED, Row
-from rimless_gym.commands.studies.trials import (
-    PLANS,
-    Cloned,
-    Disturbed,
-    Following,
-    Holding,
-    Trained,
-)
+from rimless_gym.commands.studies.row import Row
+from rimless_gym.commands.studies.rows import DISTURBED, FRONT, LEARNED
+from rimless_gym.commands.studies.trials import PLANS, Disturbed, Following, Holding, Trained
 from tests.rimless_gym.commands.studies.toys import FEW
 
 
@@ -122,7 +116,7 @@ def test_a_clone_that_follows_is_made_between_its_speeds_with_its_own_labels(
     assert arguments["cloning"] == dataclasses.replace(Cloning(), rounds=3)
     assert arguments["plans"] == tmp_path / PLANS
     from_scratch = dataclasses.replace(trial, init=SCRATCH)
-    assert from_scratch.environment["cloning"] is None
+    assert from_scratch.cloned is None
     assert trial.settings != dataclasses.replace(trial, cloning={}).settings
     with pytest.raises((TypeError, ValueError), match="runds"):
         dataclasses.replace(trial, cloning={"runds": 3}).train(7, tmp_path / "x_7", BUILDABLE)
@@ -165,7 +159,7 @@ def test_a_clone_is_made_and_fine_tuned_in_its_own_way(
 
     monkeypatch.setattr(trials, "train", trained)
     task = {"value_of_distance": 0.1}
-    trial = Cloned("ppo", IMITATION, 64, cloning={"labels": 8000}, task=task)
+    trial = Trained("ppo", IMITATION, 64, cloning={"labels": 8000}, task=task)
     trial.train(7, tmp_path / "clone_7", BUILDABLE)
     [(given, arguments)] = asked
     assert given[1] == IMITATION
@@ -175,8 +169,24 @@ def test_a_clone_is_made_and_fine_tuned_in_its_own_way(
         assert trial.settings != dataclasses.replace(trial, **other).settings
 
 
+def test_another_default_of_cloning_makes_another_trial_of_what_imitates_and_of_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clone, scratch = Trained("ppo", IMITATION, 0), Trained("ppo")
+    before = clone.settings, scratch.settings
+
+    @dataclasses.dataclass(frozen=True)
+    class Other(Cloning):
+        labels: int = 50_000
+
+    monkeypatch.setattr(trials, "Cloning", Other)
+    assert clone.settings["cloning"] == before[0]["cloning"] | {"labels": 50_000}
+    assert scratch.settings == before[1]
+
+
 def test_a_brief_cloning_has_one_round_and_keeps_its_other_differences() -> None:
-    trial = Cloned("ppo", IMITATION, 0, cloning={"gradient_steps": 9000, "log_std": -3.5}).brief()
-    cloning = trial.environment["cloning"]
+    trial = Trained("ppo", IMITATION, 0, cloning={"gradient_steps": 9000, "log_std": -3.5}).brief()
+    cloning = trial.cloned
+    assert cloning is not None
     assert (cloning.rounds, cloning.log_std) == (1, -3.5)
     assert cloning.gradient_steps < 100

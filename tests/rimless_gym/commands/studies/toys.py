@@ -11,7 +11,8 @@ from agents.protocol import PROTOCOL
 from rimless_gym import BUILDABLE
 from rimless_gym.commands.studies.cells import Cell
 from rimless_gym.commands.studies.figures import Figures
-from rimless_gym.commands.studies.rows import LEARNED, Row
+from rimless_gym.commands.studies.row import Row
+from rimless_gym.commands.studies.rows import LEARNED
 from rimless_gym.commands.studies.study import Study
 
 #: Two short walks.
