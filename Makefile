@@ -1,4 +1,4 @@
-# make install | compare | study | front | page | feedback | docs | test | test-slow | test-cpus | test-peers | fuzz | bench | lint | format
+# make install | compare | study | front | page | feedback | docs | test | test-slow | test-cpus | peers | test-peers | fuzz | bench | lint | format
 # Every target makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
@@ -19,7 +19,7 @@ CPUS ?=
 TESTS ?= tests
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare study front page feedback docs test test-slow test-cpus test-peers fuzz bench lint format clean
+.PHONY: help install compare study front page feedback docs test test-slow test-cpus peers test-peers fuzz bench lint format clean
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
@@ -32,6 +32,7 @@ help:
 	@echo "make test        lint, types and the fast tests (some minutes)"
 	@echo "make test-slow   the long tests"
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
+	@echo "make peers       other people's software for test-peers, into $(VENV)"
 	@echo "make test-peers  Drake, other people's learners, Minari, video wrappers; installs them"
 	@echo "make fuzz        random machines, every step checked (some minutes); FUZZ='--minutes 5'"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
@@ -91,7 +92,9 @@ test-slow: $(INSTALLED)
 test-cpus: $(INSTALLED)
 	$(BIN)/python scripts/processors.py $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
 
-test-peers: $(PEERS)
+peers: $(PEERS)
+
+test-peers: peers
 	$(PYTEST) -m peers
 
 fuzz: $(INSTALLED)

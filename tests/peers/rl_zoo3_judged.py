@@ -17,10 +17,10 @@ if __name__ == "__main__":
     algo, file = sys.argv[1:]
     model = getattr(stable_baselines3, algo.upper()).load(file, device="cpu")
 
-    def voltages(observations: Any) -> Any:
+    def actions(observations: Any) -> Any:
         return model.predict(observations, deterministic=True)[0][:, 0].astype(float)
 
-    found = evaluate(learned_policy(voltages), progress=True)
+    found = evaluate(learned_policy(actions), progress=True)
     print(
         f"{100 * found.walking_share:.0f} % walk, CoT {found.cot:.4f} at {found.speed:.3f} m/s; "
         f"the others: {found.faults}"

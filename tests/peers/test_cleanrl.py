@@ -25,7 +25,7 @@ SHORT = {
 @pytest.mark.parametrize("script", SHORT)
 def test_a_script_trains_reports_the_returns_of_whole_episodes_and_is_judged(script, tmp_path):
     if importlib.util.find_spec("cleanrl") is None:
-        pytest.skip("CleanRL's scripts are not installed: make test-peers installs them")
+        pytest.skip("CleanRL's scripts are not installed: make peers installs them")
     command = ["-W", "ignore", str(JUDGED), script, *SHORT[script]]
     told = printed([*command, "--env-id", "RimlessWheelSpeed-v0", "--cuda", "False"], tmp_path)
     found = re.findall(r"global_step=(\d+), episodic_return=\[?([-\d.e]+)", told)
