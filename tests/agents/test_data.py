@@ -15,6 +15,7 @@ from agents.data.files import CARD, dataset_id, recipe_of, write_dataset
 from agents.data.walks import KEPT, optimal_walks
 from agents.data.write import Wanted, require_free, write
 from agents.episodes import episodes
+from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, PROTOTYPE
 
 FEW = Wanted(None, 3, 11, 0.56)
@@ -148,7 +149,10 @@ def test_another_machine_is_in_the_dataset_and_on_the_card(tmp_path, monkeypatch
 def test_the_card_of_a_walker_that_is_commanded_says_which_speeds_and_how_often(tmp_path):
     written(tmp_path, "front", wanted=Wanted(None, 1, 0, 0.56))
     text = (tmp_path / dataset_id("front") / CARD).read_text()
-    assert "a decision every 10 ms, commanded 0.51 to 0.62 m/s, the reward as registered" in text
+    control = load_policy("front").conditions.control
+    least, greatest = control.speeds
+    decides = f"a decision every {1000 * control.period:g} ms"
+    assert f"{decides}, commanded {least:g} to {greatest:g} m/s, the reward as registered" in text
 
 
 def test_who_does_not_get_on_has_no_cost_of_transport():
