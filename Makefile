@@ -24,7 +24,7 @@ TESTS ?= tests
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
-	@echo "make study       every learner over ten seeds, into docs/learning.md (hours)"
+	@echo "make study       every learner over ten seeds, into docs/learning.md and the README (hours)"
 	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
 	@echo "make page        one HTML file to pass on, into runs/page.html: the front, a wheel to drive"
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
@@ -59,7 +59,7 @@ compare: $(INSTALLED)
 	$(BIN)/python scripts/compare.py --out runs/compare
 
 study: $(INSTALLED)
-	$(BIN)/python scripts/study.py --docs docs/learning.md
+	$(BIN)/python scripts/study.py --docs docs/learning.md --headline README.md
 
 front: $(INSTALLED)
 	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)

@@ -31,7 +31,7 @@ def headline(rows: list[dict[str, Any]], speed: float, over_seeds: Mapping[str, 
     """
     head = (
         *("", "cost of transport", "over the optimum at its speed", "speed (m/s)"),
-        *("starts that walk", "over seeds"),
+        *("starts that walk", "the same with ten seeds"),
     )
     lines = ["| " + " | ".join(head).lstrip() + " |", "|---" * len(head) + "|"]
     for title, meaning in SHOWN.items():

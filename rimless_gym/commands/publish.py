@@ -18,6 +18,7 @@ from agents.comparison.study import Study
 from agents.policy_files import read_record
 from rimless_gym.commands.commandline import Parser
 from rimless_gym.commands.documents.cards import card
+from rimless_gym.commands.documents.headline import COMMAND, HEADLINE
 from rimless_gym.commands.documents.marked import marks, refresh, wanted
 from rimless_gym.commands.documents.over_seeds import over_seeds
 
@@ -37,9 +38,8 @@ POLICIES = {
     "distilled": "distilled/clone.zip",
 }
 PRETRAINED = ROOT / "agents" / "pretrained"
-COMMAND = "compare"  # that leaves the sections
 #: Sections that are written, and their pages.
-PAGES = {"headline": "README.md", "table": "docs/comparison.md"}
+PAGES = {HEADLINE: "README.md", "table": "docs/comparison.md"}
 #: The page with the tables of many seeds.
 LEARNING = "docs/learning.md"
 
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (PRETRAINED / f"{name}.md").write_text(cards[name])
     results = json.loads((study / "results.json").read_text())
     sections = {
-        "headline": headline(results["table"], results["study"]["speed"], many) + "\n",
+        HEADLINE: headline(results["table"], results["study"]["speed"], many) + "\n",
         "table": (study / "table.md").read_text(),
     }
     for name, page in PAGES.items():

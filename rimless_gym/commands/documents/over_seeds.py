@@ -33,7 +33,9 @@ def over_seeds(page: str) -> dict[str, str]:
     head: list[str] = []
     for line in page.splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split(" | ")]
-        if WALKING in cells:
+        if not line.startswith("|"):  # the table has ended
+            head = []
+        elif WALKING in cells:
             head = cells
         for title, beginning in STUDIED.items():
             if tuple(cells[: len(beginning)]) == beginning and len(cells) == len(head):

@@ -20,6 +20,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from rimless_gym.command import INTERRUPTED
 from rimless_gym.commands.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
+from rimless_gym.commands.documents import headline
 from rimless_gym.commands.studies import page
 from rimless_gym.commands.studies.rows import ROWS
 from rimless_gym.commands.studies.study import Study, run
@@ -40,6 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--quick", action="store_true", help="a trial with few steps: shows only that all runs"
     )
     parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
+    parser.add_argument(
+        "--headline",
+        type=Path,
+        help="a page, README.md, whose headline gets the gaps over seeds; needs --docs",
+    )
     options = parser.parse_args(arguments)
     study = Study(ROWS, options.seeds, parser.machine(options))
     folder = options.out
@@ -51,6 +57,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"--docs {options.docs}: a page tells of no trials; leave out --quick")
         for marks in page.MARKS.values():
             parser.require_page(options.docs, marks, page.WANTED)
+    if options.headline:
+        if not options.docs:
+            parser.error(f"--headline {options.headline}: tells what --docs does; add --docs")
+        marks = headline.MARKS[headline.HEADLINE]
+        parser.require_page(options.headline, marks, headline.WANTED)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
             found = run(study, options.rows, folder, options.workers)
@@ -67,4 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"unfinished: {', '.join(found.unfinished)}", file=sys.stderr)
     for cell, failure in found.failures.items():
         print(f"{cell}: {failure}", file=sys.stderr)
+    if options.headline:
+        with parser.refusing():
+            headline.refresh_gaps(options.headline, options.docs)
     return 1 if found.failures else 0

@@ -30,9 +30,10 @@ ROW = {
 
 #: What docs/learning.md says of every learner, with a table of other columns before.
 HEAD = "| policy | seeds that walk | starts that walk | gap to the optimum |"
+HEADED = [HEAD, "| --- | --- | --- | --- |"]
 LEARNING = "\n".join(
     ["| policy | CoT |", "| --- | --- |", *[f"| {cells[0]} | 0.1 |" for cells in STUDIED.values()]]
-    + [HEAD, "| --- | --- | --- | --- |"]
+    + HEADED
     + [f"| {cells[0]} | 9 of 10 | 99 % | +7 % |" for cells in STUDIED.values() if len(cells) == 1]
     + ["", HEAD.replace("policy", "learner | commanded"), "| --- | --- | --- | --- | --- |"]
     + [
@@ -119,6 +120,14 @@ def test_what_is_said_over_seeds_is_of_the_right_table_and_command() -> None:
     assert found["evolution from scratch"] == "+7 %, 9 of 10 walk"
     assert found["one policy for the front"] == "+2 %, 10 of 10 walk"
     assert found.keys() == STUDIED.keys()
+
+
+def test_a_table_of_other_columns_is_not_read_under_the_head_of_the_one_before() -> None:
+    title = "evolution from scratch, best kept"
+    lines = LEARNING.replace(f"| {title} | 9 of 10 | 99 % | +7 % |\n", "")
+    others = ["| policy | CoT | falls | slips |", "| --- | --- | --- | --- |"]
+    with pytest.raises(ValueError, match=title):
+        over_seeds("\n".join([*HEADED, "", *others, f"| {title} | 1 | 2 | 3 |", "", lines]))
 
 
 def test_a_page_that_has_lost_a_line_of_the_study_is_refused(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from rimless_gym.commands.studies import command
-from rimless_gym.commands.studies.rows import FIRST_EVENING
+from rimless_gym.commands.studies.rows import EXPLORATION, FIRST_EVENING
 from tests.rimless_gym.commands.studies.toys import toy
 
-PAGE = Path(__file__).resolve().parents[4] / "docs" / "learning.md"
+ROOT = Path(__file__).resolve().parents[4]
+PAGE, README = ROOT / "docs" / "learning.md", ROOT / "README.md"
 
 
 def test_mistakes_on_the_command_line_are_one_line(
@@ -22,6 +24,8 @@ def test_mistakes_on_the_command_line_are_one_line(
     for arguments, told in (
         (["--docs", str(other)], "<!-- study: learned -->"),
         (["--docs", str(PAGE), "--quick"], "leave out --quick"),
+        (["--docs", str(PAGE), "--headline", str(other)], "<!-- compare: headline -->"),
+        (["--headline", str(README)], "add --docs"),
         (["--rows", "no_such_row"], "no_such_row"),
         (["--seeds", "0"], "at least 1"),
     ):
@@ -30,6 +34,27 @@ def test_mistakes_on_the_command_line_are_one_line(
         (line,) = capsys.readouterr().err.splitlines()
         assert told in line
     assert other.read_text() == "# Another page\n"
+
+
+def test_a_headline_gets_the_gaps_of_the_tables_and_nothing_else_of_its_page_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_gaits: None
+) -> None:
+    learning, readme = tmp_path / "learning.md", tmp_path / "README.md"
+    told = re.search(r"\| evolution from scratch, best kept \|.*", PAGE.read_text())
+    assert told
+    cells = told[0].split(" | ")
+    gap, walking = cells[3], cells[1]
+    page = PAGE.read_text().replace(told[0], told[0].replace(gap, "+3.0 % (+2.0 to +4.0)"))
+    learning.write_text(page)
+    readme.write_text(README.read_text())
+    monkeypatch.setattr(command, "ROWS", (toy("toy", EXPLORATION),))
+    pages = ["--docs", str(learning), "--headline", str(readme)]
+    out = ["--out", str(tmp_path / "out"), "--seeds", "1", "--workers", "1"]
+    assert command.main([*out, *pages]) == 0
+    assert "| a toy, best | 1 of 1 |" in learning.read_text()
+    stale, new = f"{gap}, {walking} walk |", f"+3.0 % (+2.0 to +4.0), {walking} walk |"
+    assert README.read_text().count(stale) == 1
+    assert readme.read_text() == README.read_text().replace(stale, new)
 
 
 def test_an_interrupted_command_says_that_the_same_one_goes_on(
