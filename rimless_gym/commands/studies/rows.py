@@ -217,7 +217,7 @@ ROWS = (
             IMITATION,
             0,
             CLONED,
-            speeds=(0.506, 0.627),
+            speeds=(0.51, 0.62),
             control_period=CONTROL_PERIOD,
             commands=(0.52, 0.54, 0.56, 0.58, 0.6, 0.62),
             changes=(0.56, 0.62, 0.52, 0.6, 0.54, 0.58),
