@@ -3,7 +3,7 @@
 At the true price, standing still is the best that an untrained policy can do. At a high one walking
 pays at once, but so does running, and little is gained by walking cheaply. So the price begins high
 and falls with the policy's own cost of transport, to a multiple of it: walking always pays, and so
-does walking cheaper. Lowered faster than that, it makes policies rest, or fall on purpose.
+does walking cheaper. Lowered faster than that, it may make policies rest, or fall on purpose.
 """
 
 from __future__ import annotations
