@@ -22,7 +22,7 @@ from trajopt.gaits.fronts import CotFront
 NEAR = 0.1
 
 #: Part of the speeds that is left free at the right, for names.
-ROOM = 0.25
+ROOM = 0.3
 
 TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
