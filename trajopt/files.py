@@ -6,10 +6,12 @@ not show who wrote it.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import math
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +22,9 @@ from numpy.typing import NDArray
 
 #: Entries of a file besides its arrays.
 HEADER, DIGEST = "header", "digest"
+
+#: Seconds after which an unfinished file is taken for one that a killed process has left.
+ABANDONED = 3600.0
 
 
 def write_arrays(
@@ -73,6 +78,7 @@ def part_of(path: Path) -> Path:
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
     """A new file that replaces `path` once it is complete."""
+    _sweep(path)
     unfinished = part_of(path)
     try:
         with unfinished.open("wb") as file:
@@ -84,6 +90,14 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _sweep(path: Path) -> None:
+    """Remove what killed processes have left of a file that they were writing."""
+    for left in path.parent.glob(f"{glob.escape(path.name)}.*.part"):
+        with suppress(OSError):  # another process may remove it, too
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                left.unlink()
 
 
 def read_arrays(

@@ -48,6 +48,7 @@ from agents.sb3.stages import RACING_SHARE, STAGES, best_of, promise
 from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import (
     begin_out_of_step,
+    hard_starts_of,
     native_of,
     setting_off_of,
     stepping_back_of,
@@ -101,6 +102,7 @@ class Learner(Sb3Learner):
             )
         self._pacing: Pacing = pacing
         self._back_charge = stepping_back_of(self._env).charge
+        self._hard_starts = hard_starts_of(self._env).share
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
@@ -259,6 +261,7 @@ class Learner(Sb3Learner):
         actor, rate = self.actor(model), float(self._arguments["learning_rate"])
         rates = rate, stage.last_rate * rate
         stepping_back_of(self._env).charge = self._back_charge if self._settles else 0.0
+        hard_starts_of(self._env).share = self._hard_starts if self._settles else 0.0
         callbacks: list[BaseCallback] = [
             LogWalking(self.training.conditions.params, native_of(self._env)),
             *(Watched(watch), self._paced, InMetres(self._env, self._paced)),

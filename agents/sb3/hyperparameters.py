@@ -27,6 +27,7 @@ _SCALED = "agents.sb3.training_env.ScaledReward"
 _HELD = "agents.sb3.training_env.HeldActions"
 _SETTING_OFF = "agents.sb3.setting_off.SettingOff"
 _STEPPING_BACK = "agents.sb3.stepping_back.SteppingBack"
+_HARD_STARTS = "agents.sb3.hard_starts.HardStarts"
 _LIMITED = "gymnasium.wrappers.TimeLimit"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
 #: The arguments of the classes that may be listed under each key.
@@ -36,6 +37,7 @@ WRAPPERS = {
     _SCALED: ["scale"],
     _SETTING_OFF: ["intervals", "travel"],
     _STEPPING_BACK: ["charge"],
+    _HARD_STARTS: ["share"],
 }
 CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
@@ -119,6 +121,7 @@ def hyperparameters(
             setting_off=wrappers.get(_SETTING_OFF, {}).get("intervals", 0),
             travel=wrappers.get(_SETTING_OFF, {}).get("travel", 0.0),
             back_charge=wrappers.get(_STEPPING_BACK, {}).get("charge", 0.0),
+            hard_starts=wrappers.get(_HARD_STARTS, {}).get("share", 0.0),
             episode_steps=limits.get(_LIMITED, {}).get("max_episode_steps"),
         ),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,

@@ -15,7 +15,7 @@ import torch
 from stable_baselines3.common.save_util import recursive_getattr
 
 from agents import snapshots
-from agents.sb3.training_env import monitor_of, native_of
+from agents.sb3.training_env import hard_starts_of, monitor_of, native_of
 
 #: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
@@ -38,6 +38,7 @@ def state_of(model: Any) -> dict[str, Any]:
         "last_starts": model._last_episode_starts,
         "replay": None if replay is None else _replay_of(replay),
         "environments": snapshots.state_of(native_of(model.env).env),
+        "hard_starts": hard_starts_of(model.env).state(),
         "monitored": {
             "returns": monitor.episode_returns.copy(),
             "lengths": monitor.episode_lengths.copy(),
@@ -76,6 +77,7 @@ def restore(model: Any, state: dict[str, Any]) -> None:
     monitor = monitor_of(model.env)
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
+    hard_starts_of(model.env).restore(state["hard_starts"])
     snapshots.restore(native_of(model.env).env, state["environments"])
     _restore_generators(model, state["generators"])
 

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.conditions import Conditions
+from agents.sb3.hard_starts import HardStarts
 from agents.sb3.setting_off import SettingOff
 from agents.sb3.stepping_back import SteppingBack
 from agents.sb3.vec_env import Sb3VecEnv
@@ -99,6 +100,7 @@ class Offer:
         setting_off: control intervals at the beginning of an episode that are paid by `SettingOff`.
         travel: share of the travel that is paid in them.
         back_charge: for each step backward (m).
+        hard_starts: share of episodes that begin where another one has gone wrong.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
 
     Raises:
@@ -111,6 +113,7 @@ class Offer:
     setting_off: int = 0
     travel: float = 0.0
     back_charge: float = 0.0
+    hard_starts: float = 0.0
     episode_steps: int | None = None
 
     def __post_init__(self) -> None:
@@ -118,6 +121,7 @@ class Offer:
         integer("intervals", self.held, 1)
         integer("intervals", self.setting_off, 0)
         not_negative("charge", self.back_charge)
+        not_negative("share", self.hard_starts)
         if self.episode_steps is not None:
             integer("max_episode_steps", self.episode_steps, 1)
 
@@ -142,7 +146,8 @@ def training_env(
     env.seed(seed)
     paid = SettingOff(VecMonitor(env), offer.setting_off, offer.travel)
     charged = SteppingBack(paid, offer.back_charge)
-    return ScaledReward(HeldActions(charged, offer.held), offer.reward_scale)
+    begun = HardStarts(charged, offer.hard_starts, seed)
+    return ScaledReward(HeldActions(begun, offer.held), offer.reward_scale)
 
 
 def begin_out_of_step(
@@ -161,6 +166,7 @@ def begin_out_of_step(
         Observations (N, 6 or 8) of rows of all ages.
     """
     seen = np.asarray(env.reset())
+    hard_starts_of(env).forget()
     rows, monitor = native_of(env).env, monitor_of(env)
     longest = rows.max_episode_steps or EPISODE_STEPS
     turns = np.arange(env.num_envs) * longest // env.num_envs
@@ -174,9 +180,16 @@ def begin_out_of_step(
     return seen
 
 
+def hard_starts_of(env: Any) -> HardStarts:
+    """What begins again from hard starts in a `training_env`."""
+    found = env.venv.venv
+    assert isinstance(found, HardStarts)
+    return found
+
+
 def stepping_back_of(env: Any) -> SteppingBack:
     """What charges steps backward in a `training_env`."""
-    found = env.venv.venv
+    found = hard_starts_of(env).venv
     assert isinstance(found, SteppingBack)
     return found
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
 import numpy as np
 
-from trajopt.files import digest, read_arrays, write_arrays
+from trajopt.files import ABANDONED, digest, read_arrays, write_arrays
 
 
 def test_what_is_written_is_read_and_replaces_the_file_as_a_whole(tmp_path: Path) -> None:
@@ -17,6 +19,18 @@ def test_what_is_written_is_read_and_replaces_the_file_as_a_whole(tmp_path: Path
     assert header == {"value": 2.0}
     assert arrays["a"].tolist() == [2.0, 2.0]
     assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
+
+
+def test_what_a_killed_process_left_is_swept_but_not_what_another_writes_now(
+    tmp_path: Path,
+) -> None:
+    left, written = tmp_path / "stamps.npz.1.part", tmp_path / "stamps.npz.2.part"
+    for part in (left, written):
+        part.write_text("half")
+    hours_ago = time.time() - 2.0 * ABANDONED
+    os.utime(left, (hours_ago, hours_ago))
+    write_arrays(tmp_path / "stamps.npz", "stamps 3", {}, {"a": np.ones(2)})
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["stamps.npz", written.name]
 
 
 def test_the_digest_sees_names_types_and_shapes() -> None:

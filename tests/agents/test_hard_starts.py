@@ -1,0 +1,98 @@
+"""Episodes that begin where another one has gone wrong."""
+
+import numpy as np
+import pytest
+
+from agents.conditions import Conditions
+from agents.sb3.training_env import (
+    Offer,
+    begin_out_of_step,
+    hard_starts_of,
+    native_of,
+    training_env,
+)
+from rimless_gym import Task
+
+N, LIMIT = 8, 60
+
+
+def made(share, **offer):
+    env = training_env(N, Conditions(), Task(), 3, Offer(hard_starts=share, **offer))
+    env.reset()
+    return env
+
+
+def resting(env, intervals):
+    """The starts of all episodes of wheels that do nothing, in the order in which they begin."""
+    starts, doing_nothing = [*native_of(env).env.states.copy()], np.zeros((N, 1), dtype=np.float32)
+    for _ in range(intervals):
+        _, _, dones, _ = env.step(doing_nothing)
+        starts += [*native_of(env).env.states[dones].copy()]
+    return np.array(starts)
+
+
+def test_wheels_that_rest_begin_again_where_they_have_begun():
+    starts = resting(made(1.0, episode_steps=LIMIT), 4 * LIMIT)
+    first, later = starts[:N], starts[N:]
+    assert len(later) >= 3 * N  # each of the eight has had its time three times, or fallen
+    again = np.abs(later[:, None, :5] - first[None, :, :5]).max(axis=2) < 1e-12
+    assert again.any(axis=1).all()
+
+
+def test_without_a_share_nothing_is_kept_and_episodes_begin_as_ever():
+    starts = resting(made(0.0, episode_steps=LIMIT), 4 * LIMIT)
+    assert len(np.unique(starts[:, :5].round(12), axis=0)) == len(starts)
+
+
+def test_each_start_is_used_once_and_some_episodes_begin_as_ever():
+    env = made(0.5, episode_steps=LIMIT)
+    starts = resting(env, 20 * LIMIT)
+    own = len(np.unique(starts[:, :5].round(12), axis=0))
+    # Half of the later episodes begin anew, so that about half of all starts differ.
+    assert 0.35 * len(starts) < own < 0.7 * len(starts)
+    assert len(hard_starts_of(env).state()["found"]) == own - N
+
+
+def test_a_wheel_that_walks_has_not_gone_wrong():
+    env = made(1.0, episode_steps=LIMIT)
+    native = native_of(env)
+    real = native.env.step
+
+    def walking(actions):
+        found = real(actions)
+        found[-1]["steps"][: N // 2] = 1  # as though the first half stepped all the time
+        return found
+
+    native.env.step = walking
+    for _ in range(LIMIT - 1):
+        env.step(np.zeros((N, 1), dtype=np.float32))
+    before = hard_starts_of(env).state()["starts"]
+    hard_starts_of(env).share = 1e-12  # nothing is taken, so that what is kept can be seen
+    env.step(np.zeros((N, 1), dtype=np.float32))
+    found = hard_starts_of(env).state()["found"]
+    np.testing.assert_array_equal(found, before[N // 2 :])
+
+
+def test_an_episode_that_was_under_way_is_not_judged():
+    env = made(1e-12, episode_steps=LIMIT)
+    begin_out_of_step(env, lambda seen: np.zeros(len(seen)))
+    ended = 0
+    for _ in range(LIMIT - 1):
+        ended += env.step(np.zeros((N, 1), dtype=np.float32))[2].sum()
+    assert ended >= N - 1
+    assert len(hard_starts_of(env).state()["found"]) == 0
+
+
+def test_it_goes_on_from_a_state_as_though_it_had_not_stopped():
+    env, other = made(0.5, episode_steps=LIMIT), made(0.5, episode_steps=LIMIT)
+    resting(env, 3 * LIMIT + 7)
+    kept = hard_starts_of(env).state()
+    hard_starts_of(other).restore(kept)
+    for name, value in hard_starts_of(other).state().items():
+        np.testing.assert_equal(value, kept[name])
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_is_refused(share):
+    with pytest.raises(ValueError, match="share"):
+        training_env(2, Conditions(), Task(), 0, Offer(hard_starts=share))
