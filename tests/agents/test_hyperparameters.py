@@ -38,7 +38,12 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
         assert not {"callback", "env_wrapper", "vec_env_wrapper"} & set(fresh.algorithm)
     screened = hyperparameters("screened_ppo.yml", False).offer
     assert screened == Offer(
-        reward_scale=10.0, setting_off=300, travel=0.2, back_charge=0.1, episode_steps=1000
+        reward_scale=10.0,
+        setting_off=300,
+        travel=0.2,
+        back_charge=0.1,
+        hard_starts=0.3,
+        episode_steps=1000,
     )
 
 

@@ -20,7 +20,7 @@ from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.products import Products, policy_of, put_policy
-from agents.sb3.training_env import stepping_back_of
+from agents.sb3.training_env import hard_starts_of, stepping_back_of
 from agents.train import train
 from agents.training import Training
 from rimless_gym.envs.task import Task
@@ -212,15 +212,17 @@ def test_the_best_policy_that_it_looked_at_is_kept_and_not_the_last(tmp_path, mo
 
 
 def test_only_who_settles_is_charged_for_steps_backward_and_must_walk_from_most_starts(learner):
-    shares, charges = [], []
-    stepping_back = stepping_back_of(learner._env)
+    shares, charges, again = [], [], []
+    stepping_back, hard_starts = stepping_back_of(learner._env), hard_starts_of(learner._env)
     for stage in range(len(screened_ppo.STAGES)):
         learner._enter(stage, np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
         learner.model.learn = lambda *_, **__: charges.append(stepping_back.charge)
         learner._improve(1, 1, SimpleNamespace(log=None))
         shares.append(learner._paced.pacing.least_share)
+        again.append(hard_starts.share)
     assert charges == [0.0, 0.0, 0.0, 0.1]
     assert shares == [0.5, 0.5, 0.5, 0.8]
+    assert again == [0.0, 0.0, 0.0, 0.3]
 
 
 def test_advantages_that_would_be_normalised_twice_are_refused(tmp_path):

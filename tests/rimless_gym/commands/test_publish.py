@@ -8,6 +8,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from agents.comparison.entrants import entrants
@@ -17,6 +18,9 @@ from agents.comparison.study import Study
 from agents.policy_files import PRETRAINED
 from rimless_gym.commands import publish
 from rimless_gym.commands.documents.over_seeds import STUDIED, over_seeds
+
+#: What the factor of PPO from nothing may round to, in words.
+NUMERALS = {14: "fourteen", 15: "fifteen", 16: "sixteen", 17: "seventeen", 18: "eighteen"}
 
 ROW = {
     "walking_share": 1.0,
@@ -154,6 +158,19 @@ def test_the_published_headline_is_taken_from_the_published_table() -> None:
     told = over_seeds((publish.ROOT / publish.LEARNING).read_text())
     titles = dict(zip(SHOWN.values(), SHOWN, strict=True))
     assert [line[5] for line in lines] == [told.get(titles[line[0]], "-") for line in lines]
+
+
+def test_what_the_readme_says_in_short_is_what_the_headline_says_over_seeds() -> None:
+    readme = (publish.ROOT / "README.md").read_text()
+    short = re.search(r"\*\*In short\*\*.*?\n\n", readme, re.DOTALL)
+    assert short
+    told = over_seeds((publish.ROOT / publish.LEARNING).read_text())
+    names = ("imitation", "evolution from scratch", "PPO from screened policies")
+    gaps = [float(told[name].split(" %")[0]) for name in names]
+    said = [float(number) for number in re.findall(r"(\d+) %", short[0])]
+    np.testing.assert_allclose(said, gaps, atol=0.5)
+    times = 1.0 + float(told["PPO from scratch"].split(" %")[0]) / 100.0
+    assert f"at {NUMERALS[round(times)]} times the optimum" in " ".join(short[0].split())
 
 
 def test_publishing_twice_changes_nothing_more(study: Path, root: Path) -> None:
