@@ -45,7 +45,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@echo "[1/3] virtual environment $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv $(VENV)
 	@echo "[2/3] dependencies at the tested versions (about 2 GB, a few minutes the first time)"
-	@$(PIP) install -c constraints.txt -e ".[test]"
+	@$(PIP) install -c constraints.txt -e ".[test,video]"
 	@echo "[3/3] ready: . $(BIN)/activate"
 	@touch $@
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.pacing import FEWEST_STEPS
+from agents.sb3.setting_off import SettingOff
 from agents.sb3.stepping_back import SteppingBack
 from rimless_gym.checks import not_negative
 from rimless_gym.equations import MODE_NAMES
@@ -49,6 +49,7 @@ class HardStarts(VecEnvWrapper):
         self.share = not_negative("share", share)
         if share > 1.0:
             raise ValueError(f"share = {share:g}: a share of the episodes, must be at most 1")
+        assert isinstance(venv.venv, SettingOff)
         self._setting_off = venv.venv
         self._rng = np.random.default_rng((seed, 7))
         self._found: list[Floats] = []
@@ -75,7 +76,7 @@ class HardStarts(VecEnvWrapper):
         late = np.zeros_like(first) if limit is None else age >= limit // 2
         observations, rewards, dones, infos = self.venv.step_wait()
         self._steps += late * native.last_info["steps"]
-        ended = np.flatnonzero(dones)
+        ended = np.flatnonzero(dones).tolist()
         for i in ended:
             if self._went_wrong(i, infos[i]):
                 self._found.append(self._starts[i].copy())
@@ -87,7 +88,7 @@ class HardStarts(VecEnvWrapper):
         stalled = not info["TimeLimit.truncated"] or self._steps[i] < FEWEST_STEPS
         return bool(stalled and np.isfinite(self._starts[i]).all())
 
-    def _begun(self, ended: NDArray[np.int64], observations: VecEnvObs) -> VecEnvObs:
+    def _begun(self, ended: list[int], observations: VecEnvObs) -> VecEnvObs:
         """Let some of the rows that ended begin from hard starts.
 
         Returns:

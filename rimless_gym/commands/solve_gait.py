@@ -15,7 +15,7 @@ from rimless_gym.commands.commandline import (
     terminated_like_ctrl_c,
     whole,
 )
-from trajopt import periodic_gait
+from trajopt import Solution, periodic_gait
 
 #: Speeds (m/s) that a report does not tell apart.
 SAME = 5e-5
@@ -44,6 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="random starts; by default none where a shipped gait is of the same machine, else 24",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of the random starts")
+    parser.add_argument(
+        "--guess",
+        type=Path,
+        help="a gait (.npz, from --out) of as many steps to start from, in place of shipped ones",
+    )
     parser.add_argument("--workers", type=whole(1), default=1, help="processes")
     parser.add_argument("--out", type=Path, help="file to save the gait in (.npz)")
     parser.add_argument("--json", action="store_true", help="print figures as JSON")
@@ -53,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.require_file(options.out)
     try:
         with parser.refusing(), terminated_like_ctrl_c():
+            guess = None if options.guess is None else Solution.load(options.guess)
             solution = periodic_gait(
                 params,
                 options.speed,
@@ -61,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 hold=options.hold,
                 starts=options.starts,
                 seed=options.seed,
+                guess=guess,
                 workers=options.workers,
                 progress=True,
             )

@@ -37,6 +37,9 @@ from trajopt.gaits.shipped import shipped
 #: How the name of a file ends that is to be an animated GIF, or a video.
 GIF, VIDEO = ".gif", ".mp4"
 
+#: How the name of a gait's file ends.
+GAIT = ".npz"
+
 #: Pictures of a window per second; of a GIF, which counts in 1/100 s; of a video.
 FPS, GIF_FPS, VIDEO_FPS = 25, 100 / 6, 50
 
@@ -57,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=[GHOST],
         help=f"{GHOST}: the optimal gait whose voltage is held for {1e3 * CONTROL_PERIOD:g} ms; a "
         f"feedback law about it: {', '.join(laws.names())}; a policy that comes with the package: "
-        f"{', '.join(PRETRAINED)}; or a policy's file; at most {MOST} of them",
+        f"{', '.join(PRETRAINED)}; or the file of a policy, or of a gait ({GAIT}); at most {MOST}",
     )
     parser.add_machine(None, "machine; by default a policy's own, otherwise BUILDABLE")
     parser.add_argument(
@@ -131,14 +134,25 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
             machine, options.speed, options.steps, hold=CONTROL_PERIOD, progress=True
         )
 
-    found = {name: walker(name, gait_for, given) for name in options.names if name != GHOST}
-    params = next((one.params for one in found.values()), given or BUILDABLE)
+    gaits = {name: held(Solution.load(name)) for name in options.names if name.endswith(GAIT)}
+    named = [name for name in options.names if name != GHOST and name not in gaits]
+    found = {name: walker(name, gait_for, given) for name in named}
+    own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
+    params = given or next(iter(own), BUILDABLE)
+    for name, gait in gaits.items():
+        if gait.params != params:
+            raise ValueError(
+                f"{name}: is a gait of another machine: {gait.params.differences(params)}; watch "
+                "it alone, without --preset and --params"
+            )
     solved = GHOST in options.names or any(one.gait for one in found.values())
     known = solved or any(gait.params == params for gait in shipped())
     cycle = gait_for(params) if known else None  # elsewhere the search takes minutes
     walks: list[Recording] = []
     for name in options.names:
-        if name != GHOST:
+        if name in gaits:
+            walks.append(record_gait(name, gaits[name], options.seconds))
+        elif name != GHOST:
             command = options.speed if found[name].conditions.commanded else None
             walks.append(record_walker(found[name], options.seconds, command))
         elif walks:
@@ -146,6 +160,19 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
         else:
             walks.append(record_gait(GHOST, gait_for(params), options.seconds))
     return Race(walks, cycle, tuple(options.size))
+
+
+def held(gait: Solution) -> Solution:
+    """The gait, or the one with a held voltage that it leads to: no other can be stepped.
+
+    Raises:
+        NoGaitError: it leads to none.
+    """
+    if gait.hold is not None:
+        return gait
+    return periodic_gait(
+        *(gait.params, gait.speed, gait.steps, gait.regeneration), hold=CONTROL_PERIOD, guess=gait
+    )
 
 
 def require_near(machine: WheelParams, speed: float) -> None:

@@ -42,7 +42,6 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
         setting_off=300,
         travel=0.2,
         back_charge=0.1,
-        hard_starts=0.3,
         episode_steps=1000,
     )
 

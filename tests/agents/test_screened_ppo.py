@@ -52,7 +52,7 @@ def brief(monkeypatch, request):
 def small():
     settings = screened_ppo.Learner.settings("scratch")
     algorithm = settings.algorithm | {"n_steps": 32, "batch_size": 32}
-    offer = dataclasses.replace(settings.offer, setting_off=30, episode_steps=100)
+    offer = dataclasses.replace(settings.offer, setting_off=30, hard_starts=0.3, episode_steps=100)
     return dataclasses.replace(settings, n_envs=4, algorithm=algorithm, offer=offer)
 
 

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from trajopt.gaits.solution import Solution
 
+#: The search's mesh is coarse: its optima are cheaper than a gait if they are by this factor.
+CLEARLY = 1.05
+
 
 def report(gait: Solution) -> str:
     """The gait's figures as text; failures in capitals."""
@@ -40,7 +43,18 @@ def report(gait: Solution) -> str:
     for o in gait.optima:
         turns = f"{o.theta_turns} turn(s)"
         lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_doubt(gait)])
+
+
+def _doubt(gait: Solution) -> list[str]:
+    """A warning if the search has met a clearly cheaper optimum that did not become a gait."""
+    cheapest = min((o.cot for o in gait.optima), default=gait.cot)
+    if cheapest * CLEARLY >= gait.cot:
+        return []
+    return [
+        f"  A CHEAPER ONE WAS MET   CoT {cheapest:.4f}, but it could not be solved finely or "
+        "verified; try another seed, more starts, or a guess"
+    ]
 
 
 def _held(gait: Solution) -> str:

@@ -39,6 +39,10 @@ DEFAULT_STARTS, REFINED = 24, 3
 #: one: the search's mesh is coarse.
 WORTH_REFINING = 1.05
 
+#: Tolerance of the mesh on which a gait is solved again if its simulation strays from it: a stride
+#: may magnify what the usual tolerance leaves.
+FINE_TOLERANCE = 1e-9
+
 #: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
 
@@ -143,12 +147,32 @@ def periodic_gait(
     known_here = [lead for lead in leads if _is_of(lead, params, speed, regeneration)]
     solutions = []
     for found, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = finished(params, found, turns, regeneration, optima, settings)
+        solution = _verified(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return least_first([solution, *known_here], lambda gait: gait.cot)[0]
         solutions.append(solution)
     # A slow gait magnifies deviations so much that solved again it may fail where it passed once.
     return least_first(known_here or solutions, lambda gait: gait.cot)[0]
+
+
+def _verified(params: WheelParams, found: Extremal, turns: int, *told: Any) -> Solution:
+    """An optimum as a gait, on a finer mesh if it takes one to pass verification.
+
+    The arguments are those of `trajopt.gaits.finishing.finished`.
+    """
+    solution = finished(params, found, turns, *told)
+    if solution.verification.passed:
+        return solution
+    finer = solve(
+        *(found.problem, found, found.mesh),
+        tolerance=FINE_TOLERANCE,
+        verify=False,
+        mu_init=WARM_BARRIER,
+    )
+    if not finer.succeeded:
+        return solution
+    again = finished(params, finer, turns, *told)
+    return again if again.verification.passed else solution
 
 
 def _is_of(lead: Solution, params: WheelParams, speed: float, regeneration: bool) -> bool:
@@ -283,6 +307,6 @@ def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[s
     tried = "\n  ".join(dict.fromkeys(failures)) or "no start was given"
     return (
         f"no gait of {steps} step(s) per stride was found at {speed} m/s with "
-        f"voltage_limit = {params.voltage_limit} V and friction = {params.friction}:\n  {tried}\n"
+        f"voltage_limit = {params.voltage_limit} V and friction = {params.friction}:\n  {tried};\n"
         "try another speed or number of steps, more starts, or a higher voltage limit or friction"
     )

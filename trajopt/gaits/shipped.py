@@ -27,11 +27,13 @@ def shipped() -> tuple[Solution, ...]:
 
 
 def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """The shipped gaits of as many steps and legs that are nearest in machine, then in speed.
+    """The shipped gaits of as many steps that are nearest in legs, in machine, then in speed.
 
     One for every number of turns of theta.
     """
-    fitting = [s for s in shipped() if s.steps == steps and s.params.n_legs == params.n_legs]
+    fitting = [s for s in shipped() if s.steps == steps]
+    fewest = min((_more_legs(s, params) for s in fitting), default=0)
+    fitting = [s for s in fitting if _more_legs(s, params) == fewest]
     families: dict[int, Solution] = {}
 
     def distance(solution: Solution) -> tuple[int, float]:
@@ -76,6 +78,10 @@ def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> 
     ranked = least_first(families.values(), lambda family: family[0].cot)
     ranked.sort(key=lambda family: nearness(family[0]))
     return [lead for family in ranked for lead in family]
+
+
+def _more_legs(solution: Solution, params: WheelParams) -> int:
+    return abs(solution.params.n_legs - params.n_legs)
 
 
 def _distance(solution: Solution, params: WheelParams, speed: float) -> tuple[int, float]:

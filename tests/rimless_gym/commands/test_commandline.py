@@ -20,7 +20,9 @@ from agents.train import train
 from rimless_gym.commands import evaluate as command
 from rimless_gym.commands import solve_gait
 from rimless_gym.commands.commandline import Parser, terminated_like_ctrl_c, whole
+from rimless_gym.presets import BUILDABLE
 from trajopt import Solution
+from trajopt.gaits.fronts import shipped_front
 from trajopt.gaits.shipped import FOLDER
 from trajopt.processes import KilledError
 
@@ -127,6 +129,23 @@ def test_files_that_cannot_be_written_are_refused(
 ) -> None:
     line = refused("solve_gait", "--out", places[place])
     assert str(places[place]) in line or str(places[place].parent) in line
+
+
+def test_a_gait_is_led_from_a_guess_in_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (slowest, *_) = sorted(shipped_front(BUILDABLE).solutions, key=lambda gait: gait.speed)
+    slowest.save(tmp_path / "guess.npz")
+    arguments = ["--params", '{"n_legs": 8}', "--steps", str(slowest.steps), "--starts", "0"]
+    speed = ["--speed", f"{slowest.speed:.3f}", "--guess", str(tmp_path / "guess.npz")]
+    assert solve_gait.main([*arguments, *speed, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [o["theta_turns"] for o in found["optima"]] == [slowest.theta_turns]
+
+
+def test_a_guess_that_is_no_gait_is_refused(refused: Callable, tmp_path: Path) -> None:
+    (tmp_path / "guess.npz").write_text("none")
+    assert "guess.npz: damaged" in refused("solve_gait", "--guess", tmp_path / "guess.npz")
 
 
 def test_names_of_inputs_that_are_too_long_are_refused(refused: Callable) -> None:

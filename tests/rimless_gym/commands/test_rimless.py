@@ -20,7 +20,9 @@ from agents.policy_files import PRETRAINED
 from rimless_gym import command as rimless
 from rimless_gym.commands import play, publish_policy, warmup, watch
 from rimless_gym.extras import MissingExtraError
+from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
+from trajopt.gaits.shipped import nearest
 
 #: Files that run a command in a checkout.
 SCRIPTS = Path(rimless.__file__).parents[1] / "scripts"
@@ -185,6 +187,20 @@ def test_walkers_are_written_as_a_gif(tmp_path: Path, capsys: pytest.CaptureFixt
         assert picture.n_frames == 10  # type: ignore[attr-defined]
         assert picture.info["duration"] == 60
     assert "gif: 100%" in capsys.readouterr().err
+
+
+def test_a_saved_gait_is_watched_but_not_on_another_machine(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saved = tmp_path / "own.npz"
+    nearest(BUILDABLE, 0.56, 1)[0].save(saved)
+    arguments = ["--seconds", "0.3", "--size", "240", "160", "--out", str(tmp_path / "walk.gif")]
+    assert watch.main([str(saved), *arguments]) == 0
+    with Image.open(tmp_path / "walk.gif") as picture:
+        assert picture.n_frames == 5  # type: ignore[attr-defined]
+    with pytest.raises(SystemExit):
+        watch.main([str(saved), "--preset", "THESIS_PHYSICAL", *arguments])
+    assert "own.npz: is a gait of another machine" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("gait")

@@ -10,6 +10,8 @@ from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.gaits import fronts
+from trajopt.gaits import verify as verifying
+from trajopt.gaits.optimality import LocalOptimum
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
 from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
@@ -137,6 +139,28 @@ def test_leading_a_gait_too_far_reports_the_speed_that_was_reached(one_step):
 def test_the_error_for_a_speed_beyond_reach_names_the_limits_that_bind():
     with pytest.raises(NoGaitError, match=r"1\.5 m/s(.|\n)*violated(.|\n)*reached"):
         periodic_gait(THESIS_PHYSICAL, 1.5, 1, guess=nearest(THESIS_PHYSICAL, 1.0, 1)[0])
+
+
+def test_the_report_says_that_a_clearly_cheaper_optimum_was_met(one_step):
+    for cot, told in ((0.5 * one_step.cot, True), (0.97 * one_step.cot, False)):
+        met = dataclasses.replace(one_step, optima=(LocalOptimum(cot, -1, 1),))
+        assert ("A CHEAPER ONE WAS MET" in met.report()) is told
+
+
+def test_a_wheel_with_more_legs_is_led_from_the_shipped_gait_to_its_cheap_family():
+    gait = periodic_gait({"n_legs": 8}, 0.5, starts=0)
+    assert gait.verification.passed
+    assert (gait.theta_turns, gait.cot < 0.053) == (-1, True)
+
+
+def test_a_gait_from_which_its_simulation_strays_is_solved_on_a_finer_mesh(monkeypatch):
+    own = {"pendulum_mass": 1.9}
+    usual = periodic_gait(own, 0.55, starts=0)
+    monkeypatch.setattr(verifying, "STATE_TOLERANCE", 0.5 * usual.verification.state_error)
+    finer = periodic_gait(own, 0.55, starts=0)
+    assert finer.verification.passed
+    assert finer.optimality.mesh_error < usual.optimality.mesh_error
+    assert finer.cot == pytest.approx(usual.cot, rel=1e-5)
 
 
 def test_the_report_shows_a_failed_verification(one_step):
