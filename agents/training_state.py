@@ -8,7 +8,7 @@ from typing import Any
 from agents.trees import from_arrays, to_arrays
 from trajopt.files import read_arrays, write_arrays
 
-FORMAT = "rimless-gym training 2"
+FORMAT = "rimless-gym training 3"
 
 _REMEDY = "delete it to begin this training anew, or choose another --out"
 

@@ -77,7 +77,10 @@ def part_of(path: Path) -> Path:
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A new file that replaces `path` once it is complete."""
+    """A new file that replaces `path` once it is complete.
+
+    What killed processes have left of it is removed first.
+    """
     _sweep(path)
     unfinished = part_of(path)
     try:

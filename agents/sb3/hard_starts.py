@@ -1,7 +1,7 @@
 """Starts from which an episode went wrong, to begin from again.
 
-A policy that walks from nearly all starts sees few of those from which it falls or rests, and what
-would mend it is lost in what the gait pays. With these starts drawn more often it is not.
+A policy that walks from nearly all starts sees few of those from which it falls or rests. So they
+hardly count in an update. Drawn more often, they do.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ class HardStarts(VecEnvWrapper):
     """Begins some episodes where another one has gone wrong.
 
     An episode went wrong if it ended before its time limit, or if the wheel got fewer than
-    `FEWEST_STEPS` steps forward in its second half. Each such start is used once; it comes back if
-    the episode that begins from it goes wrong, too.
+    `FEWEST_STEPS` steps forward, less those backward, in its second half. Each such start is used
+    once; it comes back if the episode that begins from it goes wrong, too.
 
     Args:
-        venv: in which some steps backward are charged.
-        share: of the episodes that begin so, while there are such starts, from 0 to 1.
+        venv: the environments, inside `SteppingBack`; all of one machine. Commanded speeds are
+            drawn anew.
+        share: of the episodes that begin from such a start while any is kept, from 0 to 1.
         seed: of the draws.
 
     Attributes:
-        share: as given; it may be changed at any time. With 0 nothing is kept.
+        share: as given; it may be changed at any time. At 0 all starts are forgotten.
 
     Raises:
         TypeError: the share is not a number.
@@ -68,6 +69,7 @@ class HardStarts(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """What the environments give; some rows that end begin again from a hard start."""
         if self.share == 0.0:
+            self.forget()
             return self.venv.step_wait()
         native, age = self._setting_off.native, self._setting_off.monitor.episode_lengths
         first = age == 0
@@ -84,9 +86,9 @@ class HardStarts(VecEnvWrapper):
         return self._begun(ended, observations), rewards, dones, infos
 
     def _went_wrong(self, i: int, info: dict[str, Any]) -> bool:
-        """Whether the episode of row i, which has just ended with `info`, did."""
-        stalled = not info["TimeLimit.truncated"] or self._steps[i] < FEWEST_STEPS
-        return bool(stalled and np.isfinite(self._starts[i]).all())
+        """Whether the episode of row i, which has just ended with `info`, went wrong."""
+        wrong = not info["TimeLimit.truncated"] or self._steps[i] < FEWEST_STEPS
+        return bool(wrong and np.isfinite(self._starts[i]).all())
 
     def _begun(self, ended: list[int], observations: VecEnvObs) -> VecEnvObs:
         """Let some of the rows that ended begin from hard starts.

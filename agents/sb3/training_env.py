@@ -132,11 +132,17 @@ def training_env(
     """`n_envs` environments side by side; what monitors them sees the environment's rewards.
 
     Raises:
-        ValueError: wheels set off for whole episodes, so that energy would never be charged.
+        ValueError: wheels set off for whole episodes, so that energy would never be charged; or
+            there are hard starts and ranges.
     """
     offer, same_step = offer or Offer(), AutoresetMode.SAME_STEP
     limit = {} if offer.episode_steps is None else {"max_episode_steps": offer.episode_steps}
     env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
+    if offer.hard_starts and conditions.ranges.bounds:
+        raise ValueError(
+            f"HardStarts: share = {offer.hard_starts:g}: a start of one machine need not be one of "
+            "another; give no ranges, or a share of 0"
+        )
     longest = env.env.max_episode_steps
     if longest is not None and offer.setting_off >= longest:
         raise ValueError(

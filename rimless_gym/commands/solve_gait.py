@@ -41,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--starts",
         type=whole(0),
-        help="random starts; by default none where a shipped gait is of the same machine, else 24",
+        help="random starts; by default none with --guess or where a shipped gait is of the "
+        "same machine, else 24",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of the random starts")
     parser.add_argument(

@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"feedback law about it: {', '.join(laws.names())}; a policy that comes with the package: "
         f"{', '.join(PRETRAINED)}; or the file of a policy, or of a gait ({GAIT}); at most {MOST}",
     )
-    parser.add_machine(None, "machine; by default a policy's own, otherwise BUILDABLE")
+    parser.add_machine(None, "machine; by default that of a policy or a gait, otherwise BUILDABLE")
     parser.add_argument(
         "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
     )
@@ -121,7 +121,7 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
 
     Args:
         options: of the command line.
-        given: the machine; None: a policy's own, or the default.
+        given: the machine; None: that of the first policy or law, or else gait, or the default.
 
     Raises:
         ValueError: there is no such gait, law or policy, or they are of several machines.
@@ -134,7 +134,7 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
             machine, options.speed, options.steps, hold=CONTROL_PERIOD, progress=True
         )
 
-    gaits = {name: held(Solution.load(name)) for name in options.names if name.endswith(GAIT)}
+    gaits = {name: as_held(Solution.load(name)) for name in options.names if name.endswith(GAIT)}
     named = [name for name in options.names if name != GHOST and name not in gaits]
     found = {name: walker(name, gait_for, given) for name in named}
     own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
@@ -146,8 +146,10 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
                 "it alone, without --preset and --params"
             )
     solved = GHOST in options.names or any(one.gait for one in found.values())
-    known = solved or any(gait.params == params for gait in shipped())
+    known = solved or (not gaits and any(gait.params == params for gait in shipped()))
     cycle = gait_for(params) if known else None  # elsewhere the search takes minutes
+    if not solved and gaits:
+        cycle = next(iter(gaits.values()))
     walks: list[Recording] = []
     for name in options.names:
         if name in gaits:
@@ -162,8 +164,10 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
     return Race(walks, cycle, tuple(options.size))
 
 
-def held(gait: Solution) -> Solution:
-    """The gait, or the one with a held voltage that it leads to: no other can be stepped.
+def as_held(gait: Solution) -> Solution:
+    """The gait if its voltage is held; otherwise the held gait to which it leads.
+
+    Only that can be stepped in the environment. Its speed may differ a little.
 
     Raises:
         NoGaitError: it leads to none.

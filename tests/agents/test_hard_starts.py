@@ -83,7 +83,25 @@ def test_an_episode_that_was_under_way_is_not_judged():
     assert len(hard_starts_of(env).state()["found"]) == 0
 
 
-def test_it_goes_on_from_a_state_as_though_it_had_not_stopped():
+def test_without_a_share_all_starts_are_forgotten_and_episodes_under_way_are_not_judged():
+    env = made(1e-12, episode_steps=LIMIT)
+    resting(env, LIMIT + LIMIT // 2)
+    kept = hard_starts_of(env)
+    assert len(kept.state()["found"]) > 0
+    kept.share = 0.0
+    resting(env, 1)
+    kept.share = 1e-12
+    resting(env, LIMIT // 2)
+    assert len(kept.state()["found"]) == 0
+
+
+def test_ranges_are_refused_because_a_start_is_that_of_one_machine():
+    conditions = Conditions.of("BUILDABLE", {"pendulum_mass": (1.5, 1.7)}, None, None, None)
+    with pytest.raises(ValueError, match=r"HardStarts: share = 0\.3: .* give no ranges"):
+        training_env(2, conditions, Task(), 0, Offer(hard_starts=0.3))
+
+
+def test_its_state_is_restored():
     env, other = made(0.5, episode_steps=LIMIT), made(0.5, episode_steps=LIMIT)
     resting(env, 3 * LIMIT + 7)
     kept = hard_starts_of(env).state()

@@ -71,6 +71,8 @@ def test_other_wrappers_and_schedules_are_refused(tmp_path):
     assert read(tmp_path, callback=["agents.sb3.pacing.SelfPacedPrice"]).pacing == Pacing()
     with pytest.raises(ValueError, match="learning_rate = 'cos_1': write a number"):
         read(tmp_path, learning_rate="cos_1")
+    again = {"agents.sb3.hard_starts.HardStarts": {"share": 0.3}}
+    assert read(tmp_path, vec_env_wrapper=[again]).offer.hard_starts == 0.3
     assert {path.stem for path in FOLDER.glob("*.yml")} == {"ppo", "sac", "screened_ppo"}
 
 

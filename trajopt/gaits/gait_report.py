@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from trajopt.gaits.solution import Solution
 
-#: The search's mesh is coarse: its optima are cheaper than a gait if they are by this factor.
-CLEARLY = 1.05
+#: A gait that costs this many times an optimum of the search, whose mesh is coarse, is clearly
+#: dearer.
+CLEARLY_DEARER = 1.05
 
 
 def report(gait: Solution) -> str:
@@ -49,11 +50,11 @@ def report(gait: Solution) -> str:
 def _doubt(gait: Solution) -> list[str]:
     """A warning if the search has met a clearly cheaper optimum that did not become a gait."""
     cheapest = min((o.cot for o in gait.optima), default=gait.cot)
-    if cheapest * CLEARLY >= gait.cot:
+    if CLEARLY_DEARER * cheapest >= gait.cot:
         return []
     return [
-        f"  A CHEAPER ONE WAS MET   CoT {cheapest:.4f}, but it could not be solved finely or "
-        "verified; try another seed, more starts, or a guess"
+        f"  A CHEAPER ONE WAS MET   CoT {cheapest:.4f}, but it did not become a verified "
+        "gait; try more starts, another seed, or a guess"
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 from rimless_gym.checks import flag, integer, positive
@@ -39,8 +39,8 @@ DEFAULT_STARTS, REFINED = 24, 3
 #: one: the search's mesh is coarse.
 WORTH_REFINING = 1.05
 
-#: Tolerance of the mesh on which a gait is solved again if its simulation strays from it: a stride
-#: may magnify what the usual tolerance leaves.
+#: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may
+#: magnify the error that the usual tolerance leaves, so that the simulation strays.
 FINE_TOLERANCE = 1e-9
 
 #: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
@@ -155,12 +155,16 @@ def periodic_gait(
     return least_first(known_here or solutions, lambda gait: gait.cot)[0]
 
 
-def _verified(params: WheelParams, found: Extremal, turns: int, *told: Any) -> Solution:
-    """An optimum as a gait, on a finer mesh if it takes one to pass verification.
-
-    The arguments are those of `trajopt.gaits.finishing.finished`.
-    """
-    solution = finished(params, found, turns, *told)
+def _verified(
+    params: WheelParams,
+    found: Extremal,
+    turns: int,
+    regeneration: bool,
+    optima: tuple[LocalOptimum, ...],
+    settings: Mapping[str, object],
+) -> Solution:
+    """An optimum as a gait, see `finished`; one that fails verification is solved more finely."""
+    solution = finished(params, found, turns, regeneration, optima, settings)
     if solution.verification.passed:
         return solution
     finer = solve(
@@ -171,7 +175,7 @@ def _verified(params: WheelParams, found: Extremal, turns: int, *told: Any) -> S
     )
     if not finer.succeeded:
         return solution
-    again = finished(params, finer, turns, *told)
+    again = finished(params, finer, turns, regeneration, optima, settings)
     return again if again.verification.passed else solution
 
 

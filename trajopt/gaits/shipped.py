@@ -27,13 +27,13 @@ def shipped() -> tuple[Solution, ...]:
 
 
 def nearest(params: WheelParams, speed: float, steps: int) -> list[Solution]:
-    """The shipped gaits of as many steps that are nearest in legs, in machine, then in speed.
+    """The shipped gaits of as many steps that are nearest: by legs, by machine, then by speed.
 
     One for every number of turns of theta.
     """
     fitting = [s for s in shipped() if s.steps == steps]
-    fewest = min((_more_legs(s, params) for s in fitting), default=0)
-    fitting = [s for s in fitting if _more_legs(s, params) == fewest]
+    least = min((_legs_apart(s, params) for s in fitting), default=0)
+    fitting = [s for s in fitting if _legs_apart(s, params) == least]
     families: dict[int, Solution] = {}
 
     def distance(solution: Solution) -> tuple[int, float]:
@@ -80,7 +80,8 @@ def by_promise(leads: Sequence[Solution], params: WheelParams, speed: float) -> 
     return [lead for family in ranked for lead in family]
 
 
-def _more_legs(solution: Solution, params: WheelParams) -> int:
+def _legs_apart(solution: Solution, params: WheelParams) -> int:
+    """By how many legs a gait's machine differs."""
     return abs(solution.params.n_legs - params.n_legs)
 
 
