@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -75,13 +76,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\ninterrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED
+    try:  # a full disk must not lose the report, nor a closed pipe the file
+        if options.out is not None:
+            with parser.writing(options.out):
+                solution.save(options.out)
+    finally:
+        tell(solution, options)
+    return 0 if solution.verification.passed else 1
+
+
+def tell(solution: Solution, options: argparse.Namespace) -> None:
+    """Print the gait's figures."""
     if options.json:
         print(json.dumps(solution.to_dict(), indent=2))
-    else:
-        print(solution.report())
-        if abs(solution.speed - options.speed) > SAME:
-            print(f"  speed asked for         {options.speed:g} m/s; {WHY}")
-    if options.out is not None:
-        with parser.writing(options.out):  # after the report, so that a full disk loses none of it
-            solution.save(options.out)
-    return 0 if solution.verification.passed else 1
+        return
+    print(solution.report())
+    if abs(solution.speed - options.speed) > SAME:
+        print(f"  speed asked for         {options.speed:g} m/s; {WHY}")

@@ -127,14 +127,20 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
         ValueError: there is no such gait, law or policy, or they are of several machines.
     """
 
+    saved = {name: Solution.load(name) for name in options.names if name.lower().endswith(GAIT)}
+
     @lru_cache
     def gait_for(machine: WheelParams) -> Solution:
         require_near(machine, options.speed)
+        near = (g for g in saved.values() if (g.params, g.steps) == (machine, options.steps))
         return periodic_gait(
-            machine, options.speed, options.steps, hold=CONTROL_PERIOD, progress=True
+            *(machine, options.speed, options.steps),
+            hold=CONTROL_PERIOD,
+            guess=next((gait for gait in near if gait.hold is None), None),
+            progress=True,
         )
 
-    gaits = {name: as_held(Solution.load(name)) for name in options.names if name.endswith(GAIT)}
+    gaits = {name: as_held(gait) for name, gait in saved.items()}
     named = [name for name in options.names if name != GHOST and name not in gaits]
     found = {name: walker(name, gait_for, given) for name in named}
     own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
@@ -143,7 +149,7 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
         if gait.params != params:
             raise ValueError(
                 f"{name}: is a gait of another machine: {gait.params.differences(params)}; watch "
-                "it alone, without --preset and --params"
+                "it without walkers of other machines, --preset and --params"
             )
     solved = GHOST in options.names or any(one.gait for one in found.values())
     known = solved or (not gaits and any(gait.params == params for gait in shipped()))
