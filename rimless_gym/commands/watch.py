@@ -152,10 +152,11 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
                 "it without walkers of other machines, --preset and --params"
             )
     solved = GHOST in options.names or any(one.gait for one in found.values())
-    known = solved or (not gaits and any(gait.params == params for gait in shipped()))
-    cycle = gait_for(params) if known else None  # elsewhere the search takes minutes
-    if not solved and gaits:
-        cycle = next(iter(gaits.values()))
+    cycle: Solution | None
+    if solved or (not gaits and any(gait.params == params for gait in shipped())):
+        cycle = gait_for(params)
+    else:  # a search would take minutes
+        cycle = next(iter(gaits.values()), None)
     walks: list[Recording] = []
     for name in options.names:
         if name in gaits:

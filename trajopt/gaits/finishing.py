@@ -15,8 +15,14 @@ from trajopt.gaits.solution import Solution
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import SPARE_TIMES, STATE_TOLERANCE, stride_error, verify
 from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.solving.runs import WARM_BARRIER
+from trajopt.ocp.solving.solve import solve
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
+
+#: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may
+#: magnify the error that the usual tolerance leaves, so that the simulation strays.
+FINE_TOLERANCE = 1e-9
 
 #: Newton steps at most, and the largest gap (rad, rad/s) that they are meant for.
 NEWTON_STEPS, LARGEST_GAP = 3, 1e-2
@@ -32,6 +38,8 @@ def finished(
 ) -> Solution:
     """An optimum as a gait, verified by the reference simulator.
 
+    One that fails is solved again on a finer mesh.
+
     Args:
         params: the machine.
         found: the optimum.
@@ -40,17 +48,31 @@ def finished(
         optima: met in the search.
         settings: of the search, for the provenance.
     """
-    phases = polished(params, found.phases, turns)
-    return Solution(
-        params=params,
-        phases=phases,
-        theta_turns=turns,
-        regeneration=regeneration,
-        verification=verify(params, phases, turns),
-        optimality=Optimality.of(found),
-        optima=optima,
-        provenance=provenance(**settings),
+
+    def gait(extremal: Extremal) -> Solution:
+        phases = polished(params, extremal.phases, turns)
+        return Solution(
+            params=params,
+            phases=phases,
+            theta_turns=turns,
+            regeneration=regeneration,
+            verification=verify(params, phases, turns),
+            optimality=Optimality.of(extremal),
+            optima=optima,
+            provenance=provenance(**settings),
+        )
+
+    solution = gait(found)
+    if solution.verification.passed:
+        return solution
+    finer = solve(
+        *(found.problem, found, found.mesh),
+        tolerance=FINE_TOLERANCE,
+        verify=False,
+        mu_init=WARM_BARRIER,
     )
+    again = gait(finer) if finer.succeeded else solution
+    return again if again.verification.passed else solution
 
 
 def polished(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from rimless_gym.checks import flag, integer, positive
@@ -38,10 +38,6 @@ DEFAULT_STARTS, REFINED = 24, 3
 #: Optima of random starts are refined if they cost less than this times the gait led from a known
 #: one: the search's mesh is coarse.
 WORTH_REFINING = 1.05
-
-#: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may
-#: magnify the error that the usual tolerance leaves, so that the simulation strays.
-FINE_TOLERANCE = 1e-9
 
 #: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
 MAX_LEADS = 3
@@ -147,36 +143,12 @@ def periodic_gait(
     known_here = [lead for lead in leads if _is_of(lead, params, speed, regeneration)]
     solutions = []
     for found, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = _verified(params, found, turns, regeneration, optima, settings)
+        solution = finished(params, found, turns, regeneration, optima, settings)
         if solution.verification.passed:
             return least_first([solution, *known_here], lambda gait: gait.cot)[0]
         solutions.append(solution)
     # A slow gait magnifies deviations so much that solved again it may fail where it passed once.
     return least_first(known_here or solutions, lambda gait: gait.cot)[0]
-
-
-def _verified(
-    params: WheelParams,
-    found: Extremal,
-    turns: int,
-    regeneration: bool,
-    optima: tuple[LocalOptimum, ...],
-    settings: Mapping[str, object],
-) -> Solution:
-    """An optimum as a gait, see `finished`; one that fails verification is solved more finely."""
-    solution = finished(params, found, turns, regeneration, optima, settings)
-    if solution.verification.passed:
-        return solution
-    finer = solve(
-        *(found.problem, found, found.mesh),
-        tolerance=FINE_TOLERANCE,
-        verify=False,
-        mu_init=WARM_BARRIER,
-    )
-    if not finer.succeeded:
-        return solution
-    again = finished(params, finer, turns, regeneration, optima, settings)
-    return again if again.verification.passed else solution
 
 
 def _is_of(lead: Solution, params: WheelParams, speed: float, regeneration: bool) -> bool:

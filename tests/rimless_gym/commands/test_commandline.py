@@ -131,16 +131,25 @@ def test_files_that_cannot_be_written_are_refused(
     assert str(places[place]) in line or str(places[place].parent) in line
 
 
-def test_a_gait_is_led_from_a_guess_in_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_guess_is_read_from_its_file_and_a_closed_pipe_loses_no_gait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (slowest, *_) = sorted(shipped_front(BUILDABLE).solutions, key=lambda gait: gait.speed)
-    slowest.save(tmp_path / "guess.npz")
-    arguments = ["--params", '{"n_legs": 8}', "--steps", str(slowest.steps), "--starts", "0"]
-    speed = ["--speed", f"{slowest.speed:.3f}", "--guess", str(tmp_path / "guess.npz")]
-    assert solve_gait.main([*arguments, *speed, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [o["theta_turns"] for o in found["optima"]] == [slowest.theta_turns]
+    guess, out, guesses = shipped_front(BUILDABLE).solutions[0], tmp_path / "out.npz", []
+
+    def solved(*what: object, guess: Solution, **settings: object) -> Solution:
+        guesses.append(guess)
+        return guess
+
+    def closed(gait: Solution) -> str:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(solve_gait, "periodic_gait", solved)
+    monkeypatch.setattr(Solution, "report", closed)
+    guess.save(tmp_path / "guess.npz")
+    with pytest.raises(BrokenPipeError):
+        solve_gait.main(["--guess", str(tmp_path / "guess.npz"), "--out", str(out)])
+    assert [found.cot for found in guesses] == [guess.cot]
+    assert Solution.load(out).cot == guess.cot
 
 
 def test_a_guess_that_is_no_gait_is_refused(refused: Callable, tmp_path: Path) -> None:
