@@ -105,10 +105,8 @@ class HardStarts(VecEnvWrapper):
         options = {
             "state": states[:, :4].copy(),
             "mode": [MODE_NAMES[int(mode)] for mode in states[:, MODE]],
-            "reset_mask": rows,
         }
-        seen, _ = self._setting_off.native.env.reset(options=options)
-        observations[rows] = seen[rows]
+        observations[rows] = self._setting_off.native.begin(rows, options)[rows]
         return observations
 
     def state(self) -> dict[str, Any]:

@@ -173,7 +173,8 @@ def begin_out_of_step(
     """
     seen = np.asarray(env.reset())
     hard_starts_of(env).forget()
-    rows, monitor = native_of(env).env, monitor_of(env)
+    native, monitor = native_of(env), monitor_of(env)
+    rows = native.env
     longest = rows.max_episode_steps or EPISODE_STEPS
     turns = np.arange(env.num_envs) * longest // env.num_envs
     for k in range(longest):
@@ -181,7 +182,7 @@ def begin_out_of_step(
         monitor.episode_lengths = np.where(ended | timed_out, 0, monitor.episode_lengths + 1)
         anew = turns == k
         if anew.any():
-            seen[anew] = rows.reset(options={"reset_mask": anew})[0][anew]
+            seen[anew] = native.begin(anew)[anew]
             monitor.episode_lengths[anew] = 0
     return seen
 

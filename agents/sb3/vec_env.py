@@ -120,6 +120,27 @@ class Sb3VecEnv(VecEnv):
         self._returns[:], self._lengths[:] = 0.0, 0
         return observations
 
+    def begin(
+        self, rows: NDArray[np.bool_], options: dict[str, Any] | None = None
+    ) -> NDArray[np.float32]:
+        """Begin new episodes of some rows, whatever became of those under way.
+
+        Args:
+            rows: which ones, (N,).
+            options: of the native environment's reset, for these rows.
+
+        Returns:
+            Observations (N, 6 or 8) of all rows.
+
+        Raises:
+            ValueError: an option is unknown or its value out of range.
+        """
+        seen, columns = self.env.reset(options={**(options or {}), "reset_mask": rows})
+        for i in np.flatnonzero(rows).tolist():
+            self.reset_infos[i] = row_of(columns, i)
+        self._returns[rows], self._lengths[rows] = 0.0, 0
+        return seen
+
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keep the actions (N, 1) for `step_wait`."""
         self._actions = actions

@@ -100,3 +100,15 @@ def test_unsuitable_environments_are_refused_with_the_remedy():
         Sb3VecEnv([])
     with pytest.raises(ValueError, match=r"environment 1 has max_episode_steps = 8, the first 9"):
         Sb3VecEnv([lambda limit=limit: gym.make(ID, max_episode_steps=limit) for limit in (9, 8)])
+
+
+def test_some_rows_can_begin_anew_while_the_others_walk_on():
+    env, rows = Sb3VecEnv(native(4)), np.array([False, True, False, True])
+    env.set_options({"state": (1.5, 0.1, 1.0, 0.0)})
+    env.reset()
+    walking = env.step(np.full((4, 1), 0.3, dtype=np.float32))[0]
+    begun = env.begin(rows, REST)
+    np.testing.assert_array_equal(begun[~rows], walking[~rows])
+    resting = gym.make(ID).reset(options=REST)[0]
+    np.testing.assert_array_equal(begun[rows], [resting] * 2)
+    assert [info["mode"] == DOUBLE for info in env.reset_infos] == rows.tolist()
