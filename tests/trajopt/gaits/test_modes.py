@@ -12,6 +12,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt import Extremal, Mesh, Phase, Problem, solve
+from trajopt.gaits.playback import playback
 from trajopt.gaits.shipped import nearest
 from trajopt.gaits.stance import CONTROL_DEGREE, WheelPhases
 from trajopt.ocp.solving.guesses import polyline
@@ -83,12 +84,11 @@ def test_the_reference_simulator_lifts_off_and_touches_down_where_the_solution_d
     one_step: Extremal,
 ) -> None:
     ends = np.cumsum([phase.duration for phase in one_step.phases])
-    starts = ends - [phase.duration for phase in one_step.phases]
-    knots = [float(s + t) for s, p in zip(starts, one_step.phases, strict=True) for t in p.edges]
+    knots, volts = playback(one_step.phases)
     run = simulate(
         P,
         one_step.state(0.0),
-        lambda t, x: float(one_step.control(min(t, one_step.duration))[0]),
+        lambda t, x: volts(t, None),
         one_step.duration,
         mode="double_stance",
         breakpoints=knots,

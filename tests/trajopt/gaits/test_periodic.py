@@ -12,6 +12,7 @@ from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.gaits import fronts
 from trajopt.gaits import verify as verifying
 from trajopt.gaits.optimality import LocalOptimum
+from trajopt.gaits.playback import playback
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
 from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
@@ -40,18 +41,20 @@ def test_the_swinging_family_beats_the_target_without_whirling_the_pendulum():
 
 
 def test_an_independent_simulation_follows_the_gait_over_the_whole_stride(gait):
+    breakpoints, volts = playback(gait.phases)
     run = simulate(
         gait.params,
         gait.state(0.0),
-        lambda t, x: gait.control(t),
+        volts,
         gait.duration,
-        breakpoints=list(gait.breakpoints),
+        breakpoints=breakpoints,
         rtol=1e-9,  # far below what is asked for; finer, it takes much longer
         atol=1e-10,
     )
     t = np.linspace(0, gait.duration, 301)[1:-1]
     t = t[np.abs(t[:, None] - gait.phase_times).min(axis=1) > 1e-6]
     assert np.abs(run.state(t) - gait.state(t)).max() < 1e-6
+    np.testing.assert_allclose([volts(time, None) for time in t], gait.control(t), atol=1e-9)
 
 
 def test_the_energy_audit_closes(gait):
@@ -176,15 +179,13 @@ def test_regeneration_never_costs_more(one_step):
     assert solved.cot_with_regeneration <= one_step.cot_with_regeneration + 1e-6
 
 
-OTHERS = [pytest.param(k, marks=pytest.mark.slow) for k in (0, 1, 3)]
-
-
-@pytest.mark.parametrize("coordinate", [2, *OTHERS])
+@pytest.mark.parametrize("coordinate", range(4))
 def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step, coordinate):
     column = monodromy(THESIS_PHYSICAL, one_step.phases)[:, coordinate]
     T, spare, size = one_step.duration, 0.002, 1e-6
     far_below = {"rtol": 1e-10, "atol": 1e-11}  # differences of 1e-6 to half a percent
     before_edge, after_edge = float(np.nextafter(T, 0)), float(np.nextafter(T, 2 * T))
+    _, volts = playback([*one_step.phases, *one_step.phases])
 
     def end(change):
         """State at T + spare; the touchdown, not the clock, switches the voltage."""
@@ -193,7 +194,7 @@ def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step, coordi
         step = simulate(
             THESIS_PHYSICAL,
             x0,
-            lambda t, x: one_step.control(min(t, before_edge)),
+            lambda t, x: volts(min(t, before_edge), None),
             T + spare,
             breakpoints=[*one_step.breakpoints, T],
             **far_below,
@@ -202,7 +203,7 @@ def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step, coordi
         following = simulate(
             THESIS_PHYSICAL,
             touchdown.after,
-            lambda t, x: one_step.control(max(t + touchdown.time, after_edge)),
+            lambda t, x: volts(max(t + touchdown.time, after_edge), None),
             T + spare - touchdown.time,
             breakpoints=[T - touchdown.time] if touchdown.time < T else [],
             **far_below,
@@ -210,7 +211,7 @@ def test_the_monodromy_matrix_predicts_the_reference_simulation(one_step, coordi
         return following.x[-1]
 
     def later(x):
-        law = lambda t, _: one_step.control(max(t + T, after_edge))  # noqa: E731
+        law = lambda t, _: volts(max(t + T, after_edge), None)  # noqa: E731
         return simulate(THESIS_PHYSICAL, x, law, spare).x[-1]
 
     direction = np.eye(4)[coordinate] * size
