@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real, real_array, require_callable, require_kind
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations, ground_reaction
+from rimless_gym.jit import inner, kept
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats, states_and_modes
 from trajopt.feedback.requirements import require_machine
@@ -89,7 +89,7 @@ def margin_for(solution: Solution) -> float:
     return min(CONTACT_MARGIN, SHARE_OF_LEAST * least)
 
 
-@njit(error_model="numpy")
+@kept()
 def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
     guarded = np.minimum(np.maximum(volts, -limit), limit)
     for i in range(len(x)):
@@ -109,7 +109,7 @@ def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
     return guarded
 
 
-@njit(error_model="numpy")
+@inner
 def _force(y, u, p):  # type: ignore[no-untyped-def]
     """Normal force (N) on the stance foot."""
     acc = accelerations(SINGLE, y[0], y[1], y[2], y[3], u, p)

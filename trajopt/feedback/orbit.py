@@ -16,11 +16,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import inner
+from rimless_gym.jit import inner, kept
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.feedback.requirements import require_verified
@@ -260,7 +259,7 @@ def between(values, spot):  # type: ignore[no-untyped-def]
     return values[i] + spot.share * (values[following] - values[i])
 
 
-@njit(error_model="numpy")
+@kept()
 def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
     """Of states (N, 4) from an orbit, shape (N,)."""
     squares = np.empty(len(x))

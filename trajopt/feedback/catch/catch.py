@@ -18,11 +18,11 @@ from collections.abc import Hashable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.equations import SINGLE
+from rimless_gym.jit import kept
 from rimless_gym.kernel.stepping import MODE, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
@@ -160,7 +160,7 @@ def _filed(law: Law, near: float, key: Hashable, folder: Path) -> Catch:
     return catch
 
 
-@njit(error_model="numpy")
+@kept()
 def _remaining(states, cost, values, grid):  # type: ignore[no-untyped-def]
     total = np.empty(len(cost))
     for i in range(len(cost)):
