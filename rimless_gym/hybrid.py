@@ -126,6 +126,13 @@ accelerations, accelerations_turned = _in_either_mode(eq), _in_either_mode(turne
 
 
 @inner
+def foot_force(mode, phi, theta, dphi, dtheta, u, p):
+    """Fy (N) on the foot, or on both feet together."""
+    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    return ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
+
+
+@inner
 def both_feet_press(theta, dtheta, u, p):
     """Whether a wheel at rest on two feet stays there."""
     leading, trailing = lift_off_guards(theta, dtheta, u, p)
@@ -146,8 +153,7 @@ def rocks_too_fast(theta, dphi, dtheta, u, p):
 @inner
 def guards(mode, phi, theta, dphi, dtheta, u, pull, p):
     """Guards, positive once passed: touchdown forward, touchdown backward, lift-off, contact."""
-    ddphi, ddtheta = accelerations(mode, phi, theta, dphi, dtheta, u, p)
-    contact = contact_guard(ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1], pull)
+    contact = contact_guard(foot_force(mode, phi, theta, dphi, dtheta, u, p), pull)
     if mode == DOUBLE:
         return -1.0, -1.0, lift_off_guard(theta, dtheta, u, p), contact
     return touchdown_guard(1, phi, p), touchdown_guard(-1, phi, p), -1.0, contact

@@ -41,18 +41,11 @@ NO_START = (
 
 
 @inner
-def foot_force(mode, phi, theta, dphi, dtheta, voltage, p):
-    """Fy (N) on the foot, or on both feet together."""
-    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, voltage, p)
-    return hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)[1]
-
-
-@inner
 def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
     """The largest Fy (N) that a voltage from -limit to limit gives: it is at one of the two."""
     return max(
-        foot_force(mode, phi, theta, dphi, dtheta, -limit, p),
-        foot_force(mode, phi, theta, dphi, dtheta, limit, p),
+        hybrid.foot_force(mode, phi, theta, dphi, dtheta, -limit, p),
+        hybrid.foot_force(mode, phi, theta, dphi, dtheta, limit, p),
     )
 
 
@@ -76,7 +69,7 @@ def draw_state(slope, weight, limit, bounds, p, streams, i):
             dphi = between(MOVING_LEG_RATE[0], MOVING_LEG_RATE[1], streams, i)
             if kind < bounds[1]:
                 dtheta = between(-MOVING_PENDULUM_RATE, MOVING_PENDULUM_RATE, streams, i)
-                force = foot_force(float(SINGLE), phi, theta, dphi, dtheta, 0.0, p)
+                force = hybrid.foot_force(float(SINGLE), phi, theta, dphi, dtheta, 0.0, p)
             else:
                 slowest, fastest = WHIRLING_PENDULUM_RATE
                 dtheta = between(slowest, fastest, streams, i)

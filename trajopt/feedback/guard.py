@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real, real_array, require_callable, require_kind
 from rimless_gym.equations import SINGLE
-from rimless_gym.hybrid import accelerations, ground_reaction
+from rimless_gym.hybrid import foot_force
 from rimless_gym.jit import inner, kept
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats, states_and_modes
@@ -112,5 +112,4 @@ def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
 @inner
 def _force(y, u, p):  # type: ignore[no-untyped-def]
     """Normal force (N) on the stance foot."""
-    acc = accelerations(SINGLE, y[0], y[1], y[2], y[3], u, p)
-    return ground_reaction(y[0], y[1], y[2], y[3], acc.ddphi, acc.ddtheta, p)[1]
+    return foot_force(SINGLE, y[0], y[1], y[2], y[3], u, p)
