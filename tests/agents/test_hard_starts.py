@@ -12,6 +12,7 @@ from agents.sb3.training_env import (
     training_env,
 )
 from rimless_gym import Task
+from rimless_gym.kernel.stepping import MODE
 
 N, LIMIT = 8, 60
 
@@ -37,6 +38,15 @@ def test_wheels_that_rest_begin_again_where_they_have_begun():
     assert len(later) >= 3 * N  # each of the eight has had its time three times, or fallen
     again = np.abs(later[:, None, :5] - first[None, :, :5]).max(axis=2) < 1e-12
     assert again.any(axis=1).all()
+
+
+def test_how_an_episode_began_is_told_of_hard_starts_too():
+    env = made(1.0, episode_steps=LIMIT)
+    native = native_of(env)
+    for _ in range(4 * LIMIT):
+        _, _, dones, _ = env.step(np.zeros((N, 1), dtype=np.float32))
+        for i in np.flatnonzero(dones):
+            assert native.reset_infos[i]["mode"] == native.env.states[i, MODE]
 
 
 def test_without_a_share_nothing_is_kept_and_episodes_begin_as_ever():
