@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -18,10 +17,9 @@ from agents.evaluate import Evaluation, evaluate
 from agents.policies import Policy
 from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
-from agents.verdicts import FALLS, STOPS, WALKS, verdicts
+from agents.verdicts import FALLS, WALKS, verdicts
 from agents.window import Window
 from rimless_gym.checks import positive, real_array
-from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.speed import SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import OK
@@ -51,31 +49,18 @@ class Commanded:
 
     @property
     def walking_share(self) -> float:
-        """Of the starts: those that walk and keep the rules."""
+        """Share of the starts that walk and keep the rules."""
         return self.evaluation.walking_share
 
     @property
-    def stepping_share(self) -> float:
-        """Of the starts: those that do not fall and still step at the end, slipping or not."""
-        return 1.0 - self._share(FALLS) - self._share(STOPS)
-
-    @property
-    def slipping_share(self) -> float:
-        """Of the starts: those that still take steps at the end, but whose foot slips."""
-        return sum(map(self._share, SLIPS))
-
-    @property
     def speed(self) -> float:
-        """Of those that walk (m/s); NaN if none does."""
+        """Speed of the starts that walk (m/s); NaN if none does."""
         return self.evaluation.speed
 
     @property
     def cot(self) -> float:
         """Cost of transport of those that walk, from E+; NaN if none does."""
         return self.evaluation.cot
-
-    def _share(self, verdict: str) -> float:
-        return self.evaluation.faults.get(verdict, 0) / len(self.evaluation.verdicts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,8 +172,6 @@ def evaluate_commanded(
     protocol: Protocol = PROTOCOL,
     *,
     task: Task | Mapping[str, float] | None = None,
-    ranges: Ranges | Mapping[str, Any] | None = None,
-    disturbances: Disturbances | Mapping[str, Any] | None = None,
     control_period: float | None = None,
     progress: bool = False,
 ) -> tuple[Commanded, ...]:
@@ -200,8 +183,6 @@ def evaluate_commanded(
         params: the machine, as the environment takes it.
         protocol: starts and times.
         task: whose reward `objective` is, as the environment takes it.
-        ranges: of parameters, as the environment takes them.
-        disturbances: as the environment takes them.
         control_period: as the environment takes it.
         progress: whether to show a progress bar for each speed.
 
@@ -217,8 +198,6 @@ def evaluate_commanded(
             params,
             protocol,
             task=task,
-            ranges=ranges,
-            disturbances=disturbances,
             command=speed,
             control_period=control_period,
             progress=progress,

@@ -82,7 +82,10 @@ def gap_to_continuous_optimum(evaluation: Evaluation, conditions: Conditions) ->
 
 
 def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
-    """Control intervals of a step, faster and slower than at a speed (m/s); none without one."""
+    """The two whole numbers of control intervals per step whose speeds enclose `speed` (m/s).
+
+    None without a speed, or if it is not positive.
+    """
     if speed is None or not speed > 0.0:
         return ()
     fewest = math.floor(params.step_length / (speed * CONTROL_PERIOD))

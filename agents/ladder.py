@@ -71,7 +71,7 @@ class Ladder:
 
     @property
     def speeds(self) -> Floats:
-        """Of the rungs (m/s), (K,)."""
+        """Speeds of the rungs (m/s), (K,)."""
         return np.array([rung.speed for rung in self.rungs])
 
     def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:

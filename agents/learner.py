@@ -66,7 +66,7 @@ class Watch(Protocol):
         """To be called whenever `steps` has grown, to move the progress bar."""
 
 
-#: Hyperparameters as a learner has them.
+#: No changes to a learner's hyperparameters.
 NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
 
 

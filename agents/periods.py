@@ -68,17 +68,16 @@ def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> F
     )
 
 
-def steps_per_period(points: Floats, tolerance: float = TOLERANCE) -> int:
+def steps_per_period(points: Floats) -> int:
     """Smallest number of steps after which post-touchdown states repeat, 0 if none up to 6.
 
     Args:
         points: scaled post-touchdown states, (touchdowns, 4).
-        tolerance: largest root-mean-square distance between a state and its repetition.
     """
     for k in range(1, MAX_PERIOD + 1):
         if len(points) < 3 * k:
             return 0
         distance: NDArray[np.float64] = points[k:] - points[:-k]
-        if np.sqrt(np.mean(np.sum(distance**2, axis=1))) < tolerance:
+        if np.sqrt(np.mean(np.sum(distance**2, axis=1))) < TOLERANCE:
             return k
     return 0

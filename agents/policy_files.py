@@ -18,7 +18,7 @@ import numpy as np
 from agents import learners
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts
-from agents.policies import Act
+from agents.policies import Act, Policy, learned_policy
 from agents.training import Training
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.observation import (
@@ -83,6 +83,11 @@ class Checkpoint:
     task: Task
     seed: int
     parts: PolicyParts
+
+    @property
+    def policy(self) -> Policy:
+        """`act` as what is evaluated, with laws that see the state (`agents.policies`)."""
+        return learned_policy(self.act)
 
     @property
     def params(self) -> WheelParams:

@@ -121,7 +121,7 @@ def _title(name: str) -> str:
 
 
 def _colours(names: Sequence[str]) -> list[Colour]:
-    """Of the first walker, then of the ghosts: each its own."""
+    """Colours of the first walker and of the ghosts, each its own."""
     others = iter((*OTHERS, OPTIMUM))
     return [FIRST, *(OPTIMUM if name == GHOST else next(others) for name in names[1:])]
 
@@ -133,7 +133,7 @@ def _lately(walk: Recording, time: float) -> list[Point]:
 
 
 def _cycle(gait: Solution | None) -> list[Point]:
-    """Of a gait in the phase plane, closed."""
+    """The closed curve of a gait in the phase plane."""
     if gait is None:
         return []
     states = gait.state(np.linspace(0.0, gait.duration, 1 + round(200 * gait.duration)))

@@ -85,7 +85,7 @@ class Recording:
         return self.begins + len(self.volts) * self.period
 
     def index(self, time: float) -> int:
-        """Of the state at a time (s), or the latest before it; beyond the walk, the nearest."""
+        """Index of the last state at or before a time (s), or the nearest one outside the walk."""
         k = math.floor((time - self.begins) / self.period + 1e-6)
         return min(max(k, 0), len(self.volts))
 
@@ -228,7 +228,7 @@ def _books(gait: Solution, times: Floats) -> Floats:
 
 
 def _period(gait: Solution) -> float:
-    """Of the clock that holds its voltage (s)."""
+    """Period of the clock that holds the gait's voltage (s)."""
     return gait.duration / len(gait.held_voltages)
 
 

@@ -35,24 +35,21 @@ def interquartile_mean(values: ArrayLike) -> float:
 
 
 def bootstrap_interval(
-    values: ArrayLike, level: float = 0.95, resamples: int = 10_000, seed: int = 0
+    values: ArrayLike, resamples: int = 10_000, seed: int = 0
 ) -> tuple[float, float]:
-    """Percentile interval of the interquartile mean, seeds resampled within each task.
+    """95 % percentile interval of the interquartile mean, seeds resampled within each task.
 
     Args:
         values: (seeds,) or (seeds, tasks).
-        level: coverage, in (0, 1).
         resamples: number of bootstrap samples.
         seed: of the resampling.
 
     Raises:
-        ValueError: values are missing or not finite, or level is out of range.
+        ValueError: values are missing or not finite.
     """
     scores = _scores(values)
-    if not 0 < level < 1:
-        raise ValueError(f"level = {level}: must lie strictly between 0 and 1")
     n_seeds, n_tasks = scores.shape
     picks = np.random.default_rng(seed).integers(n_seeds, size=(resamples, n_seeds, n_tasks))
     drawn = scores[picks, np.arange(n_tasks)].reshape(resamples, -1)
-    low, high = np.quantile(_trimmed_mean(drawn), [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(_trimmed_mean(drawn), [0.025, 0.975])
     return float(low), float(high)

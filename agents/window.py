@@ -60,7 +60,11 @@ class Window:
         return [Ledger.of(dict(zip(_SUMMED, sums, strict=True))) for sums in columns]
 
     def total(self, some: NDArray[np.bool_], params: WheelParams) -> tuple[Ledger, Ledger]:
-        """The ledger of some walks together; and with distances in proportion to their weights."""
+        """The summed ledger of some walks, twice.
+
+        In the second one, each distance is multiplied by the weight of its machine over that of
+        `params`.
+        """
         weights = np.array([machine.weight for machine in self.machines]) / params.weight
         ledger = Ledger.of({name: float(sums[some].sum()) for name, sums in self.sums.items()})
         carried = float((weights * self.sums["distance"])[some].sum())

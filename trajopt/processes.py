@@ -1,4 +1,4 @@
-"""Worker processes that end when their parent does, even if it is killed.
+"""How many cores to use, and worker processes that end when their parent does, even if killed.
 
 Every worker watches a pipe whose other end only its parent holds. The parent closes that end when
 it gives up its workers, and the operating system closes it when the parent dies. (CasADi releases
@@ -15,9 +15,12 @@ from collections.abc import Callable, Collection, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeAlias
+
+_allowed: ContextVar[int | None] = ContextVar("_allowed", default=None)
 
 #: (function, *arguments) -> the future of its result in another process.
 Submit: TypeAlias = Callable[..., Future[Any]]
@@ -25,6 +28,21 @@ Submit: TypeAlias = Callable[..., Future[Any]]
 
 class KilledError(RuntimeError):
     """A worker process ended before its work was done."""
+
+
+def cores() -> int:
+    """How many cores to use: those of the computer, or fewer within `limited_to`."""
+    return _allowed.get() or os.cpu_count() or 1
+
+
+@contextmanager
+def limited_to(number: int) -> Iterator[None]:
+    """Within the context, `cores` is this number, at least 1, in this thread."""
+    token = _allowed.set(number)
+    try:
+        yield
+    finally:
+        _allowed.reset(token)
 
 
 @contextmanager

@@ -91,5 +91,5 @@ class Arena:
         return policy_row(name, found, self.gap(found["cot"], found["speed"]), at)
 
     def gap(self, cot: float | None, speed: float | None) -> float | None:
-        """That of a gait or a walk to the environment's own optimum; None off its front."""
+        """Gap of a gait or a walk to the environment's own optimum; None off its front."""
         return gap_to_front(cot, speed, self.held_front)

@@ -28,7 +28,6 @@ from agents.comparison.study import Study
 from agents.comparison.style import STYLE
 from agents.film import times
 from agents.folder import sole_user
-from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.race import Race, ghost
 from agents.recording import record
@@ -122,7 +121,7 @@ class Comparison:
             save(printed(returns, across=4), out / "return_maps.png")
         filmed = [each for each in competing if isinstance(each, Learned) and each.drawn]
         if filmed:
-            policy = learned_policy(load_policy(filmed[0].main_file(out)).act)
+            policy = load_policy(filmed[0].main_file(out)).policy
             walk = walk_from_rest(arena.params, policy, ANIMATED)
             first, gait = (
                 record(filmed[0].name, walk, arena.params, CONTROL_PERIOD),

@@ -67,7 +67,7 @@ def steps_of(walk: Iterable[Interval]) -> list[Step]:
 
 
 def deviations(steps: Sequence[Step], gait: Solution) -> list[Deviation]:
-    """Of steps that follow each other from those of a gait, at equal shares of a step's time.
+    """Deviations of consecutive steps from those of a gait, at equal shares of a step's time.
 
     Where the gait has several steps in a stride, the walk's first step is compared with the one
     that makes its deviations the smallest.

@@ -1,7 +1,7 @@
 """The entrants of a comparison: optimal gaits, feedback laws, trained learners.
 
-`entrants` lists them. A feedback law in `trajopt/feedback/laws` enters by itself, unless it is
-`LEFT_OUT`; a learner enters with one more `Learned` in that list.
+`entrants` lists them. A feedback law in `trajopt/feedback/laws` enters by itself, unless it is one
+of `laws.SLOW`, which `scripts/feedback.py` measures. A learner enters with one more `Learned`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,13 @@ from agents.train import EXPERT
 from agents.training import IMITATION, SCRATCH
 from trajopt.feedback import laws
 
-#: Laws that take minutes to design or to walk the whole protocol: `scripts/feedback.py` has them.
-LEFT_OUT = ("receding_horizon", "tuned")
-
 
 class Entrant(Protocol):
     """What is compared. It competes in a stage of its own, perhaps in a process of its own."""
 
     @property
     def name(self) -> str:
-        """Of its stage and of its files."""
+        """Name of its stage and of its files."""
 
     @property
     def after(self) -> tuple[str, ...]:
@@ -78,7 +75,7 @@ class Law:
 
 def entrants(study: Study) -> tuple[Entrant, ...]:
     """All entrants, in the order in which they stand in the table within their speed."""
-    others = [name for name in laws.names() if name not in (*LEFT_OUT, EXPERT)]
+    others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
     return (
         Gait("gait", None, searched, effort=8.0),
         Front(),

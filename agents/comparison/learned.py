@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from agents.comparison.arena import Arena, Result, Row
-from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, train
 from agents.training import IMITATION, INITS
@@ -63,8 +62,7 @@ class Learned:
             raise KeyboardInterrupt
         files = [f"{self.name}/{file}" for file in self.shown.values()]
         evaluated = {
-            Path(file).stem: arena.evaluated(learned_policy(load_policy(arena.out / file).act))
-            for file in files
+            Path(file).stem: arena.evaluated(load_policy(arena.out / file).policy) for file in files
         }
         main = evaluated.pop(Path(files[0]).stem)
         curve = [dataclasses.asdict(milestone) for milestone in trained.curve]
@@ -91,7 +89,7 @@ class Learned:
 
 
 def learning_curve(learned: Learned, results: Mapping[str, Result]) -> list[dict[str, Any]]:
-    """The milestones of a training, with the minutes of those that it began from in theirs.
+    """The milestones of a training. Their minutes include those of the trainings it began from.
 
     Args:
         learned: whose.

@@ -63,7 +63,7 @@ def gap(milestone: Mapping[str, Any], front: CotFront) -> float:
 
 
 def share(milestone: Mapping[str, Any]) -> float:
-    """Of the starts that walk, in per cent."""
+    """Share of the starts that walk, in percent."""
     return 100.0 * float(milestone["walking_share"])
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable
 
 from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.report import gait_row
-from agents.gaps import FRONT_STEPS
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.gaits.front_files import front_file
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.shipped import leads_for
+from trajopt.processes import cores
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +64,7 @@ class Front:
         front = cot_front(
             arena.params,
             arena.study.front_speeds,
-            FRONT_STEPS,
+            arena.study.front_steps,
             folder=arena.out,
             progress=arena.progress,
         )
@@ -140,7 +139,7 @@ def searched(arena: Arena) -> Solution:
         study.steps,
         starts=study.starts,
         seed=study.seed,
-        workers=os.cpu_count() or 1,
+        workers=cores(),
         progress=arena.progress,
     )
 

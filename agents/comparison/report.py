@@ -82,7 +82,7 @@ def policy_row(
 
 
 def _largest_demand(evaluation: dict[str, Any]) -> float | None:
-    """Of stance and touchdowns; None where no start takes steps, or where the foot lifts."""
+    """Largest friction demand; None where no start takes steps, or where the foot lifts."""
     demands = evaluation["friction_demand"], evaluation["impulse_friction_demand"]
     return None if None in demands else max(demands)
 

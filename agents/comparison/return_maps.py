@@ -1,8 +1,8 @@
 """Return maps: how fast the leg comes down, step after step, after small pushes.
 
-A walk repeats itself where the points meet the diagonal. How fast it comes back there after a push,
-its multipliers tell: the sizes by which small deviations grow or shrink in a step, in the loop that
-is closed by the policy and its clock.
+A walk repeats itself where the points meet the diagonal. The multipliers tell how fast it comes
+back after a push: the factors by which small deviations grow or shrink in a step, in the loop that
+the policy and its clock close.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def touchdown_rates(params: WheelParams, policy: Policy, starts: Floats, steps: 
 
 
 def _rate(params: WheelParams, interval: Interval, j: int) -> float:
-    """Of the leg just before the touchdown in an interval of walk j (rad/s)."""
+    """Rate of the leg just before the touchdown in an interval of walk j (rad/s)."""
     state = interval.states[j : j + 1].copy()
     until = float(interval.info["touchdown_time"][j]) - BEFORE
     if until > 0.0:

@@ -38,7 +38,7 @@ class ForTheFront:
 
     @property
     def name(self) -> str:
-        """Of its stage; another file or other commands make it another stage, which is run."""
+        """Name of its stage. Another file or other commands make it another stage, which is run."""
         return f"one_for_the_front_{_digest(FILE, repr(self.commands))}"
 
     def compete(self, arena: Arena) -> Result:
@@ -76,12 +76,12 @@ class FromScreened:
 
     @property
     def name(self) -> str:
-        """Of its stage; another file makes it another stage, which is run."""
+        """Name of its stage. Another file makes it another stage, which is run."""
         return f"screened_ppo_{_digest(SCREENED_FILE)}"
 
     def compete(self, arena: Arena) -> Result:
         """Evaluate it."""
-        return arena.evaluated(learned_policy(load_policy(SCREENED_FILE).act))
+        return arena.evaluated(load_policy(SCREENED_FILE).policy)
 
     def rows(self, arena: Arena, result: Result) -> list[Row]:
         """Its row; it chooses its own speed."""

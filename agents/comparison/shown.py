@@ -13,7 +13,7 @@ from agents.comparison.return_maps import last_middle, return_chart, return_map
 from agents.comparison.speed_figure import colour_of_policy
 from agents.conditions import Conditions
 from agents.law_names import law_title
-from agents.policies import Policy, controller_policy, learned_policy
+from agents.policies import Policy, controller_policy
 from agents.policy_files import load_policy
 from agents.reports.charts import Chart
 from agents.rollout import Interval, Rollout, at_rest
@@ -50,13 +50,13 @@ class Shown(NamedTuple):
 
 
 def shown_walks(arena: Arena, entrants: Sequence[Entrant]) -> list[Shown]:
-    """Those of a comparison that is over, the law first."""
+    """The walks to show of a comparison that is over, the law's first."""
     gait = arena.held_gait(arena.study.speed)
     law = controller_policy(arena.params, laws.design(EXPERT, gait, arena.out))
     found = [_shown(arena, law_title(EXPERT), law, arena.study.speed)]
     for each in entrants:
         if isinstance(each, Learned) and each.drawn:
-            policy = learned_policy(load_policy(each.main_file(arena.out)).act)
+            policy = load_policy(each.main_file(arena.out)).policy
             found.append(_shown(arena, each.drawn, policy, each.speed))
     return found
 

@@ -61,7 +61,7 @@ def is_near(row: Mapping[str, Any]) -> bool:
 
 
 def colour_name(row: Mapping[str, Any]) -> str:
-    """Of a row's point, a name in `agents.reports.colours`."""
+    """Colour of a row's point, a name in `agents.reports.colours`."""
     return "faint" if row["walking_share"] is None else colour_of_policy(row["policy"])
 
 
@@ -101,7 +101,7 @@ def _mark(axes: Axes, rows: Rows, heights: Sequence[float]) -> None:
 
 
 def _names(rows: Rows, heights: Sequence[float]) -> list[Named]:
-    """Of all points; of one policy at several speeds, only the last is named."""
+    """Names beside the points. Of one policy at several speeds, only the last is named."""
     ones = [row["speed"] for row in rows if of_one_policy(row)]
     return [
         Named(row["speed"], y, short_name(row), _colour_of_name(row))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from agents.gaps import FRONT_STEPS
 from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -32,6 +33,7 @@ class Study:
         starts: random starts of the search for the gait, in addition to the shipped guess.
         front: least and greatest speed of the optimal front (m/s), enclosing the learned ones. A
             clone may walk a little slower than the gait that it imitates.
+        front_steps: steps per stride of the gaits of the front.
 
     Raises:
         TypeError: a value is of the wrong kind.
@@ -50,6 +52,7 @@ class Study:
     evolution_timesteps: int = 600_000_000
     starts: int = 4
     front: tuple[float, ...] = (0.52, 0.63)
+    front_steps: tuple[int, ...] = FRONT_STEPS
 
     def __post_init__(self) -> None:
         require_kind("preset", self.preset, str)
@@ -65,6 +68,10 @@ class Study:
             raise ValueError(
                 f"front = {self.front}: must be two speeds (m/s), the least and the greatest"
             )
+        if not isinstance(self.front_steps, (tuple, list)) or not self.front_steps:
+            raise TypeError(f"front_steps = {self.front_steps!r}: must be a tuple such as (1, 2)")
+        steps = tuple(integer("front_steps: number", n, 1) for n in self.front_steps)
+        object.__setattr__(self, "front_steps", steps)
         _ = self.front_speeds  # what is out of range is refused before a folder is claimed
         if len({self.on_tick(speed) for speed in self.speeds}) < len(self.speeds):
             raise ValueError(
@@ -98,6 +105,6 @@ class Study:
 
     @property
     def front_speeds(self) -> list[float]:
-        """Of the gaits of the front (m/s): all of these between the least and the greatest."""
+        """Speeds of the gaits of the front (m/s): all between the least and the greatest."""
         enclosed = *self.front, *self.speeds
         return held_speeds(self.params, min(enclosed), max(enclosed), CONTROL_PERIOD)

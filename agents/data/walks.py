@@ -140,18 +140,18 @@ def played(gait: Solution) -> Policy:
     return policy
 
 
-def faithful_steps(gait: Solution, most: int = MOST_STEPS) -> int:
-    """For how many steps, whole strides or `most`, a gait repeats itself within `FAITHFUL`."""
+def faithful_steps(gait: Solution) -> int:
+    """How many steps, whole strides or `MOST_STEPS`, a gait repeats within `FAITHFUL`."""
     envs, policy = Conditions(gait.params).envs(1, max_episode_steps=None), played(gait)
     observations, _ = envs.reset(options=beginning(gait))
     ticks, states = len(gait.held_voltages), [envs.states[0]]
-    for step in range(1, most + 1):
+    for step in range(1, MOST_STEPS + 1):
         action = policy(envs.states, observations)
         observations, _, fell, _, _ = envs.step(action[:, None].astype(np.float32))
         states.append(envs.states[0])
         if fell[0] or (step >= ticks and _apart(states[-1], states[-1 - ticks]) > FAITHFUL):
             return (step - 1) // ticks * ticks
-    return most
+    return MOST_STEPS
 
 
 def _apart(state: Floats, other: Floats) -> float:
@@ -163,6 +163,5 @@ def _apart(state: Floats, other: Floats) -> float:
 
 def standard() -> tuple[str, ...]:
     """Everything of which datasets are written unless others are named: what walks fast enough."""
-    slow = ("receding_horizon", "tuned")
-    fast = (name for name in laws.names() if name not in slow)
+    fast = (name for name in laws.names() if name not in laws.SLOW)
     return (OPTIMAL, "random", *fast, *PRETRAINED)

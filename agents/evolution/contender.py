@@ -92,7 +92,7 @@ class Contender:
 
     @property
     def merit(self) -> float:
-        """Of the best policy; larger is better, 0 if it does not walk."""
+        """Merit of the best policy. Larger is better; 0 if it does not walk."""
         return economy(self.gait.share, self.gait.cot)
 
     def evolve(

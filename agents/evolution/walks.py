@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -33,6 +32,7 @@ from rimless_gym.kernel.stepping import (
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import LIMIT_TOLERANCE
 from trajopt.feedback.law import Floats
+from trajopt.processes import cores
 
 EVOLUTION = "the simulator for evolution (about 15 s)"
 
@@ -93,7 +93,7 @@ class World:
     """
 
     params: WheelParams
-    threads: int = dataclasses.field(default_factory=lambda: os.cpu_count() or 1)
+    threads: int = dataclasses.field(default_factory=cores)
 
     def walk(self, weights: Floats, starts: Floats, duration: Duration) -> Walks:
         """Let policies (P, SIZE) walk from hybrid states (S, STATE_SIZE)."""

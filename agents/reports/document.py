@@ -71,14 +71,13 @@ def _link(page: str | None) -> str:
     )
 
 
-def section(title: str, *parts: str, anchor: str = "") -> str:
-    """A part with a heading of its own; `anchor` is its identity within the page."""
-    own = f' id="{escape(anchor)}"' if anchor else ""
-    return f"<section{own}><h2>{escape(title)}</h2>\n" + "\n".join(parts) + "</section>"
+def section(title: str, *parts: str) -> str:
+    """A part with a heading of its own."""
+    return f"<section><h2>{escape(title)}</h2>\n" + "\n".join(parts) + "</section>"
 
 
 def subsection(title: str, *parts: str, anchor: str = "") -> str:
-    """A part of a section."""
+    """A part of a section; `anchor` is its identity within the page."""
     own = f' id="{escape(anchor)}"' if anchor else ""
     return f"<div{own}><h3>{escape(title)}</h3>\n" + "\n".join(parts) + "</div>"
 

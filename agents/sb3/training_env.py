@@ -23,7 +23,9 @@ from rimless_gym.envs.task import Task
 
 
 class ScaledReward(VecEnvWrapper):
-    """Rewards are metres per 10 ms, a few thousandths; learners like them nearer to 1.
+    """Multiplies rewards by a factor.
+
+    They are metres per 10 ms, a few thousandths; learners like them nearer to 1.
 
     Args:
         venv: environments; what monitors them below sees the rewards in metres.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents import load_policy
-from agents.commanded import COMMANDS, commands_within, evaluate_commanded, walk_through
+from agents.commanded import COMMANDS, SLIPS, commands_within, evaluate_commanded, walk_through
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
@@ -28,9 +28,13 @@ def leaning(states, seen):
     return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
 
 
+def share(judged, *faults):
+    return sum(judged.evaluation.faults.get(fault, 0) for fault in faults) / BRIEF.starts
+
+
 def test_a_policy_that_stands_does_not_walk_at_any_speed():
     for judged in evaluate_commanded(standing, protocol=BRIEF):
-        assert (judged.walking_share, judged.stepping_share, judged.slipping_share) == (0, 0, 0)
+        assert judged.walking_share == 0.0
         assert np.isnan(judged.cot)
         assert np.isnan(judged.speed)
         assert judged.evaluation.faults == {"stops": BRIEF.starts}
@@ -48,8 +52,8 @@ def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
     assert (slow.command, fast.command) == (0.35, 0.6)
     assert {len(each) for each in commands} == {1}
     assert np.allclose(sorted(set.union(*commands)), [-0.5, 0.75])
-    assert slow.stepping_share > 0.3
-    assert fast.stepping_share > 0.2
+    assert share(slow, "falls", "stops") < 0.7
+    assert share(fast, "falls", "stops") < 0.8
     assert slow.speed < fast.speed
     assert slow.cot > 0.5
 
@@ -58,8 +62,7 @@ def test_a_policy_that_steps_but_breaks_a_rule_is_told_from_one_that_stands():
     ice = BUILDABLE.replace(friction=0.2)
     (judged,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
     assert judged.walking_share == 0.0
-    assert judged.slipping_share > 0.3
-    assert judged.stepping_share >= judged.slipping_share
+    assert share(judged, *SLIPS) > 0.3
     assert set(judged.evaluation.faults) <= {"falls", "stops", *BREACHES}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import session
-from agents.comparison import arena, compare, entrants, learned
+from agents.comparison import arena, compare, learned
 from agents.comparison.compare import Comparison
 from agents.comparison.study import Study
 from agents.evaluate import evaluate
@@ -84,10 +84,16 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path
 
     monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
     monkeypatch.setattr(learned, "train", brief)
-    monkeypatch.setattr(entrants, "FRONT_STEPS", (1,))
     monkeypatch.setattr(compare, "save_gif", lambda *args, **kw: None)
     monkeypatch.setattr(compare, "ANIMATED", 0.1)
-    study = Study(steps=1, timesteps=512, evolution_timesteps=0, starts=0, further=(0.55,))
+    study = Study(
+        timesteps=512,
+        scratch_timesteps=512,
+        evolution_timesteps=0,
+        starts=0,
+        further=(0.55,),
+        front_steps=(1,),
+    )
 
     def work(out):
         Comparison(study, out, progress=False).run()

@@ -16,7 +16,6 @@ from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.learners import screened_ppo
 from agents.pacing import NO_WALK, CleanWalking
-from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.products import Products, policy_of, put_policy
@@ -253,6 +252,6 @@ def test_from_nothing_it_walks_more_cheaply_than_anything_that_leans(tmp_path):
     result = train(
         "screened_ppo", seed=0, out=tmp_path, timesteps=20_000_000, protocol=SHORT_PROTOCOL
     )
-    walk = evaluate(learned_policy(load_policy(result.best).act), protocol=SHORT_PROTOCOL)
+    walk = evaluate(load_policy(result.best).policy, protocol=SHORT_PROTOCOL)
     assert walk.walking_share > 0.8
     assert walk.cot < 0.3

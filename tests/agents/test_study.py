@@ -25,6 +25,9 @@ from rimless_gym.hybrid import CONTROL_PERIOD
         ({"front": 0.5}, TypeError, "front = 0.5"),
         ({"further": (-1.0,)}, ValueError, "further: speed = -1.0"),
         ({"further": (0.561,)}, ValueError, "stand for the same gait"),
+        ({"front_steps": ()}, TypeError, r"front_steps = \(\): must be a tuple such as \(1, 2\)"),
+        ({"front_steps": 2}, TypeError, "front_steps = 2"),
+        ({"front_steps": (0,)}, ValueError, "front_steps: number = 0"),
     ],
 )
 def test_invalid_settings_are_refused_by_name(
@@ -35,8 +38,8 @@ def test_invalid_settings_are_refused_by_name(
 
 
 def test_speeds_from_json_are_tuples() -> None:
-    listed = Study(front=[0.5, 0.6], further=[0.5])  # type: ignore[arg-type]
-    assert listed == Study(front=(0.5, 0.6), further=(0.5,))
+    listed = Study(front=[0.5, 0.6], further=[0.5], front_steps=[1])  # type: ignore[arg-type]
+    assert listed == Study(front=(0.5, 0.6), further=(0.5,), front_steps=(1,))
 
 
 def test_the_front_has_every_speed_at_which_laws_walk() -> None:

@@ -5,7 +5,6 @@ Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,6 +13,7 @@ from tqdm import tqdm
 
 from rimless_gym.extras import extra
 from trajopt.feedback.law import Floats
+from trajopt.processes import cores
 
 with extra("learn"):
     import cma
@@ -47,7 +47,7 @@ def evolved(
     strategy = cma.CMAEvolutionStrategy(count * [0.0], spread, options)
     best, least = np.zeros(count), loss(np.zeros(count))
     with (
-        ThreadPoolExecutor(os.cpu_count()) as threads,
+        ThreadPoolExecutor(cores()) as threads,
         tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
     ):
         for _ in range(generations):

@@ -85,7 +85,7 @@ class Machine(NamedTuple):
 
     @classmethod
     def of(cls, params: WheelParams) -> Machine:
-        """Of a machine; the first time, this takes some seconds of compiling."""
+        """The machine that `params` describes. The first call takes some seconds of compiling."""
         return cls(_play(), *machine_arrays([params]))
 
 

@@ -261,7 +261,7 @@ def between(values, spot):  # type: ignore[no-untyped-def]
 
 @kept()
 def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
-    """Of states (N, 4) from an orbit, shape (N,)."""
+    """Squared distances of states (N, 4) from an orbit, (N,)."""
     squares = np.empty(len(x))
     for i in range(len(x)):
         squares[i] = located(x[i], orbit).squared

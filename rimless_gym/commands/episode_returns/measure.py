@@ -132,7 +132,7 @@ def _gait(params: WheelParams) -> Solution:
 
 
 def _commanded() -> Conditions:
-    """Those of `RimlessWheelSpeed-v0`."""
+    """The conditions of `RimlessWheelSpeed-v0`."""
     return Conditions.of(BUILDABLE, None, None, SPEEDS)
 
 

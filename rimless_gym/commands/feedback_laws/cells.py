@@ -47,7 +47,7 @@ class Cell(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """That it takes, about."""
+        """About how long it takes (s)."""
         return COLUMNS[self.column].seconds * (SLOWER if self.slow else 1.0)
 
     def made_of(self, gait: Path) -> str:

@@ -30,7 +30,7 @@ def at(row: Row | None, *keys: str) -> Any:
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """Of what is known."""
+    """Mean of the values that are known; None if none is."""
     known = [value for value in values if value is not None]
     return fmean(known) if known else None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +18,7 @@ from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
 from trajopt.files import jsonable, read_signed, write_signed
+from trajopt.processes import limited_to
 
 with extra("learn"):
     import torch
@@ -123,20 +123,14 @@ def kept(folder: Path, cell: Cell) -> Result | None:
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Within the block, everything that asks how many cores there are is told one.
+    """Within the context, learners and PyTorch use one core; their results are the same.
 
-    A study keeps every core busy with a cell of its own. Learners that start a thread for each
-    core ask `os.cpu_count`; results do not depend on the answer.
+    A study keeps every core busy with a cell of its own.
     """
-    asked, threads = os.cpu_count, torch.get_num_threads()
+    threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    os.cpu_count = _one
     try:
-        yield
+        with limited_to(1):
+            yield
     finally:
-        os.cpu_count = asked
         torch.set_num_threads(threads)
-
-
-def _one() -> int:
-    return 1

@@ -33,7 +33,7 @@ class Estimate:
 
     @property
     def minutes(self) -> float:
-        """That are left, about: since the last cell was finished, all workers have gone on."""
+        """Estimated minutes left. All workers have gone on since the last cell was finished."""
         left = [self._expected(cell) for cell in self._todo]
         if not left:
             return 0.0

@@ -32,7 +32,7 @@ class Figures:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> Figures:
-        """Those of an evaluation."""
+        """The figures of an evaluation."""
         faults, starts = evaluation.faults, len(evaluation.verdicts)
         return cls(
             share=evaluation.walking_share,
@@ -44,7 +44,7 @@ class Figures:
 
     @classmethod
     def of_leg(cls, leg: Leg) -> Figures:
-        """Those of the part of a walk under one command."""
+        """The figures of the part of a walk under one command."""
         return cls(
             share=leg.walking_share,
             falls=leg.fallen_share,
@@ -55,5 +55,5 @@ class Figures:
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Figures:
-        """Those that a file has."""
+        """The figures that a file has."""
         return cls(**values)

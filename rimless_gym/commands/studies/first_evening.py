@@ -12,6 +12,7 @@ from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 from agents.stopwatch import forget, timed
 from rimless_gym.commands.studies.figures import Figures
+from rimless_gym.envs.speed import PERIOD
 from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
@@ -55,6 +56,11 @@ class FirstEvening:
     def settings(self) -> dict[str, Any]:
         """The fields."""
         return dataclasses.asdict(self) | {"commands": list(self.commands)}
+
+    @property
+    def period(self) -> float:
+        """How long its policies hold an action (s)."""
+        return PERIOD
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train from the beginning, unless it was finished before."""

@@ -16,15 +16,15 @@ from rimless_gym.commands.studies.cells import Cell, Result, kept
 from rimless_gym.commands.studies.figures import Figures
 from rimless_gym.commands.studies.optima import Optima
 from rimless_gym.commands.studies.row import Row
-from rimless_gym.commands.studies.rows import FIRST_EVENING
 from rimless_gym.commands.studies.running import Failure, Run, completed, ran
 from rimless_gym.commands.studies.summary import everywhere, lines, one_by_one, walks
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name, preset
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
 
-#: Fewest seeds of which a table tells.
+#: A row appears in a table once this many seeds have finished.
 FEWEST = 3
 
 
@@ -125,14 +125,14 @@ def _told(
 ) -> Found:
     walking: dict[WheelParams, list[Figures]] = {study.machine(row): [] for row in study.rows}
     for cell, result in results.items():
-        if cell.row.table != FIRST_EVENING:
+        if cell.row.trial.period == CONTROL_PERIOD:
             every = result.policies.values()
             walking[cell.params] += [policy for policy in every if walks(cell.row, policy)]
     optima = {params: Optima(params, own, folder, workers) for params, own in walking.items()}
 
     def gap(row: Row, of: Figures) -> float | None:
-        """Those of a first evening decide every 40 ms, and the optima every 10 ms."""
-        return None if row.table == FIRST_EVENING else optima[study.machine(row)].gap(of)
+        """None where actions are held for another time than those of the optima."""
+        return optima[study.machine(row)].gap(of) if row.trial.period == CONTROL_PERIOD else None
 
     table, whole = lines(results, gap), everywhere(results)
     counts = {row: sum(cell.row == row for cell in results) for row in study.rows}

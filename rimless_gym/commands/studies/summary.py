@@ -33,7 +33,7 @@ class Average:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Average | None:
-        """That of some values; None of none."""
+        """The average of some values; None if there are none."""
         if not values:
             return None
         low, high = bootstrap_interval(values)
@@ -42,7 +42,7 @@ class Average:
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """The policies of all seeds of a row that have the same place among those of a seed.
+    """One line of a table: the same policy (best kept, last, ...) of every seed of a row.
 
     Attributes:
         row: of the study.
@@ -100,7 +100,7 @@ class Seed:
 
 @dataclasses.dataclass(frozen=True)
 class Everywhere:
-    """How many seeds of a row walk from enough starts in every one of their policies' places.
+    """How many seeds of a row walk from enough starts at every command.
 
     Attributes:
         row: of the study.

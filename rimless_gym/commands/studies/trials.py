@@ -13,7 +13,6 @@ from agents.commanded import evaluate_commanded, walk_through
 from agents.evaluate import evaluate
 from agents.folder import BEST
 from agents.imitation import Cloning
-from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.train import EXPERT, EXPERT_SPEED, EXPERT_STEPS, train
 from agents.training import IMITATION, SCRATCH
@@ -45,6 +44,10 @@ class Trial(Protocol):
     @property
     def settings(self) -> dict[str, Any]:
         """All that its result depends on besides seed, machine and protocol: plain JSON values."""
+
+    @property
+    def period(self) -> float:
+        """How long its policies hold an action (s); gaps are to optima that do the same."""
 
     def train(self, seed: int, folder: Path, params: WheelParams) -> int:
         """Train into a folder, or go on there; the environment steps in all.
@@ -116,6 +119,11 @@ class Trained:
         return trained.timesteps
 
     @property
+    def period(self) -> float:
+        """How long its policies hold an action (s)."""
+        return CONTROL_PERIOD
+
+    @property
     def environment(self) -> dict[str, Any]:
         """Arguments of `agents.train` that choose the environment."""
         return {"task": self.task, "disturbances": self.disturbances}
@@ -137,7 +145,7 @@ class Trained:
         """Every policy by the protocol."""
         found = {}
         for which, file in self.judged:
-            policy = learned_policy(load_policy(folder / file, params).act)
+            policy = load_policy(folder / file, params).policy
             found[which] = Figures.of(evaluate(policy, params, by))
         return found
 
@@ -165,6 +173,11 @@ class Following(Trained):
     changes: tuple[float, ...] = ()
 
     @property
+    def period(self) -> float:
+        """How long its policies hold an action (s)."""
+        return self.control_period
+
+    @property
     def environment(self) -> dict[str, Any]:
         """With speeds and control period."""
         own = {"speeds": self.speeds, "control_period": self.control_period}
@@ -173,7 +186,7 @@ class Following(Trained):
     def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
         """The policy at every command."""
         ((_, file),) = self.judged
-        policy, period = learned_policy(load_policy(folder / file, params).act), self.control_period
+        policy, period = load_policy(folder / file, params).policy, self.control_period
         found = {
             f"{each.command:g} m/s": Figures.of(each.evaluation)
             for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
@@ -195,7 +208,7 @@ class Disturbed(Trained):
         judged["all disturbances"] = self.disturbances
         found = {}
         for which, file in self.judged:
-            policy = learned_policy(load_policy(folder / file, params).act)
+            policy = load_policy(folder / file, params).policy
             for name, disturbances in judged.items():
                 walk = evaluate(policy, params, by, disturbances=disturbances)
                 found[f"{which}: {name.replace('_', ' ')}"] = Figures.of(walk)

@@ -10,7 +10,6 @@ import pytest
 from agents.evaluate import evaluate
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
-from agents.policies import learned_policy
 from agents.policy_files import FORMAT, load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.session import Session
@@ -78,7 +77,7 @@ def test_it_logs_price_family_and_gait(whole):
 def test_from_nothing_it_walks_from_most_starts_without_slipping(tmp_path):
     settings = EvolutionSettings(screened=4000, contenders=3, n_timesteps=150_000_000)
     result = run(tmp_path, settings=settings, timesteps=None, protocol=SHORT_PROTOCOL)
-    walk = evaluate(learned_policy(load_policy(result.best).act), protocol=SHORT_PROTOCOL)
+    walk = evaluate(load_policy(result.best).policy, protocol=SHORT_PROTOCOL)
     assert walk.walking_share > 0.6
     assert walk.cot < 1.0
 

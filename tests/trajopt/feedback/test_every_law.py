@@ -6,13 +6,11 @@ import pytest
 from rimless_gym.energy import ROW
 from trajopt.feedback import laws
 
-#: They take long to design or to compile.
-SLOW = {"receding_horizon", "tuned"}
+MARKS = {name: [pytest.mark.slow] for name in laws.SLOW}
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in laws.names()],
+    "name", [pytest.param(name, marks=MARKS.get(name, [])) for name in laws.names()]
 )
 def test_every_law_in_the_folder_holds_its_gait(name, held, walk):
     law = laws.holding(name, held)

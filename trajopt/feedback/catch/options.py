@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from rimless_gym.kernel.stepping import advance
 from rimless_gym.params import WheelParams
 from trajopt.feedback.guard import CONTACT_MARGIN
 from trajopt.feedback.law import Floats
+from trajopt.processes import cores
 
 #: Voltages to choose from, and control intervals for which one is held.
 COUNT, INTERVALS = 9, 4
@@ -73,6 +73,6 @@ def played(params: WheelParams, options: Options, states: Floats, voltages: Floa
     if len(states) <= BLOCK:
         play(0)
     else:
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
+        with ThreadPoolExecutor(cores()) as threads:
             list(threads.map(play, range(0, len(states), BLOCK)))
     return Played(after, cost)

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from trajopt.gaits.solution import Solution
 
 
+#: Laws that take minutes to design, or to walk as long as a policy is judged for.
+SLOW = ("receding_horizon", "tuned")
+
+
 def names() -> list[str]:
     """The names of all laws."""
     return sorted(module.name for module in pkgutil.iter_modules(__path__))

@@ -73,7 +73,7 @@ class Stride(NamedTuple):
         return x[:, :4]
 
     def jacobian(self, at: Floats) -> Floats:
-        """Of deviations in units of `scale`, (4, 4): the median of several central differences."""
+        """Jacobian in units of `scale`, (4, 4): the median of several central differences."""
         sizes, sides = DIFFERENCES[:, None, None, None], np.array([1.0, -1.0])[:, None, None]
         nudges = (sizes * sides * np.eye(4) * self.scale).reshape(-1, 4)
         ends = self(at + nudges).reshape(len(DIFFERENCES), 2, 4, 4)

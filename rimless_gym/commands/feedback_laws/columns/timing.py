@@ -38,7 +38,7 @@ def _no_catch(x: Floats, mode: Any) -> Floats:
 
 
 def _mean_time(controller: Controller, states: list[Floats], mode: Any = SINGLE) -> float:
-    """Of a call (s), over at least `SECONDS`, after a first call that may compile."""
+    """Mean time of a call (s), over at least `SECONDS`, after a first call that may compile."""
     controller(states[0], mode)
     calls, begin = 0, time.perf_counter()
     while (spent := time.perf_counter() - begin) < SECONDS:

@@ -34,7 +34,8 @@ def test_a_seed_that_fails_does_not_stop_the_others_and_is_tried_again(
 
 
 def test_rows_that_were_finished_before_stay_in_the_tables(tmp_path: Path, no_gaits: None) -> None:
-    study = Study((toy("first"), toy("second", FIRST_EVENING, standing=(0,))), 2, BUILDABLE)
+    second = toy("second", FIRST_EVENING, standing=(0,), period=0.04)
+    study = Study((toy("first"), second), 2, BUILDABLE)
     first = run(study, ["first"], tmp_path, 1)
     assert first.unfinished == ("second (0 of 2 seeds)",)
     assert list(first.sections) == [LEARNED]
@@ -82,3 +83,18 @@ def test_a_row_tells_of_its_first_seeds_if_they_are_at_least_three(
     assert "| a long, best | 4 of 4 |" in found.sections[LEARNED]
     assert "short" not in found.sections[LEARNED]
     assert found.unfinished == ("long (4 of 5 seeds)", "short (0 of 5 seeds)")
+
+
+def test_a_gap_needs_an_optimum_that_holds_actions_as_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def best_held(params: WheelParams, ticks: int, folder: Path) -> Any:
+        return SimpleNamespace(speed=params.step_length / (0.01 * ticks), cot=0.05)
+
+    monkeypatch.setattr(optima, "best_held", best_held)
+    study = Study((toy("usual"), toy("longer", period=0.04)), 3, BUILDABLE)
+    run(study, ["usual", "longer"], tmp_path, 1)
+    lines = json.loads((tmp_path / "results.json").read_text())["lines"]
+    gaps = {line["row"]: line["gap"] for line in lines if line["which"] == "last"}
+    assert gaps["usual"]["mean"] == pytest.approx(0.22)
+    assert gaps["longer"] is None

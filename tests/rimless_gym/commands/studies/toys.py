@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,8 @@ from rimless_gym.commands.studies.figures import Figures
 from rimless_gym.commands.studies.row import Row
 from rimless_gym.commands.studies.rows import LEARNED
 from rimless_gym.commands.studies.study import Study
+from rimless_gym.hybrid import CONTROL_PERIOD
+from trajopt.processes import cores
 
 #: Two short walks.
 FEW = dataclasses.replace(PROTOCOL, starts=2, duration=1.0, window=0.5, alive=0.5)
@@ -29,6 +30,7 @@ class Toy:
     """
 
     standing: tuple[int, ...] = ()
+    period: float = CONTROL_PERIOD
     stops_at: int | None = None
     fails: bool = False
 
@@ -39,7 +41,7 @@ class Toy:
     def train(self, seed: int, folder: Path, params: Any) -> int:
         if self.fails:
             raise ValueError("this learner cannot learn")
-        assert os.cpu_count() == 1
+        assert cores() == 1
         counted = folder / "counted"
         with counted.open("a") as file:
             for _ in range(len(counted.read_text()), 10):
