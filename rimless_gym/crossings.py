@@ -24,23 +24,23 @@ GUARD_TOLERANCE = 1e-13  # rad, or N: a guard counts as passed above this
 NOTHING = 1e-12
 
 
-def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
+def with_zeros(function: Callable[[Array], Array], times: ArrayLike) -> Array:
     """`times`, with the times between them at which a component of a function changes sign.
 
     Args:
-        function: time (s) -> values, shape (m,). A parabola should describe it roughly over any
-            three neighbouring times.
+        function: times (N,) in s -> values (N, m). A parabola should describe each value roughly
+            over any three neighbouring times.
         times: ascending, shape (N,).
 
     Returns:
         Ascending times, shape (N or more,).
     """
     times = np.asarray(times, dtype=np.float64)
-    values, every = np.array([function(t) for t in times]), list(times)
+    values, every = function(times), list(times)
     for k in np.flatnonzero(np.abs(values).max(axis=0) > NOTHING):
 
         def component(t: float, k: int = int(k)) -> float:
-            return float(function(t)[k])
+            return float(function(np.array([t]))[0, k])
 
         samples = [*zip(times, values[:, k], strict=True), *_dips(component, times, values[:, k])]
         every += [
@@ -57,18 +57,19 @@ def _dips(
     """Times and values of extrema whose sign may differ from that of the samples on either side."""
     found = []
     bend = np.abs(np.diff(values, 2)).max(initial=0.0)  # a dip is at most bend / 8 deeper
-    for window, pair in zip(pairwise(times), pairwise(values), strict=True):
-        sign = 1.0 if pair[0] > 0 else -1.0
-        if sign * pair[1] > 0 and np.abs(pair).min() < bend / 4:
-            dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
-            found.append((float(dip.x), float(sign * dip.fun)))
+    signs = np.where(values[:-1] > 0, 1.0, -1.0)
+    nearest = np.minimum(np.abs(values[:-1]), np.abs(values[1:]))
+    for i in np.flatnonzero((signs * values[1:] > 0) & (nearest < bend / 4)):
+        sign, window = float(signs[i]), (times[i], times[i + 1])
+        dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
+        found.append((float(dip.x), sign * float(dip.fun)))
     return found
 
 
 def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[int, float] | None:
     """The first guard to turn positive within a step, and when; None if none does."""
     times = np.linspace(t0, t1, SAMPLES + 1)
-    values = np.array([guards(time, dense(time)) for time in times])
+    values = np.array([guards(t, y) for t, y in zip(times, dense(times).T, strict=True)])
     found: tuple[int, float] | None = None
     for kind in range(values.shape[1]):
 
@@ -95,6 +96,8 @@ def _first_positive(
     if not np.all(np.isfinite(values)):
         return None  # a pin joint never lets go
     bend = np.abs(np.diff(values, 2)).max()  # a maximum is at most bend / 8 above a sample
+    if not np.any(values > -bend):
+        return None
     times, values = _closer(guard, times, values, bend)
     last = len(times) - 1
     for i, value in enumerate(values):
@@ -114,7 +117,7 @@ def _closer(
     guard: Callable[[float], float], times: Array, values: Array, bend: float
 ) -> tuple[Array, Array]:
     """The samples, and more where the guard is so near 0 that it may turn more than once."""
-    if values[0] > GUARD_TOLERANCE or not np.any(values > -bend):
+    if values[0] > GUARD_TOLERANCE:
         return times, values
     near = np.flatnonzero(np.maximum(values[:-1], values[1:]) > -bend)
     between = [np.linspace(times[i], times[i + 1], SAMPLES + 1)[1:-1] for i in near]

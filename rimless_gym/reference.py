@@ -7,6 +7,7 @@ the other. It is slow and exact.
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import itertools
 import math
@@ -131,11 +132,11 @@ def _control_law(
             f"control: {len(held)} samples hold for {len(held) * CONTROL_PERIOD} s, "
             f"less than the duration of {duration} s; give more samples or a shorter duration"
         )
-    ticks = CONTROL_PERIOD * np.arange(1, len(held))
-    knots = [0.0, *ticks[ticks < duration - 1e-12], *inner, duration]
+    ticks = (CONTROL_PERIOD * np.arange(1, len(held))).tolist()
+    knots = [0.0, *(tick for tick in ticks if tick < duration - 1e-12), *inner, duration]
 
     def law(t: float, x: NDArray[np.float64]) -> float:
-        return float(held[np.searchsorted(ticks, t, side="right")])
+        return float(held[bisect.bisect_right(ticks, t)])
 
     return law, np.unique(knots)
 
@@ -194,8 +195,9 @@ def _advance(
             motion.arcs.append(Arc(solver.t_old, end, motion.mode, motion.foot, dense))
             _add_work(motion, params, voltage, motion.arcs[-1])
             motion.y = np.array(solver.y if event is None else dense(end))
-            for time in np.linspace(solver.t_old, end, RECORDED + 1)[1:-1]:
-                _sample(motion, float(time), dense(time), voltage(time, dense(time)))
+            inner = np.linspace(solver.t_old, end, RECORDED + 1)[1:-1]
+            for time, y in zip(inner, dense(inner).T, strict=True):
+                _sample(motion, float(time), y, voltage(time, y))
             _sample(motion, end, motion.y, voltage(end, motion.y))
         t = t1 if event is None else event[1]
         if event is not None:
@@ -212,16 +214,20 @@ def _advance(
 def _add_work(motion: _Motion, params: WheelParams, voltage: Control, arc: Arc) -> None:
     """Add max(V i, 0) and |T psi'| over an arc, piece by piece between their changes of sign."""
 
-    def factors(t: float) -> NDArray[np.float64]:
-        y, p = arc.dense(t), params.constants
-        u, rate = voltage(t, y), hybrid.relative_rate(y[2], y[3], p)
-        return np.array([u, hybrid.motor_current(rate, u, p), rate])
+    p = params.constants
+
+    def factors(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        found = []
+        for t, y in zip(times, arc.dense(times).T, strict=True):
+            u, rate = voltage(t, y), hybrid.relative_rate(y[2], y[3], p)
+            found.append((u, hybrid.motor_current(rate, u, p), rate))
+        return np.array(found)
 
     times = with_zeros(factors, np.linspace(arc.start, arc.end, SAMPLES + 1))
     which = [INTEGRALS.electrical, INTEGRALS.shaft]
-    work = np.diff([arc.dense(t)[4:][which] for t in times], axis=0)
-    motion.electrical_positive += float(np.maximum(work[:, 0], 0.0).sum())
-    motion.shaft += float(np.abs(work[:, 1]).sum())
+    electrical, shaft = np.diff(arc.dense(times)[4:][which])
+    motion.electrical_positive += float(np.maximum(electrical, 0.0).sum())
+    motion.shaft += float(np.abs(shaft).sum())
 
 
 def _sample(motion: _Motion, t: float, y: NDArray[np.float64], u: float) -> None:

@@ -12,14 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.equations import LOSSES, SINGLE
 from rimless_gym.hybrid import accelerations, accelerations_turned, losses, relative_rate
-from rimless_gym.jit import inlined, vectorised
+from rimless_gym.jit import inlined, kept, vectorised
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.lanes import LANES, adder
 from rimless_gym.kernel.tile import (
@@ -146,7 +145,7 @@ def rk8(tile):
     _end(tile)
 
 
-@njit(error_model="numpy")
+@kept()
 def _smooth_step(tile):
     """Step on from NEXT in single stance, without guards."""
     for lane in range(LANES):

@@ -114,6 +114,7 @@ def test_the_command_lines_know_it(tmp_path, monkeypatch, capsys):
     assert "last.zip" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_it_enters_the_comparison_with_one_entry(tmp_path):
     entrant = Learned(
         "cem", "scratch", {"cross-entropy": "best.zip"}, algo="cem", budget="timesteps"

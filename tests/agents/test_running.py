@@ -85,6 +85,7 @@ def test_the_log_of_a_process_stopped_after_its_result_was_written_is_removed(
     assert not list(tmp_path.glob("*.log"))
 
 
+@pytest.mark.slow
 def test_stages_side_by_side_find_what_they_find_one_after_the_other(tmp_path: Path) -> None:
     toys = tuple(dataclasses.replace(toy, fails=toy.name == "d") for toy in TOYS)
     with pytest.raises(ValueError, match="d went wrong"):

@@ -53,7 +53,7 @@ def test_a_score_that_is_undefined_or_an_integer_does_not_stop_a_training(tmp_pa
         assert run(tmp_path / name, timesteps=512, score=score).timesteps == 512
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, algo):
     settings = small(algo)
     looks = dataclasses.replace(settings.pacing, every=STEPS[algo] // 4, starts=4, seconds=0.5)
@@ -69,7 +69,7 @@ def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, al
     assert all(np.isfinite(event.value) for events in shown.values() for event in events)
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing, algo):
     monkeypatch.setattr(sb3, "CRITIC_WARM_UP", 10.0)
     result = run(tmp_path, algo, init="imitation", expert=swing, cloning=QUICK)
@@ -91,6 +91,7 @@ def test_fine_tuning_can_start_from_a_checkpoint(tmp_path, swing):
         run(tmp_path / "d", init=tmp_path / "none.zip")
 
 
+@pytest.mark.slow
 def test_a_policy_of_one_learner_is_distilled_into_another(tmp_path, swing):
     teacher = run(tmp_path / "a", init="imitation", expert=swing, cloning=QUICK, timesteps=0).best
     longer = dataclasses.replace(QUICK, gradient_steps=800)

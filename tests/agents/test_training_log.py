@@ -15,7 +15,7 @@ from rimless_gym.envs.task import TERM_NAMES
 from tests.agents.runs import run, scalars
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("algo", ["ppo", pytest.param("sac", marks=pytest.mark.slow)])
 def test_tensorboard_shows_return_cost_of_transport_speed_steps_and_energies(tmp_path, algo):
     run(tmp_path, algo)
     shown = scalars(tmp_path)

@@ -45,6 +45,7 @@ def started(folder: Path, name: str, **environment: str) -> subprocess.Popen[str
     )
 
 
+@pytest.mark.slow
 def test_when_processes_start_together_one_compiles_and_says_so(tmp_path: Path) -> None:
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     names = [f"process-{k}" for k in range(4)]

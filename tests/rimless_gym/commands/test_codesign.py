@@ -26,10 +26,6 @@ GEAR = min(GPX_22_UP, key=lambda gear: abs(gear.ratio - BUILDABLE.gear_ratio))
 BUILD = Build(GEAR, BUILDABLE.n_legs)
 
 
-def doubled(number: int) -> dict[str, int]:
-    return {"twice": 2 * number}
-
-
 def test_the_preset_is_the_machine_of_the_budget_rounded() -> None:
     machine = BUILD.machine(*chosen(BUILDABLE)).to_dict()
     for name, value in BUILDABLE.to_dict().items():
@@ -123,10 +119,11 @@ def test_random_steps_make_the_turns_of_their_case() -> None:
 
 
 def test_a_stage_keeps_what_it_found_and_does_not_do_it_again(tmp_path: Path) -> None:
-    first = stage(tmp_path, "doubling", {"three": (3,)}, doubled, 1)
+    tasks = {"three": ([("twice", 6)],), "four": ([("twice", 8)],)}
+    first = stage(tmp_path, "doubling", {"three": tasks["three"]}, dict, 1)
     assert first == {"three": {"twice": 6}}
     (tmp_path / "doubling" / "three.json").write_text(json.dumps({"twice": "kept"}))
-    again = stage(tmp_path, "doubling", {"three": (3,), "four": (4,)}, doubled, 1)
+    again = stage(tmp_path, "doubling", tasks, dict, 1)
     assert again == {"three": {"twice": "kept"}, "four": {"twice": 8}}
 
 
@@ -137,9 +134,10 @@ def test_the_page_has_a_place_for_every_table_and_the_budget_of_the_preset() -> 
 
 
 def test_a_damaged_result_of_a_stage_is_computed_again(tmp_path: Path) -> None:
-    stage(tmp_path, "numbers", {"one": (1,)}, doubled, 1)
+    tasks = {"one": ([("twice", 2)],)}
+    stage(tmp_path, "numbers", tasks, dict, 1)
     (tmp_path / "numbers" / "one.json").write_text('{"twi')
-    assert stage(tmp_path, "numbers", {"one": (1,)}, doubled, 1) == {"one": {"twice": 2}}
+    assert stage(tmp_path, "numbers", tasks, dict, 1) == {"one": {"twice": 2}}
 
 
 def test_a_damaged_account_of_a_study_is_named(tmp_path: Path) -> None:

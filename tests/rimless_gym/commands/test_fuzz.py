@@ -157,6 +157,7 @@ def test_a_process_that_crashes_is_reported_with_its_seed() -> None:
     worker.kill()
 
 
+@pytest.mark.slow
 def test_the_command_line_ends_with_a_summary() -> None:
     done = subprocess.run(
         fuzz("--seeds", "2", "--workers", "1"), capture_output=True, text=True, check=True

@@ -28,6 +28,7 @@ def which(names: str, code: str) -> int:
     return command.main([*names.split(), "--pytest", f"--co -q -p no:cacheprovider {code}"])
 
 
+@pytest.mark.slow
 def test_every_chosen_processor_is_run_or_reported_as_skipped(
     missing: None, capfd: pytest.CaptureFixture[str]
 ) -> None:

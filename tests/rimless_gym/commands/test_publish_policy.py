@@ -62,6 +62,7 @@ def test_nothing_is_published_of_a_policy_that_walks_from_no_start(
     assert not list(package.iterdir())
 
 
+@pytest.mark.slow
 def test_a_policy_at_commanded_speeds_gets_a_card_with_a_line_for_each(
     package: Path, tmp_path: Path
 ) -> None:

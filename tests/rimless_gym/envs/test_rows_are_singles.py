@@ -40,7 +40,7 @@ class Singles:
 
 
 @pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
-@pytest.mark.parametrize("n", [1, 3, 16, 50, 100])
+@pytest.mark.parametrize("n", [1, 3, 16, 50, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED], ids=lambda mode: mode.value)
 def test_every_row_is_the_single_environment_to_the_last_bit(
     mode: AutoresetMode, n: int, settings: dict

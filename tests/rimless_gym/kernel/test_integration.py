@@ -6,9 +6,9 @@ import itertools
 import math
 
 import numpy as np
-from numba import njit
 
 from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.jit import kept
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_step
 from rimless_gym.kernel.booking import open_interval
@@ -19,13 +19,13 @@ from rimless_gym.kernel.tile import TILE_SIZE
 from rimless_gym.trigonometry import MAX_TURN
 
 
-@njit(error_model="numpy")
+@kept()
 def opened(work, constants, poles, duration):
     share_machine(work, constants, poles)
     open_interval(work[:TILE_SIZE], duration, 0.0)
 
 
-@njit(error_model="numpy")
+@kept()
 def attempted(tile, duration):
     return attempt_step(tile, 1, duration, 0.0)
 

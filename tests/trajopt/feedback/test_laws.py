@@ -69,6 +69,7 @@ def test_a_law_does_not_see_whole_turns_of_the_pendulum(law, one_step):
     assert np.allclose(law(x), law(x + [0, 2 * np.pi, 0, 0]))
 
 
+@pytest.mark.slow
 def test_the_motion_along_the_constraint_is_what_the_zero_dynamics_predict(one_step):
     predicted = zero_dynamics_multiplier(one_step)
     measured = multipliers(input_output.design(one_step), one_step)

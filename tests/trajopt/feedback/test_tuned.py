@@ -20,6 +20,7 @@ def trial(one_step, law):
     return tuning.Trial.about(one_step, law.data.orbit, SHORT["wheels"], 0)
 
 
+@pytest.mark.slow
 def test_without_a_generation_it_is_the_lqr(one_step):
     x = np.asarray(one_step.state(np.linspace(0.0, one_step.duration, 50))) + 0.05
     untuned = tuned.design(one_step, **SHORT | {"generations": 0})

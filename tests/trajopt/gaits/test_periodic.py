@@ -125,6 +125,7 @@ def test_impossible_speeds_are_refused_by_name(speed):
         periodic_gait(THESIS_PHYSICAL, speed)
 
 
+@pytest.mark.slow
 def test_a_gait_is_led_to_a_far_speed_in_several_steps(one_step):
     slower = periodic_gait(THESIS_PHYSICAL, 0.43, 1, guess=one_step)
     assert slower.verification.passed
@@ -156,6 +157,7 @@ def test_a_wheel_with_more_legs_is_led_from_the_shipped_gait_to_its_cheap_family
     assert (gait.theta_turns, gait.cot < 0.053) == (-1, True)
 
 
+@pytest.mark.slow
 def test_a_gait_from_which_its_simulation_strays_is_solved_on_a_finer_mesh(monkeypatch):
     own = {"pendulum_mass": 1.9}
     usual = periodic_gait(own, 0.55, starts=0)

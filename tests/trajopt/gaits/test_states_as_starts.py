@@ -13,11 +13,11 @@ def test_an_episode_can_start_in_every_state_of_the_shipped_gaits() -> None:
     pulled = 0
     for gait in shipped():
         env = RimlessWheelEnv(gait.params)
-        for t in np.linspace(0.0, gait.duration, 40):
+        for t in np.linspace(0.0, gait.duration, 16):
             state = gait.state(t)
             env.reset(options={"state": state})
             assert np.array_equal(env.state[:4], state)
             pulled += normal_force(gait.params, env.state) <= 0
             action = np.array([gait.control(t) / gait.params.voltage_limit])
             assert env.step(action)[-1]["elapsed"] > 0 or gait.params.impact_law != "plastic"
-    assert pulled > 100  # these need the gait's voltage to stand
+    assert pulled > 40  # these need the gait's voltage to stand

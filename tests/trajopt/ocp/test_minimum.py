@@ -24,10 +24,10 @@ def drift(cost: Any, **changes: Any) -> Problem:
 @pytest.mark.parametrize(
     "problem",
     [
-        drift(lambda x, u, p: u),
+        pytest.param(drift(lambda x, u, p: u), marks=pytest.mark.slow),
         drift(lambda x, u, p: -(u**2)),
         drift(lambda x, u, p: -ca.exp(x)),
-        drift(lambda x, u, p: -ca.log(1 + (x - 1) ** 2)),
+        pytest.param(drift(lambda x, u, p: -ca.log(1 + (x - 1) ** 2)), marks=pytest.mark.slow),
         drift(lambda x, u, p: -1.0, duration=(0.1, math.inf)),
         drift(None, powers=lambda x, u, p: u, floor=-math.inf),
     ],

@@ -131,8 +131,10 @@ def followed(
             yield times, np.full((9, nx + 1), np.inf)
             return
 
-        def excess(t: float, control: _Control = control, at: _Control = run.sol) -> Array:
-            return _price(phase, at(t)[:nx], control(t), p)[1]
+        def excess(times: Array, control: _Control = control, at: Any = run.sol) -> Array:
+            states = at(times)[:nx].T
+            prices = (_price(phase, x, control(t), p) for t, x in zip(times, states, strict=True))
+            return np.array([surplus for _, surplus in prices])
 
         marks = with_zeros(excess, np.union1d(times, run.t))
         work = np.maximum(np.diff(run.sol(marks)[nx + 1 :]), 0.0).sum(axis=0)

@@ -19,23 +19,23 @@ from trajopt.ocp.arrays import Array
 NOTHING = 1e-12
 
 
-def with_zeros(function: Callable[[float], Array], times: ArrayLike) -> Array:
+def with_zeros(function: Callable[[Array], Array], times: ArrayLike) -> Array:
     """`times`, with the times between them at which a component of a function changes sign.
 
     Args:
-        function: time (s) -> values, shape (m,). A parabola should describe it roughly over any
-            three neighbouring times.
+        function: times (N,) in s -> values (N, m). A parabola should describe each value roughly
+            over any three neighbouring times.
         times: ascending, shape (N,).
 
     Returns:
         Ascending times, shape (N or more,).
     """
     times = np.asarray(times, dtype=np.float64)
-    values, every = np.array([function(t) for t in times]), list(times)
+    values, every = function(times), list(times)
     for k in np.flatnonzero(np.abs(values).max(axis=0) > NOTHING):
 
         def component(t: float, k: int = int(k)) -> float:
-            return float(function(t)[k])
+            return float(function(np.array([t]))[0, k])
 
         samples = [*zip(times, values[:, k], strict=True), *_dips(component, times, values[:, k])]
         every += [
@@ -52,9 +52,10 @@ def _dips(
     """Times and values of extrema whose sign may differ from that of the samples on either side."""
     found = []
     bend = np.abs(np.diff(values, 2)).max(initial=0.0)  # a dip is at most bend / 8 deeper
-    for window, pair in zip(pairwise(times), pairwise(values), strict=True):
-        sign = 1.0 if pair[0] > 0 else -1.0
-        if sign * pair[1] > 0 and np.abs(pair).min() < bend / 4:
-            dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
-            found.append((float(dip.x), float(sign * dip.fun)))
+    signs = np.where(values[:-1] > 0, 1.0, -1.0)
+    nearest = np.minimum(np.abs(values[:-1]), np.abs(values[1:]))
+    for i in np.flatnonzero((signs * values[1:] > 0) & (nearest < bend / 4)):
+        sign, window = float(signs[i]), (times[i], times[i + 1])
+        dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
+        found.append((float(dip.x), sign * float(dip.fun)))
     return found

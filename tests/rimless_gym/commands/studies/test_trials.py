@@ -65,6 +65,7 @@ def test_a_law_about_another_speed_holds_the_gait_nearest_to_it(
     assert trial.settings != dataclasses.replace(trial, speed=0.5).settings
 
 
+@pytest.mark.slow
 def test_a_policy_that_follows_is_judged_at_every_command_and_every_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,6 +123,7 @@ def test_a_clone_that_follows_is_made_between_its_speeds_with_its_own_labels(
         dataclasses.replace(trial, cloning={"runds": 3}).train(7, tmp_path / "x_7", BUILDABLE)
 
 
+@pytest.mark.slow
 def test_a_policy_trained_under_disturbances_is_judged_with_each_of_them_and_without(
     tmp_path: Path,
 ) -> None:
