@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents import learner
 from agents.conditions import Conditions, require_usual
 from agents.evolution import policy
 from agents.evolution.answering import answered
@@ -44,8 +45,8 @@ from agents.sb3.networks import Actor
 from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
 from agents.sb3.setting_off import CountApart
-from agents.sb3.stages import RACING_SHARE, STAGES, best_of, promise
-from agents.sb3.state import restore, state_of
+from agents.sb3.stages import RACING_SHARE, Contest, promise
+from agents.sb3.state import begin_at, restore, state_of
 from agents.sb3.training_env import (
     begin_out_of_step,
     hard_starts_of,
@@ -105,14 +106,13 @@ class Learner(Sb3Learner):
         self._hard_starts = hard_starts_of(self._env).share
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
-        self._contenders, self._gaits = np.zeros((0, SIZE)), np.zeros((0, 3))
-        self._families, self._stage, self._begun = np.zeros(0, dtype=np.int64), 0, 0
+        self._contest, self._begun = Contest(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
         self._paced = self._new_pace(self._pacing.first_price)
         self._kept = KeepBest(self._looked_at, LOOK_EVERY)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
-            weights = start.weights["weights"].astype(np.float64).reshape(1, SIZE)
-            self._enter(len(STAGES) - 1, weights, np.zeros(1, dtype=np.int64))
+            weights = start.weights["weights"].astype(np.float64).reshape(SIZE)
+            self._enter(Contest.settling(weights))
 
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
@@ -149,10 +149,7 @@ class Learner(Sb3Learner):
         Raises:
             ValueError: always, with the remedy.
         """
-        raise ValueError(
-            "init = 'imitation': this learner cannot imitate; begin from 'scratch', or from a "
-            "policy's file"
-        )
+        return learner.Learner.imitate(self, expert, cloning, kept, progress)
 
     @property
     def _weights(self) -> Floats:
@@ -173,17 +170,18 @@ class Learner(Sb3Learner):
 
     def learn(self, until: int, watch: Watch) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended."""
-        if self.steps < until and not len(self._contenders):
-            self._enter(0, *self._screened(watch))
+        if self.steps < until and not len(self._contest.contenders):
+            self._enter(self._screened(watch))
         while self.steps < until:
-            lasts = STAGES[self._stage].steps
+            lasts = self._contest.rules.steps
             turn_ends = until if lasts is None else self._begun + lasts
             self._improve(min(turn_ends, until), turn_ends, watch)
             if lasts is not None and self.steps >= turn_ends:
-                self._end_turn()
+                self._contest.end_turn(self._weights, self._gait_of(self._weights))
+                self._begin()
 
-    def _screened(self, watch: Watch) -> tuple[Floats, NDArray[np.int64]]:
-        """The contenders (n, SIZE), the best random policies of each family, and families (n,)."""
+    def _screened(self, watch: Watch) -> Contest:
+        """A contest of the best random policies of each family."""
         search = screen(SCREENING, self.training.seed)
         request = next(search)
         while True:
@@ -199,48 +197,30 @@ class Learner(Sb3Learner):
             order = sorted(range(len(gaits)), key=lambda k: -promise(gaits[k]))
             contenders += [policies[k] for k in order[:CONTENDERS]]
             families += [family] * len(order[:CONTENDERS])
-        return np.array(contenders), np.array(families)
+        return Contest(np.array(contenders), np.array(families))
 
-    def _enter(self, stage: int, contenders: Floats, families: NDArray[np.int64]) -> None:
-        """Begin a stage, and with the first of its policies (n, SIZE), of families (n,)."""
-        self._stage, self._contenders, self._families = stage, contenders.copy(), families
-        self._gaits = np.zeros((0, 3))
-        self._begin(contenders[0])
+    def _enter(self, contest: Contest) -> None:
+        """Begin a contest, or go on with one, with the policy whose turn it is."""
+        self._contest = contest
+        self._begin()
 
-    def _end_turn(self) -> None:
-        """Note how the contender walks now. The next one follows, or the next stage."""
-        turn = len(self._gaits)
-        self._contenders[turn] = self._weights
-        self._gaits = np.vstack([self._gaits, self._gait_of(self._weights)])
-        if turn + 1 < len(self._contenders):
-            self._begin(self._contenders[turn + 1])
-            return
-        promises = [promise(CleanWalking(*gait)) for gait in self._gaits.tolist()]
-        best = best_of(promises, self._families.tolist(), STAGES[self._stage].finalists)
-        self._enter(self._stage + 1, self._contenders[best], self._families[best])
-
-    def _begin(self, weights: Floats) -> None:
-        """Begin to improve a policy, with a new critic."""
-        steps = self._begun = self.steps
+    def _begin(self) -> None:
+        """Begin to improve the policy whose turn it is, with a new critic."""
+        weights, steps = self._contest.contender, self.steps
+        self._begun = steps
         self.model = self._new_model({})
         self.model.num_timesteps = steps
         self.model.policy.features_extractor.whiten(self._seen_by(weights))
         put_policy(self.model.policy, weights)
         act = functools.partial(policy.act, weights)
-        self.model._last_obs = begin_out_of_step(self._env, act)
-        self.model._last_episode_starts = np.ones(self._env.num_envs, dtype=bool)
+        begin_at(self.model, begin_out_of_step(self._env, act))
         self._paced = self._new_pace(self._pacing.multiple * self._gait_of(weights).cot)
-
-    @property
-    def _settles(self) -> bool:
-        """Whether the contender is the last one."""
-        return STAGES[self._stage].steps is None
 
     def _new_pace(self, price: float) -> SelfPacedPrice:
         """What paces the price from now on: at first it is `price`, or the pacing's first one."""
         first = min(self._pacing.first_price, price)
         share = self._pacing.least_share
-        if not self._settles:
+        if not self._contest.settles:
             share = min(share, RACING_SHARE)
         pacing = dataclasses.replace(self._pacing, first_price=first, least_share=share)
         paced = SelfPacedPrice(pacing)
@@ -255,13 +235,13 @@ class Learner(Sb3Learner):
         return np.concatenate([interval.observations for interval in walks])
 
     def _improve(self, until: int, ends: int, watch: Watch) -> None:
-        model, stage = self.model, STAGES[self._stage]
+        model, stage, settles = self.model, self._contest.rules, self._contest.settles
         model.set_logger(watch.log)
         critic_first = self._begun + stage.critic_first * model.n_steps * model.n_envs
         actor, rate = self.actor(model), float(self._arguments["learning_rate"])
         rates = rate, stage.last_rate * rate
-        stepping_back_of(self._env).charge = self._back_charge if self._settles else 0.0
-        hard_starts_of(self._env).share = self._hard_starts if self._settles else 0.0
+        stepping_back_of(self._env).charge = self._back_charge if settles else 0.0
+        hard_starts_of(self._env).share = self._hard_starts if settles else 0.0
         callbacks: list[BaseCallback] = [
             LogWalking(self.training.conditions.params, native_of(self._env)),
             *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
@@ -269,7 +249,7 @@ class Learner(Sb3Learner):
             Freeze(actor, critic_first),
             Settle(actor, stage.noise, rates, self._begun, ends),
         ]
-        if self._settles:
+        if settles:
             callbacks.append(self._kept)
         model.learn(until - self.steps, callbacks, reset_num_timesteps=False)
 
@@ -294,12 +274,9 @@ class Learner(Sb3Learner):
         return PolicyParts({}, {"weights": self._best_weights})
 
     def state(self) -> dict[str, Any]:
-        """The race, and all of the model that learns, between two roll-outs."""
+        """The contest, and all of the model that learns, between two roll-outs."""
         return {
-            "stage": self._stage,
-            "contenders": self._contenders,
-            "families": self._families,
-            "gaits": self._gaits,
+            "contest": self._contest.state(),
             "begun": self._begun,
             "price": self._paced.state(),
             "kept": self._kept.state(),
@@ -308,8 +285,7 @@ class Learner(Sb3Learner):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
-        self._contenders, self._gaits = state["contenders"], state["gaits"]
-        self._stage, self._families = int(state["stage"]), state["families"]
+        self._contest = Contest.read(state["contest"])
         self._begun = int(state["begun"])
         restore(self.model, state)
         # Before the first time step, the callback begins at the first price whatever it restored.

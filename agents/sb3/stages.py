@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from agents.pacing import CleanWalking
+from trajopt.feedback.law import Floats
 
 
 class Stage(NamedTuple):
@@ -63,3 +69,64 @@ def best_of(promises: list[float], families: list[int], most: int) -> list[int]:
         if others.count(families[k]) < OF_A_FAMILY:
             found.append(k)
     return found[:most]
+
+
+@dataclasses.dataclass
+class Contest:
+    """Policies whose turn comes one after the other, stage after stage, until one is left.
+
+    Attributes:
+        contenders: weights of the stage's policies, (n, size). A policy is replaced by what it has
+            become when its turn is over.
+        families: of their gaits, (n,).
+        stage: index of the stage.
+        gaits: of the contenders whose turn is over.
+    """
+
+    contenders: Floats
+    families: NDArray[np.int64]
+    stage: int = 0
+    gaits: list[CleanWalking] = dataclasses.field(default_factory=list)
+
+    @classmethod
+    def settling(cls, weights: Floats) -> Contest:
+        """One in which a single policy (size,) is left."""
+        return cls(weights[None], np.zeros(1, dtype=np.int64), len(STAGES) - 1)
+
+    @property
+    def rules(self) -> Stage:
+        """How its policies are improved in this stage."""
+        return STAGES[self.stage]
+
+    @property
+    def settles(self) -> bool:
+        """Whether one contender is left, which learns to the end."""
+        return self.rules.steps is None
+
+    @property
+    def contender(self) -> Floats:
+        """Weights of the policy whose turn it is, (size,)."""
+        return self.contenders[len(self.gaits)]
+
+    def end_turn(self, weights: Floats, gait: CleanWalking) -> None:
+        """Note what the policy has become and how it walks; the next turn or stage begins."""
+        self.contenders[len(self.gaits)] = weights
+        self.gaits.append(gait)
+        if len(self.gaits) < len(self.contenders):
+            return
+        best = best_of(
+            [promise(each) for each in self.gaits], self.families.tolist(), self.rules.finalists
+        )
+        self.contenders, self.families = self.contenders[best], self.families[best]
+        self.stage, self.gaits = self.stage + 1, []
+
+    def state(self) -> dict[str, Any]:
+        """Plain values and arrays, from which `read` makes the same contest."""
+        gaits = np.array(self.gaits).reshape(-1, len(CleanWalking._fields))
+        return dataclasses.asdict(self) | {"gaits": gaits}
+
+    @classmethod
+    def read(cls, state: Mapping[str, Any]) -> Contest:
+        """The contest of a `state`."""
+        gaits = [CleanWalking(*gait) for gait in state["gaits"].tolist()]
+        return cls(state["contenders"], state["families"], int(state["stage"]), gaits)

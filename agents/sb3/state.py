@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3.common.save_util import recursive_getattr
 
 from agents import snapshots
@@ -50,6 +51,17 @@ def state_of(model: Any) -> dict[str, Any]:
             "actions": model.action_space.np_random.bit_generator.state,
         },
     }
+
+
+def begin_at(model: Any, observations: NDArray[np.float32]) -> None:
+    """Let a model learn on in environments that someone else has stepped.
+
+    Args:
+        model: of stable-baselines3.
+        observations: of its environments as they are now, (N, 6 or 8).
+    """
+    model._last_obs = observations
+    model._last_episode_starts = np.ones(len(observations), dtype=bool)
 
 
 def restore(model: Any, state: dict[str, Any]) -> None:

@@ -15,10 +15,12 @@ from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.learners import screened_ppo
-from agents.pacing import NO_WALK, CleanWalking
+from agents.pacing import CleanWalking
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
+from agents.sb3 import stages
 from agents.sb3.products import Products, policy_of, put_policy
+from agents.sb3.stages import Contest
 from agents.sb3.training_env import hard_starts_of, stepping_back_of
 from agents.train import train
 from agents.training import Training
@@ -37,8 +39,8 @@ def brief(monkeypatch, request):
         return
     few = EvolutionSettings(screened=400, kept=20, screen_intervals=400, contenders=2)
     monkeypatch.setattr(screened_ppo, "SCREENING", few)
-    short = [stage._replace(steps=stage.steps and TURN) for stage in screened_ppo.STAGES]
-    monkeypatch.setattr(screened_ppo, "STAGES", short)
+    short = [stage._replace(steps=stage.steps and TURN) for stage in stages.STAGES]
+    monkeypatch.setattr(stages, "STAGES", short)
     monkeypatch.setattr(screened_ppo, "CONTENDERS", 1)
     monkeypatch.setattr(screened_ppo, "COMPARED", Duration.judged_in_second_half(500))
     monkeypatch.setattr(screened_ppo, "LOOK", Duration.judged_in_second_half(500))
@@ -58,6 +60,10 @@ def small():
 def run(out, **changes):
     arguments = {"settings": small(), "protocol": BRIEF, "timesteps": STEPS} | changes
     return train("screened_ppo", out=out, progress=False, **arguments)
+
+
+def contest(stage):
+    return Contest(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), stage)
 
 
 def weights(path):
@@ -120,8 +126,8 @@ def test_price_noise_and_learning_rate_fall_while_it_learns(tmp_path):
     assert result.timesteps >= STEPS
     shown = {name: [event.value for event in events] for name, events in scalars(tmp_path).items()}
     assert {"walk/return", "eval/objective"} <= set(shown)
-    assert max(shown["train/std"]) == pytest.approx(screened_ppo.STAGES[0].noise[0])
-    assert min(shown["train/std"]) < screened_ppo.STAGES[-1].noise[0]
+    assert max(shown["train/std"]) == pytest.approx(stages.STAGES[0].noise[0])
+    assert min(shown["train/std"]) < stages.STAGES[-1].noise[0]
     assert min(shown["pacing/price"]) < settings.pacing.first_price
     assert shown["train/learning_rate"][-1] < 0.5 * shown["train/learning_rate"][0]
 
@@ -133,7 +139,7 @@ def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path
 
     def noted(self, state):
         restore(self, state)
-        restored.append((self._stage, len(self._gaits)))
+        restored.append((self._contest.stage, len(self._contest.gaits)))
 
     monkeypatch.setattr(screened_ppo.Learner, "restore", noted)
     improve, out = screened_ppo.Learner._improve, tmp_path / "broken"
@@ -158,38 +164,12 @@ def test_killed_in_every_stage_and_resumed_it_ends_with_the_same_policy(tmp_path
 
 
 def test_resumed_before_the_first_time_step_it_begins_at_the_same_price(learner):
-    learner._enter(0, np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    learner._enter(contest(0))
     learner._paced.price = 0.7
     again = screened_ppo.Learner(learner.training)
     again.restore(learner.state())
     assert again._paced.pacing.first_price == 0.7
     again.close()
-
-
-def test_the_most_promising_two_of_each_family_go_on_and_the_best_of_all_settles(
-    learner, monkeypatch
-):
-    families = np.array([0, 0, 0, -1, -1, 1])
-    gaits = {  # by the first weight
-        1.0: CleanWalking(1.0, 0.2, 0.5),
-        2.0: CleanWalking(0.6, 0.1, 0.5),
-        3.0: CleanWalking(0.9, 0.2, 0.5),
-        4.0: NO_WALK,
-        5.0: CleanWalking(1.0, 0.4, 0.5),
-        6.0: CleanWalking(0.9, 0.8, 0.5),
-    }
-    monkeypatch.setattr(learner, "_gait_of", lambda policy: gaits[round(float(policy[0]))])
-    monkeypatch.setattr(learner, "_begin", lambda policy: put_policy(learner.model.policy, policy))
-
-    def end_stage():
-        for _ in range(len(learner._contenders)):
-            learner._end_turn()
-        return np.round(learner._contenders[:, 0]).tolist(), learner._families.tolist()
-
-    learner._enter(0, np.outer(list(gaits), np.ones(SIZE)), families)
-    assert end_stage() == ([2, 1, 5, 6, 4], [0, 0, -1, 1, -1])
-    assert end_stage() == ([2, 1], [0, 0])
-    assert end_stage() == ([2], [0])
 
 
 def test_the_best_policy_that_it_looked_at_is_kept_and_not_the_last(tmp_path, monkeypatch):
@@ -213,8 +193,8 @@ def test_the_best_policy_that_it_looked_at_is_kept_and_not_the_last(tmp_path, mo
 def test_only_who_settles_is_charged_for_steps_backward_and_must_walk_from_most_starts(learner):
     shares, charges, again = [], [], []
     stepping_back, hard_starts = stepping_back_of(learner._env), hard_starts_of(learner._env)
-    for stage in range(len(screened_ppo.STAGES)):
-        learner._enter(stage, np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    for stage in range(len(stages.STAGES)):
+        learner._enter(contest(stage))
         learner.model.learn = lambda *_, **__: charges.append(stepping_back.charge)
         learner._improve(1, 1, SimpleNamespace(log=None))
         shares.append(learner._paced.pacing.least_share)
