@@ -38,22 +38,20 @@ from agents.pacing import NO_WALK, CleanWalking
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
 from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
+from agents.sb3.hard_starts import HardStarts
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.kept import KeepBest
+from agents.sb3.layers import layer_of
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import Actor
 from agents.sb3.pacing import Pacing, SelfPacedPrice
 from agents.sb3.products import Products, policy_of, put_policy
-from agents.sb3.setting_off import CountApart
+from agents.sb3.setting_off import CountApart, SettingOff
 from agents.sb3.stages import RACING_SHARE, Contest, promise
 from agents.sb3.state import begin_at, restore, state_of
-from agents.sb3.training_env import (
-    begin_out_of_step,
-    hard_starts_of,
-    native_of,
-    setting_off_of,
-    stepping_back_of,
-)
+from agents.sb3.stepping_back import SteppingBack
+from agents.sb3.training_env import ScaledReward, begin_out_of_step
+from agents.sb3.vec_env import Sb3VecEnv
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.envs.task import Task
 from trajopt.feedback.law import Floats
@@ -102,8 +100,8 @@ class Learner(Sb3Learner):
                 "normalised apart; leave it false, as it is in screened_ppo.yml"
             )
         self._pacing: Pacing = pacing
-        self._back_charge = stepping_back_of(self._env).charge
-        self._hard_starts = hard_starts_of(self._env).share
+        self._back_charge = layer_of(self._env, SteppingBack).charge
+        self._hard_starts = layer_of(self._env, HardStarts).share
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, SCREENING.paid_speed)
         self._contest, self._begun = Contest(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
@@ -240,12 +238,16 @@ class Learner(Sb3Learner):
         critic_first = self._begun + stage.critic_first * model.n_steps * model.n_envs
         actor, rate = self.actor(model), float(self._arguments["learning_rate"])
         rates = rate, stage.last_rate * rate
-        stepping_back_of(self._env).charge = self._back_charge if settles else 0.0
-        hard_starts_of(self._env).share = self._hard_starts if settles else 0.0
+        layer_of(self._env, SteppingBack).charge = self._back_charge if settles else 0.0
+        layer_of(self._env, HardStarts).share = self._hard_starts if settles else 0.0
         callbacks: list[BaseCallback] = [
-            LogWalking(self.training.conditions.params, native_of(self._env)),
-            *(Watched(watch), self._paced, InMetres(self._env, self._paced)),
-            CountApart(setting_off_of(self._env)),
+            LogWalking(self.training.conditions.params, layer_of(self._env, Sb3VecEnv)),
+            *(
+                Watched(watch),
+                self._paced,
+                InMetres(layer_of(self._env, ScaledReward), self._paced),
+            ),
+            CountApart(layer_of(self._env, SettingOff)),
             Freeze(actor, critic_first),
             Settle(actor, stage.noise, rates, self._begun, ends),
         ]

@@ -31,7 +31,7 @@ def _short_sight(training: Training, settings: Hyperparameters) -> str:
     gamma = float(settings.algorithm.get("gamma", USUAL_GAMMA))
     if gamma >= 1.0:
         return ""
-    held = settings.offer.held * training.conditions.control.period
+    held = settings.intervals_per_step * training.conditions.control.period
     horizon, step = held / (1.0 - gamma), training.conditions.params.step_length / USUAL_SPEED
     if horizon >= step:
         return ""

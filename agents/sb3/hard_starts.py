@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from agents.pacing import FEWEST_STEPS
+from agents.sb3.layers import layer_of
 from agents.sb3.setting_off import SettingOff
-from agents.sb3.stepping_back import SteppingBack
 from rimless_gym.checks import not_negative
 from rimless_gym.equations import MODE_NAMES
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
@@ -32,8 +32,7 @@ class HardStarts(VecEnvWrapper):
     once; it comes back if the episode that begins from it goes wrong, too.
 
     Args:
-        venv: the environments, inside `SteppingBack`; all of one machine. Commanded speeds are
-            drawn anew.
+        venv: environments with a `SettingOff`, all of one machine. Commanded speeds are drawn anew.
         share: of the episodes that begin from such a start while any is kept, from 0 to 1.
         seed: of the draws.
 
@@ -41,17 +40,21 @@ class HardStarts(VecEnvWrapper):
         share: as given; it may be changed at any time. At 0 all starts are forgotten.
 
     Raises:
-        TypeError: the share is not a number.
-        ValueError: it is out of range.
+        TypeError: the share is not a number, or there is no `SettingOff`.
+        ValueError: it is out of range, or there are ranges of parameters.
     """
 
-    def __init__(self, venv: SteppingBack, share: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, venv: VecEnv, share: float = 0.0, seed: int = 0) -> None:
         super().__init__(venv)
         self.share = not_negative("share", share)
         if share > 1.0:
             raise ValueError(f"share = {share:g}: a share of the episodes, must be at most 1")
-        assert isinstance(venv.venv, SettingOff)
-        self._setting_off = venv.venv
+        self._setting_off = layer_of(venv, SettingOff)
+        if self.share and self._setting_off.native.env.ranges.bounds:
+            raise ValueError(
+                f"HardStarts: share = {share:g}: a start of one machine need not be one of "
+                "another; give no ranges, or a share of 0"
+            )
         self._rng = np.random.default_rng((seed, 7))
         self._found: list[Floats] = []
         self.forget()

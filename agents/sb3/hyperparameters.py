@@ -13,8 +13,9 @@ import yaml
 from torch import nn
 
 from agents.learner import NO_CHANGES
+from agents.sb3.layers import arguments_of
 from agents.sb3.pacing import Pacing
-from agents.sb3.training_env import Offer
+from agents.sb3.training_env import LAYERS, HeldActions, Offer
 from agents.training import Settings
 from rimless_gym.checks import integer, positive, real
 
@@ -23,22 +24,12 @@ ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "callback")
 
-_SCALED = "agents.sb3.training_env.ScaledReward"
-_HELD = "agents.sb3.training_env.HeldActions"
-_SETTING_OFF = "agents.sb3.setting_off.SettingOff"
-_STEPPING_BACK = "agents.sb3.stepping_back.SteppingBack"
-_HARD_STARTS = "agents.sb3.hard_starts.HardStarts"
 _LIMITED = "gymnasium.wrappers.TimeLimit"
 _PACED = "agents.sb3.pacing.SelfPacedPrice"
-#: The arguments of the classes that may be listed under each key.
+#: `LAYERS` as they are written in a file, and the arguments of what may be listed under each key.
+_LAYERS = {f"{kind.__module__}.{kind.__qualname__}": kind for kind in LAYERS}
 ENV_WRAPPERS = {_LIMITED: ["max_episode_steps"]}
-WRAPPERS = {
-    _HELD: ["intervals"],
-    _SCALED: ["scale"],
-    _SETTING_OFF: ["intervals", "travel"],
-    _STEPPING_BACK: ["charge"],
-    _HARD_STARTS: ["share"],
-}
+WRAPPERS = {name: list(arguments_of(kind)) for name, kind in _LAYERS.items()}
 CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
 
 
@@ -63,7 +54,7 @@ class Hyperparameters(Settings):
     @property
     def intervals_per_step(self) -> int:
         """Control intervals for which an action is held."""
-        return self.offer.held
+        return int(self.offer.value(HeldActions, "intervals"))
 
     @property
     def written(self) -> dict[str, Any]:
@@ -98,6 +89,9 @@ def hyperparameters(
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
     limits = _classes(values, "env_wrapper", ENV_WRAPPERS)
     wrappers = _classes(values, "vec_env_wrapper", WRAPPERS)
+    ordered = [name for name in WRAPPERS if name in wrappers]
+    if list(wrappers) != ordered:
+        raise ValueError(f"vec_env_wrapper: lists {list(wrappers)}; the order must be {ordered}")
     callbacks = _classes(values, "callback", CALLBACKS)
     for name in ("learning_rate", "clip_range"):
         if name in values:
@@ -116,13 +110,8 @@ def hyperparameters(
         silent=integer("learning_starts", values.get("learning_starts", 0), 0),
         n_envs=n_envs,
         offer=Offer(
-            reward_scale=wrappers.get(_SCALED, {}).get("scale", 1.0),
-            held=wrappers.get(_HELD, {}).get("intervals", 1),
-            setting_off=wrappers.get(_SETTING_OFF, {}).get("intervals", 0),
-            travel=wrappers.get(_SETTING_OFF, {}).get("travel", 0.0),
-            back_charge=wrappers.get(_STEPPING_BACK, {}).get("charge", 0.0),
-            hard_starts=wrappers.get(_HARD_STARTS, {}).get("share", 0.0),
-            episode_steps=limits.get(_LIMITED, {}).get("max_episode_steps"),
+            {_LAYERS[name]: arguments for name, arguments in wrappers.items()},
+            limits.get(_LIMITED, {}).get("max_episode_steps"),
         ),
         pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,
         algorithm=values,

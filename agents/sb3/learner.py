@@ -20,6 +20,7 @@ from agents.sb3.advice import advice
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
 from agents.sb3.hyperparameters import ENVIRONMENTS, Hyperparameters, hyperparameters
+from agents.sb3.layers import layer_of
 from agents.sb3.networks import (
     Actor,
     NetworkPolicy,
@@ -30,7 +31,8 @@ from agents.sb3.networks import (
 )
 from agents.sb3.pacing import SelfPacedPrice
 from agents.sb3.state import restore, state_of
-from agents.sb3.training_env import native_of, training_env
+from agents.sb3.training_env import training_env
+from agents.sb3.vec_env import Sb3VecEnv
 from agents.training import SCRATCH, Settings, Training
 from rimless_gym.checks import flag, integer, real
 from rimless_gym.envs.task import Task
@@ -159,7 +161,7 @@ class Sb3Learner(Learner):
         """
         model = self.model
         model.set_logger(watch.log)
-        log = LogWalking(self.training.conditions.params, native_of(self._env))
+        log = LogWalking(self.training.conditions.params, layer_of(self._env, Sb3VecEnv))
         callbacks: list[BaseCallback] = [log, Watched(watch)]
         if self._price is not None:
             callbacks.append(self._price)

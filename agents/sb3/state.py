@@ -14,9 +14,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.save_util import recursive_getattr
+from stable_baselines3.common.vec_env import VecMonitor
 
 from agents import snapshots
-from agents.sb3.training_env import hard_starts_of, monitor_of, native_of
+from agents.sb3.hard_starts import HardStarts
+from agents.sb3.layers import layer_of
+from agents.sb3.vec_env import Sb3VecEnv
 
 #: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
@@ -28,7 +31,7 @@ REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "t
 def state_of(model: Any) -> dict[str, Any]:
     """The state of a learning model in a `training_env`, between two roll-outs."""
     _, variables = model._get_torch_save_params()
-    monitor = monitor_of(model.env)
+    monitor = layer_of(model.env, VecMonitor)
     replay = getattr(model, "replay_buffer", None)
     return {
         "parameters": model.get_parameters(),
@@ -38,8 +41,8 @@ def state_of(model: Any) -> dict[str, Any]:
         "last_observations": model._last_obs,
         "last_starts": model._last_episode_starts,
         "replay": None if replay is None else _replay_of(replay),
-        "environments": snapshots.state_of(native_of(model.env).env),
-        "hard_starts": hard_starts_of(model.env).state(),
+        "environments": snapshots.state_of(layer_of(model.env, Sb3VecEnv).env),
+        "hard_starts": layer_of(model.env, HardStarts).state(),
         "monitored": {
             "returns": monitor.episode_returns.copy(),
             "lengths": monitor.episode_lengths.copy(),
@@ -86,11 +89,11 @@ def restore(model: Any, state: dict[str, Any]) -> None:
     model._last_episode_starts = state["last_starts"]
     if state["replay"] is not None:
         _restore_replay(model.replay_buffer, state["replay"])
-    monitor = monitor_of(model.env)
+    monitor = layer_of(model.env, VecMonitor)
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
-    hard_starts_of(model.env).restore(state["hard_starts"])
-    snapshots.restore(native_of(model.env).env, state["environments"])
+    layer_of(model.env, HardStarts).restore(state["hard_starts"])
+    snapshots.restore(layer_of(model.env, Sb3VecEnv).env, state["environments"])
     _restore_generators(model, state["generators"])
 
 

@@ -9,9 +9,10 @@ while.
 from __future__ import annotations
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from agents.sb3.layers import layer_of
 from agents.sb3.setting_off import SettingOff
 from rimless_gym.checks import not_negative
 
@@ -22,21 +23,21 @@ class SteppingBack(VecEnvWrapper):
     Whoever leaves double stance backward, which takes no touchdown, pays half.
 
     Args:
-        venv: in which wheels set off. What it monitors is not changed.
+        venv: environments with a `SettingOff`. What monitors them below is not changed.
         charge: for each step backward (m), as the energy that lifts the wheel so far.
 
     Attributes:
         charge: as given; it may be changed at any time.
 
     Raises:
-        TypeError: the charge is not a number.
+        TypeError: the charge is not a number, or there is no `SettingOff`.
         ValueError: it is negative.
     """
 
-    def __init__(self, venv: SettingOff, charge: float = 0.0) -> None:
+    def __init__(self, venv: VecEnv, charge: float = 0.0) -> None:
         super().__init__(venv)
         self.charge = not_negative("charge", charge)
-        self._setting_off = venv
+        self._setting_off = layer_of(venv, SettingOff)
 
     def reset(self) -> VecEnvObs:
         """The first observations."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,11 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from agents.conditions import Conditions
 from agents.sb3.hard_starts import HardStarts
+from agents.sb3.layers import arguments_of, is_drawn, layer_of
 from agents.sb3.setting_off import SettingOff
 from agents.sb3.stepping_back import SteppingBack
 from agents.sb3.vec_env import Sb3VecEnv
-from rimless_gym.checks import integer, not_negative, positive
+from rimless_gym.checks import integer, positive
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.task import Task
 
@@ -30,11 +31,15 @@ class ScaledReward(VecEnvWrapper):
     Args:
         venv: environments; what monitors them below sees the rewards in metres.
         scale: factor on the rewards.
+
+    Raises:
+        TypeError: the scale is not a number.
+        ValueError: it is not greater than 0.
     """
 
-    def __init__(self, venv: VecEnv, scale: float) -> None:
+    def __init__(self, venv: VecEnv, scale: float = 1.0) -> None:
         super().__init__(venv)
-        self.scale = scale
+        self.scale = positive("scale", scale)
 
     def reset(self) -> VecEnvObs:
         """The first observations."""
@@ -66,7 +71,7 @@ class HeldActions(VecEnvWrapper):
         ValueError: it is less than 1.
     """
 
-    def __init__(self, venv: VecEnv, intervals: int) -> None:
+    def __init__(self, venv: VecEnv, intervals: int = 1) -> None:
         super().__init__(venv)
         self.intervals = integer("intervals", intervals, 1)
         self._actions = np.zeros(0)
@@ -92,17 +97,24 @@ class HeldActions(VecEnvWrapper):
         return observations, total, over, infos
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+#: What may lie around the environments, from the inside out. By default, none does anything. A new
+#: one is one more entry.
+LAYERS: tuple[type[VecEnvWrapper], ...] = (
+    SettingOff,
+    SteppingBack,
+    HardStarts,
+    HeldActions,
+    ScaledReward,
+)
+
+
+@dataclasses.dataclass(frozen=True)
 class Offer:
     """What the environments of a training offer to its learner.
 
     Attributes:
-        reward_scale: factor on the rewards.
-        held: control intervals for which an action is held.
-        setting_off: control intervals at the beginning of an episode that are paid by `SettingOff`.
-        travel: share of the travel that is paid in them.
-        back_charge: for each step backward (m).
-        hard_starts: share of episodes that begin where another one has gone wrong.
+        layers: arguments of `LAYERS` that differ from their defaults, by layer. They are checked
+            when the environments are made.
         episode_steps: control intervals of the longest episode; None: as the environment has them.
 
     Raises:
@@ -110,56 +122,43 @@ class Offer:
         ValueError: a number is out of its range.
     """
 
-    reward_scale: float = 1.0
-    held: int = 1
-    setting_off: int = 0
-    travel: float = 0.0
-    back_charge: float = 0.0
-    hard_starts: float = 0.0
+    layers: Mapping[type[VecEnvWrapper], Mapping[str, Any]] = dataclasses.field(
+        default_factory=dict
+    )
     episode_steps: int | None = None
 
     def __post_init__(self) -> None:
-        positive("scale", self.reward_scale)
-        integer("intervals", self.held, 1)
-        integer("intervals", self.setting_off, 0)
-        not_negative("charge", self.back_charge)
-        not_negative("share", self.hard_starts)
         if self.episode_steps is not None:
             integer("max_episode_steps", self.episode_steps, 1)
+
+    def value(self, kind: type[VecEnvWrapper], name: str) -> Any:
+        """An argument of a layer, as given or by default."""
+        return self.layers.get(kind, {}).get(name, arguments_of(kind)[name])
 
 
 def training_env(
     n_envs: int, conditions: Conditions, task: Task, seed: int, offer: Offer | None = None
-) -> ScaledReward:
+) -> VecEnvWrapper:
     """`n_envs` environments side by side; what monitors them sees the environment's rewards.
 
     Raises:
-        ValueError: wheels set off for whole episodes, so that energy would never be charged; or
-            there are hard starts and ranges.
+        TypeError, ValueError: as the layers say.
     """
     offer, same_step = offer or Offer(), AutoresetMode.SAME_STEP
     limit = {} if offer.episode_steps is None else {"max_episode_steps": offer.episode_steps}
-    env = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
-    if offer.hard_starts and conditions.ranges.bounds:
-        raise ValueError(
-            f"HardStarts: share = {offer.hard_starts:g}: a start of one machine need not be one of "
-            "another; give no ranges, or a share of 0"
-        )
-    longest = env.env.max_episode_steps
-    if longest is not None and offer.setting_off >= longest:
-        raise ValueError(
-            f"SettingOff: intervals = {offer.setting_off}: an episode has {longest}, and in all of "
-            "them energy would be free; give fewer, or a longer TimeLimit (max_episode_steps)"
-        )
-    env.seed(seed)
-    paid = SettingOff(VecMonitor(env), offer.setting_off, offer.travel)
-    charged = SteppingBack(paid, offer.back_charge)
-    begun = HardStarts(charged, offer.hard_starts, seed)
-    return ScaledReward(HeldActions(begun, offer.held), offer.reward_scale)
+    native = Sb3VecEnv(conditions.envs(n_envs, task=task, autoreset_mode=same_step, **limit))
+    native.seed(seed)
+    env: VecEnvWrapper = VecMonitor(native)
+    for kind in LAYERS:
+        arguments: dict[str, Any] = dict(offer.layers.get(kind, {}))
+        if is_drawn(kind):
+            arguments["seed"] = seed
+        env = kind(env, **arguments)
+    return env
 
 
 def begin_out_of_step(
-    env: ScaledReward, act: Callable[[NDArray[np.float32]], NDArray[Any]]
+    env: VecEnvWrapper, act: Callable[[NDArray[np.float32]], NDArray[Any]]
 ) -> NDArray[np.float32]:
     """Walk for the time of an episode, in which one row after the other begins anew.
 
@@ -174,8 +173,8 @@ def begin_out_of_step(
         Observations (N, 6 or 8) of rows of all ages.
     """
     seen = np.asarray(env.reset())
-    hard_starts_of(env).forget()
-    native, monitor = native_of(env), monitor_of(env)
+    layer_of(env, HardStarts).forget()
+    native, monitor = layer_of(env, Sb3VecEnv), layer_of(env, VecMonitor)
     rows = native.env
     longest = rows.max_episode_steps or EPISODE_STEPS
     turns = np.arange(env.num_envs) * longest // env.num_envs
@@ -187,34 +186,3 @@ def begin_out_of_step(
             seen[anew] = native.begin(anew)[anew]
             monitor.episode_lengths[anew] = 0
     return seen
-
-
-def hard_starts_of(env: Any) -> HardStarts:
-    """What begins again from hard starts in a `training_env`."""
-    found = env.venv.venv
-    assert isinstance(found, HardStarts)
-    return found
-
-
-def stepping_back_of(env: Any) -> SteppingBack:
-    """What charges steps backward in a `training_env`."""
-    found = hard_starts_of(env).venv
-    assert isinstance(found, SteppingBack)
-    return found
-
-
-def setting_off_of(env: Any) -> SettingOff:
-    """What pays in a `training_env`."""
-    found = stepping_back_of(env).venv
-    assert isinstance(found, SettingOff)
-    return found
-
-
-def monitor_of(env: Any) -> VecMonitor:
-    """What monitors the returns of a `training_env`."""
-    return setting_off_of(env).monitor
-
-
-def native_of(env: Any) -> Sb3VecEnv:
-    """The innermost environment of a `training_env`."""
-    return setting_off_of(env).native

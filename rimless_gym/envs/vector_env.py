@@ -182,6 +182,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return tuple(self._fleet.machine(i) for i in range(self.num_envs))
 
     @property
+    def ranges(self) -> Ranges:
+        """Ranges of the parameters that are drawn when an episode begins; empty if none is."""
+        return self._fleet.ranges
+
+    @property
     def tasks(self) -> tuple[Task, ...]:
         """What is paid for in each row."""
         return tuple(self._fleet.tasks)

@@ -4,31 +4,33 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.sb3.training_env import (
-    Offer,
-    begin_out_of_step,
-    hard_starts_of,
-    native_of,
-    training_env,
-)
+from agents.sb3.hard_starts import HardStarts
+from agents.sb3.layers import layer_of
+from agents.sb3.training_env import Offer, begin_out_of_step, training_env
+from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym import Task
 from rimless_gym.kernel.stepping import MODE
 
 N, LIMIT = 8, 60
 
 
-def made(share, **offer):
-    env = training_env(N, Conditions(), Task(), 3, Offer(hard_starts=share, **offer))
+def again(share, episode_steps=None):
+    return Offer({HardStarts: {"share": share}}, episode_steps)
+
+
+def made(share, episode_steps=None):
+    env = training_env(N, Conditions(), Task(), 3, again(share, episode_steps))
     env.reset()
     return env
 
 
 def resting(env, intervals):
     """The starts of all episodes of wheels that do nothing, in the order in which they begin."""
-    starts, doing_nothing = [*native_of(env).env.states.copy()], np.zeros((N, 1), dtype=np.float32)
+    native, doing_nothing = layer_of(env, Sb3VecEnv).env, np.zeros((N, 1), dtype=np.float32)
+    starts = [*native.states.copy()]
     for _ in range(intervals):
         _, _, dones, _ = env.step(doing_nothing)
-        starts += [*native_of(env).env.states[dones].copy()]
+        starts += [*native.states[dones].copy()]
     return np.array(starts)
 
 
@@ -42,7 +44,7 @@ def test_wheels_that_rest_begin_again_where_they_have_begun():
 
 def test_how_an_episode_began_is_told_of_hard_starts_too():
     env = made(1.0, episode_steps=LIMIT)
-    native = native_of(env)
+    native = layer_of(env, Sb3VecEnv)
     for _ in range(4 * LIMIT):
         _, _, dones, _ = env.step(np.zeros((N, 1), dtype=np.float32))
         for i in np.flatnonzero(dones):
@@ -60,12 +62,12 @@ def test_each_start_is_used_once_and_some_episodes_begin_as_ever():
     own = len(np.unique(starts[:, :5].round(12), axis=0))
     # Half of the later episodes begin anew, so that about half of all starts differ.
     assert 0.35 * len(starts) < own < 0.7 * len(starts)
-    assert len(hard_starts_of(env).state()["found"]) == own - N
+    assert len(layer_of(env, HardStarts).state()["found"]) == own - N
 
 
 def test_a_wheel_that_walks_has_not_gone_wrong():
     env = made(1.0, episode_steps=LIMIT)
-    native = native_of(env)
+    native = layer_of(env, Sb3VecEnv)
     real = native.env.step
 
     def walking(actions):
@@ -76,10 +78,10 @@ def test_a_wheel_that_walks_has_not_gone_wrong():
     native.env.step = walking
     for _ in range(LIMIT - 1):
         env.step(np.zeros((N, 1), dtype=np.float32))
-    before = hard_starts_of(env).state()["starts"]
-    hard_starts_of(env).share = 1e-12  # nothing is taken, so that what is kept can be seen
+    before = layer_of(env, HardStarts).state()["starts"]
+    layer_of(env, HardStarts).share = 1e-12  # nothing is taken, so that what is kept can be seen
     env.step(np.zeros((N, 1), dtype=np.float32))
-    found = hard_starts_of(env).state()["found"]
+    found = layer_of(env, HardStarts).state()["found"]
     np.testing.assert_array_equal(found, before[N // 2 :])
 
 
@@ -90,13 +92,13 @@ def test_an_episode_that_was_under_way_is_not_judged():
     for _ in range(LIMIT - 1):
         ended += env.step(np.zeros((N, 1), dtype=np.float32))[2].sum()
     assert ended >= N - 1
-    assert len(hard_starts_of(env).state()["found"]) == 0
+    assert len(layer_of(env, HardStarts).state()["found"]) == 0
 
 
 def test_without_a_share_all_starts_are_forgotten_and_episodes_under_way_are_not_judged():
     env = made(1e-12, episode_steps=LIMIT)
     resting(env, LIMIT + LIMIT // 2)
-    kept = hard_starts_of(env)
+    kept = layer_of(env, HardStarts)
     assert len(kept.state()["found"]) > 0
     kept.share = 0.0
     resting(env, 1)
@@ -108,19 +110,19 @@ def test_without_a_share_all_starts_are_forgotten_and_episodes_under_way_are_not
 def test_ranges_are_refused_because_a_start_is_that_of_one_machine():
     conditions = Conditions.of("BUILDABLE", {"pendulum_mass": (1.5, 1.7)}, None, None, None)
     with pytest.raises(ValueError, match=r"HardStarts: share = 0\.3: .* give no ranges"):
-        training_env(2, conditions, Task(), 0, Offer(hard_starts=0.3))
+        training_env(2, conditions, Task(), 0, again(0.3))
 
 
 def test_its_state_is_restored():
     env, other = made(0.5, episode_steps=LIMIT), made(0.5, episode_steps=LIMIT)
     resting(env, 3 * LIMIT + 7)
-    kept = hard_starts_of(env).state()
-    hard_starts_of(other).restore(kept)
-    for name, value in hard_starts_of(other).state().items():
+    kept = layer_of(env, HardStarts).state()
+    layer_of(other, HardStarts).restore(kept)
+    for name, value in layer_of(other, HardStarts).state().items():
         np.testing.assert_equal(value, kept[name])
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
 def test_a_share_that_is_none_is_refused(share):
     with pytest.raises(ValueError, match="share"):
-        training_env(2, Conditions(), Task(), 0, Offer(hard_starts=share))
+        training_env(2, Conditions(), Task(), 0, again(share))

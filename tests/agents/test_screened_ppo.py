@@ -19,9 +19,13 @@ from agents.pacing import CleanWalking
 from agents.policy_files import load_policy
 from agents.protocol import SHORT_PROTOCOL
 from agents.sb3 import stages
+from agents.sb3.hard_starts import HardStarts
+from agents.sb3.layers import layer_of
 from agents.sb3.products import Products, policy_of, put_policy
+from agents.sb3.setting_off import SettingOff
 from agents.sb3.stages import Contest
-from agents.sb3.training_env import hard_starts_of, stepping_back_of
+from agents.sb3.stepping_back import SteppingBack
+from agents.sb3.training_env import Offer
 from agents.train import train
 from agents.training import Training
 from rimless_gym.envs.task import Task
@@ -53,7 +57,8 @@ def brief(monkeypatch, request):
 def small():
     settings = screened_ppo.Learner.settings("scratch")
     algorithm = settings.algorithm | {"n_steps": 32, "batch_size": 32}
-    offer = dataclasses.replace(settings.offer, setting_off=30, hard_starts=0.3, episode_steps=100)
+    layers = settings.offer.layers | {SettingOff: {"intervals": 30}, HardStarts: {"share": 0.3}}
+    offer = Offer(layers, episode_steps=100)
     return dataclasses.replace(settings, n_envs=4, algorithm=algorithm, offer=offer)
 
 
@@ -192,7 +197,7 @@ def test_the_best_policy_that_it_looked_at_is_kept_and_not_the_last(tmp_path, mo
 
 def test_only_who_settles_is_charged_for_steps_backward_and_must_walk_from_most_starts(learner):
     shares, charges, again = [], [], []
-    stepping_back, hard_starts = stepping_back_of(learner._env), hard_starts_of(learner._env)
+    stepping_back, hard_starts = (layer_of(learner._env, k) for k in (SteppingBack, HardStarts))
     for stage in range(len(stages.STAGES)):
         learner._enter(contest(stage))
         learner.model.learn = lambda *_, **__: charges.append(stepping_back.charge)

@@ -8,15 +8,17 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from agents.conditions import Conditions
+from agents.sb3.layers import layer_of
 from agents.sb3.setting_off import LIMIT, CountApart, SettingOff, alike
-from agents.sb3.training_env import Offer, begin_out_of_step, setting_off_of, training_env
+from agents.sb3.training_env import Offer, begin_out_of_step, training_env
 from rimless_gym import Task
 
 SETTING_OFF = 5
 
 
-def made(n, setting_off, **offer):
-    return training_env(n, Conditions(), Task(), 7, Offer(setting_off=setting_off, **offer))
+def made(n, intervals, travel=0.0, episode_steps=None):
+    layers = {SettingOff: {"intervals": intervals, "travel": travel}}
+    return training_env(n, Conditions(), Task(), 7, Offer(layers, episode_steps))
 
 
 @pytest.mark.parametrize("travel", [0.0, 0.2])
@@ -72,7 +74,7 @@ def test_advantages_of_setting_off_of_walking_and_of_stalled_wheels_have_the_sam
     settings = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "normalize_advantage": False}
     spreads = Spreads()
     PPO("MlpPolicy", env, device="cpu", seed=0, **settings).learn(
-        2048, [CountApart(setting_off_of(env)), spreads]
+        2048, [CountApart(layer_of(env, SettingOff)), spreads]
     )
     assert len(spreads.found) == 4
     np.testing.assert_allclose(spreads.found, [[(0.0, 1.0)] * 3] * 4, atol=1e-4)
@@ -96,7 +98,7 @@ def test_rows_that_begin_out_of_step_are_of_all_ages():
     env = made(40, SETTING_OFF, episode_steps=20)
     seen = begin_out_of_step(env, lambda observations: np.zeros(len(observations)))
     assert seen.shape == (40, 6)
-    ages = setting_off_of(env).monitor.episode_lengths.copy()
+    ages = layer_of(env, SettingOff).monitor.episode_lengths.copy()
     assert np.bincount(ages, minlength=20).tolist() == [2] * 20
     for k in range(20):  # each ends when its own time is over
         _, _, dones, _ = env.step(np.zeros((40, 1), dtype=np.float32))
@@ -111,6 +113,6 @@ def test_what_it_cannot_pay_in_is_refused():
     with pytest.raises(ValueError, match=r"intervals = 300: an episode has 200, .*give fewer"):
         made(1, 300, episode_steps=200)
     with pytest.raises(ValueError, match="intervals = -1"):
-        Offer(setting_off=-1)
+        made(1, -1)
     with pytest.raises(ValueError, match="travel = 2: a share of the travel, must be at most 1"):
         made(1, 5, travel=2.0)

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.sb3.training_env import Offer, setting_off_of, stepping_back_of, training_env
+from agents.sb3.layers import layer_of
+from agents.sb3.setting_off import SettingOff
+from agents.sb3.stepping_back import SteppingBack
+from agents.sb3.training_env import Offer, training_env
 from rimless_gym import Task
 
 N = 16
@@ -13,14 +16,15 @@ N = 16
 BACKWARD = {(0, 0): 0, (1, 1): 0, (1, -1): 1, (2, 0): 1, (2, -2): 2, (2, 2): 0}
 
 
-def made(**offer):
-    env = training_env(N, Conditions(), Task(), 7, Offer(**offer))
+def made(charge=0.0, setting_off=0, episode_steps=None):
+    layers = {SteppingBack: {"charge": charge}, SettingOff: {"intervals": setting_off}}
+    env = training_env(N, Conditions(), Task(), 7, Offer(layers, episode_steps))
     env.reset()
     return env
 
 
 def test_each_step_backward_is_charged_and_no_step_forward():
-    charged, plain = made(back_charge=0.3), made()
+    charged, plain = made(0.3), made()
     rng, seen = np.random.default_rng(0), set()
     for _ in range(150):
         actions = rng.choice([-1.0, 1.0], size=(N, 1)).astype(np.float32)
@@ -37,7 +41,7 @@ def test_each_step_backward_is_charged_and_no_step_forward():
 
 def test_the_charge_may_change_and_what_is_monitored_has_none():
     env = made(episode_steps=20)
-    stepping_back_of(env).charge = 0.5
+    layer_of(env, SteppingBack).charge = 0.5
     rng = np.random.default_rng(1)
     earned, ended, backward = np.zeros(N), {}, np.zeros(N)
     for _ in range(20):
@@ -54,11 +58,11 @@ def test_the_charge_may_change_and_what_is_monitored_has_none():
 
 
 def test_while_wheels_set_off_steps_backward_are_free():
-    charged, plain = made(back_charge=0.3, setting_off=40), made(setting_off=40)
+    charged, plain = made(0.3, 40), made(0.0, 40)
     rng, backward = np.random.default_rng(0), np.zeros(2)
     for _ in range(150):
         actions = rng.choice([-1.0, 1.0], size=(N, 1)).astype(np.float32)
-        walking = ~setting_off_of(charged).setting_off
+        walking = ~layer_of(charged, SettingOff).setting_off
         _, rewards, _, infos = charged.step(actions)
         less = plain.step(actions)[1] - rewards
         back = np.array([(info["touchdowns"] - info["steps"]) / 2 for info in infos])
@@ -68,5 +72,5 @@ def test_while_wheels_set_off_steps_backward_are_free():
 
 
 def test_a_negative_charge_is_refused():
-    with pytest.raises(ValueError, match="charge"):
-        Offer(back_charge=-0.1)
+    with pytest.raises(ValueError, match=r"charge = -0\.1"):
+        made(-0.1)

@@ -6,16 +6,20 @@ import pytest
 from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.conditions import Conditions
-from agents.sb3.training_env import HeldActions, Offer, training_env
+from agents.sb3.training_env import HeldActions, Offer, ScaledReward, training_env
 from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym import THESIS_PHYSICAL, Task
 from rimless_gym.envs.task import TERM_NAMES
 from tests.agents.sb3_rows import ID
 
 
+def holding(intervals):
+    return Offer({HeldActions: {"intervals": intervals}})
+
+
 def test_rewards_are_scaled_for_the_learner_only():
     plain, scaled = (
-        training_env(1, Conditions(), Task(), 3, Offer(reward_scale=scale))
+        training_env(1, Conditions(), Task(), 3, Offer({ScaledReward: {"scale": scale}}))
         for scale in (1.0, 100.0)
     )
     for env in (plain, scaled):
@@ -24,6 +28,19 @@ def test_rewards_are_scaled_for_the_learner_only():
     (_, small, _, infos), (_, large, _, _) = plain.step(action), scaled.step(action)
     assert large[0] == pytest.approx(100 * small[0])
     assert small[0] == pytest.approx(sum(infos[0][name] for name in TERM_NAMES))
+
+
+@pytest.mark.parametrize(
+    ("layers", "error", "message"),
+    [
+        ({HeldActions: {"intervals": 2.5}}, TypeError, r"intervals = 2\.5: must be"),
+        ({HeldActions: {"intervals": 0}}, ValueError, "intervals = 0"),
+        ({ScaledReward: {"scale": 0.0}}, ValueError, r"scale = 0\.0: must be"),
+    ],
+)
+def test_arguments_of_layers_are_checked_when_environments_are_made(layers, error, message):
+    with pytest.raises(error, match=message):
+        training_env(1, Conditions(), Task(), 3, Offer(layers))
 
 
 @pytest.mark.parametrize("voltage", [0.0, 1.0])
@@ -53,7 +70,7 @@ def test_the_learner_gets_an_episodes_last_observation_and_the_reason_for_its_en
 
 
 def test_a_held_action_is_that_of_several_control_intervals_and_their_rewards_are_summed():
-    held, plain = (training_env(3, Conditions(), Task(), 5, Offer(held=k)) for k in (4, 1))
+    held, plain = (training_env(3, Conditions(), Task(), 5, holding(k)) for k in (4, 1))
     np.testing.assert_array_equal(held.reset(), plain.reset())
     action = np.full((3, 1), 0.4, dtype=np.float32)
     seen, total, _, _ = held.step(action)
@@ -63,7 +80,7 @@ def test_a_held_action_is_that_of_several_control_intervals_and_their_rewards_ar
 
 
 def test_an_episode_that_ends_while_an_action_is_held_is_reported_as_it_ended():
-    held, plain = (training_env(8, Conditions(), Task(), 6, Offer(held=k)) for k in (4, 1))
+    held, plain = (training_env(8, Conditions(), Task(), 6, holding(k)) for k in (4, 1))
     held.reset(), plain.reset()
     action, ends = np.ones((8, 1), dtype=np.float32), 0
     for _ in range(60):
