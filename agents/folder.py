@@ -79,7 +79,17 @@ def _require_same(notes: Path, identity: dict[str, Any]) -> None:
         ) from error
     for name, wanted in json.loads(json.dumps(identity)).items():
         if has.get(name) != wanted:
+            old, new = _where_they_differ(has.get(name), wanted)
             raise ValueError(
-                f"{notes.parent} holds a training with {name} = {has.get(name)}, not {wanted}: go "
-                "on with the same, or choose another --out"
+                f"{notes.parent} holds a training with {name} = {old}, not {new}: go on with the "
+                "same, or choose another --out"
             )
+
+
+def _where_they_differ(one: Any, other: Any) -> tuple[Any, Any]:
+    """Two values; of objects, only the entries that differ."""
+    if not isinstance(one, dict) or not isinstance(other, dict):
+        return one, other
+    differing = [key for key in one | other if one.get(key) != other.get(key)]
+    old, new = ({key: each[key] for key in differing if key in each} for each in (one, other))
+    return old, new

@@ -12,11 +12,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
+from agents.folder import BEST
 from agents.imitation import CloneReport, Cloning
 from agents.policies import Act, Policy
 from agents.training import Settings, Training
@@ -65,6 +66,9 @@ class Watch(Protocol):
     def advanced(self) -> None:
         """To be called whenever `steps` has grown, to move the progress bar."""
 
+    def doing(self, what: str) -> None:
+        """Say in the progress bar what takes long while `steps` does not grow; "" when over."""
+
 
 #: No changes to a learner's hyperparameters.
 NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
@@ -93,6 +97,12 @@ class Learner(ABC):
     Raises:
         ValueError: `start` does not fit the learner.
     """
+
+    #: Whether it can imitate an expert.
+    imitates: ClassVar[bool] = False
+
+    #: The file of a finished training whose policy to take.
+    recommended: ClassVar[str] = BEST
 
     @abstractmethod
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None: ...
@@ -174,13 +184,9 @@ class Learner(ABC):
             kept: file for the rounds done so far, from which a stopped cloning goes on.
             progress: whether to show a progress bar.
 
-        Raises:
-            ValueError: this learner cannot imitate.
+        Only learners that say so in `imitates` are asked to.
         """
-        raise ValueError(
-            "init = 'imitation': this learner cannot imitate; begin from 'scratch', or from a "
-            "policy's file"
-        )
+        raise NotImplementedError
 
     def close(self) -> None:  # noqa: B027  most learners have nothing to close
         """Close environments and files."""

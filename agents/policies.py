@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import TypeAlias
 
@@ -20,6 +21,37 @@ Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
 
 #: observations (N, 6 or 8) -> actions (N,) in [-1, 1]: the deterministic policy of a learner.
 Act: TypeAlias = Callable[[NDArray[np.float32]], Floats]
+
+
+@dataclasses.dataclass(frozen=True)
+class Seeing:
+    """A learner's policy that refuses observations of another shape than it was trained on.
+
+    Attributes:
+        act: the policy.
+        size: numbers of an observation, 6 or 8.
+    """
+
+    act: Act
+    size: int
+
+    def __call__(self, observations: NDArray[np.float32]) -> Floats:
+        """The actions, (N,).
+
+        Raises:
+            ValueError: the observations are not (N, size).
+        """
+        shape = np.shape(observations)
+        if len(shape) != 2 or shape[1] != self.size:
+            remedy = (
+                "give a batch, such as observation[None]"
+                if shape == (self.size,)
+                else f"it was trained where {self.size} numbers are observed"
+            )
+            raise ValueError(
+                f"observations: must have shape (N, {self.size}), not {shape}; {remedy}"
+            )
+        return self.act(observations)
 
 
 def learned_policy(act: Act) -> Policy:

@@ -18,7 +18,7 @@ import numpy as np
 from agents import learners
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts
-from agents.policies import Act, Policy, learned_policy
+from agents.policies import Policy, Seeing, learned_policy
 from agents.training import Training
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.observation import (
@@ -77,7 +77,7 @@ class Checkpoint:
         parts: what the file held; the record has everything that was saved with the weights.
     """
 
-    act: Act
+    act: Seeing
     algo: str
     conditions: Conditions
     task: Task
@@ -106,7 +106,7 @@ class Checkpoint:
         Raises:
             AttributeError: the learner is not one of stable-baselines3.
         """
-        return self.act.model  # type: ignore[attr-defined]
+        return self.act.act.model  # type: ignore[attr-defined]
 
 
 def layout(commanded: bool) -> list[str]:
@@ -196,7 +196,9 @@ def load_policy(
             was trained on.
         trust_pickle: also read files of plain stable-baselines3. Such a file is a pickle: reading
             it runs any code that its author put into it, with your rights. It does not record its
-            machine, which is taken to be `params`, or the default machine if that is None.
+            machine, which is taken to be `params`, or the default machine if that is None. By the
+            size of its observations it is taken to be of `RimlessWheel-v0` or of
+            `RimlessWheelSpeed-v0`, with their default arguments.
 
     Raises:
         CheckpointError: there is no such file, it is damaged or in another format, or its
@@ -231,7 +233,7 @@ def load_policy(
         )
     parts = PolicyParts(record, weights)
     try:
-        act = kind.load(parts, conditions, task)
+        act = Seeing(kind.load(parts, conditions, task), len(now))
     except Exception as error:  # learners may raise anything
         raise CheckpointError(
             f"{path}: its record says {algo}, but its weights do not fit a {algo} policy "
@@ -270,7 +272,8 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
     from agents.sb3.foreign import unpickled  # stable-baselines3 is an extra
 
     try:
-        algo, act = unpickled(path, params)
+        algo, act, conditions = unpickled(path, params)
     except ValueError as error:
         raise CheckpointError(str(error)) from error
-    return Checkpoint(act, algo, Conditions(params), Task(), 0, PolicyParts({"algo": algo}, {}))
+    task, parts = conditions.default_task, PolicyParts({"algo": algo}, {})
+    return Checkpoint(act, algo, conditions, task, 0, parts)

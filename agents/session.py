@@ -164,6 +164,10 @@ class Session:
         """See `agents.learner.Watch`."""
         self._bar.update(min(self._learner.steps, self._bar.total) - self._bar.n)
 
+    def doing(self, what: str) -> None:
+        """See `agents.learner.Watch`."""
+        self._bar.set_postfix_str(what)
+
     def close(self) -> None:
         """Close the log and leave the progress bar as it stands."""
         self._bar.close()

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from agents import learners
 from agents.conditions import Conditions
@@ -158,6 +161,11 @@ def train(
             f"timesteps = {total}: {algo} only collects experience in the first "
             f"{settings.silent}; ask for more"
         )
+    if init == IMITATION and not learners.learner(algo).imitates:
+        raise ValueError(
+            f"init = 'imitation': {algo} cannot imitate; begin from 'scratch', or from a policy's "
+            "file"
+        )
     if init != IMITATION and expert != EXPERT:
         raise ValueError(f"expert = {expert!r}: is imitated only with init = 'imitation'")
     if init != IMITATION and cloning is not None:
@@ -245,6 +253,10 @@ def _imitate(learner: Learner, plan: Plan, expert: Controller | str, cloning: Cl
     """Clone an expert into the learner."""
     training, out = plan.training, plan.out
     if isinstance(expert, str):
+        if plan.progress and expert in laws.names():
+            tqdm.write(
+                f"{expert}: designing it and planning its catch (up to a minute)", sys.stderr
+            )
         whom = _named(expert, plan)
     else:
         whom = controller_policy(training.conditions.params, expert)
@@ -261,7 +273,7 @@ def _started_from(path: str, training: Training) -> Learner:
     start = _fitting(path, training.conditions)
     if start.algo != training.algo:
         raise CheckpointError(
-            f"{path}: a {start.algo} policy cannot start {training.algo}; use one of "
+            f"{path}: a policy of {start.algo}, which cannot start {training.algo}; use one of "
             f"{training.algo}"
         )
     return learners.learner(training.algo)(training, start.parts)

@@ -89,10 +89,12 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())  # or a power cut could leave an empty file
         os.replace(unfinished, path)
-    except OSError as error:  # a full disk, perhaps: the part must not stay
+    except BaseException as error:  # a full disk or Ctrl-C, perhaps: the part must not stay
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
 
 
 def _sweep(path: Path) -> None:

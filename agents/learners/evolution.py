@@ -83,6 +83,7 @@ class Learner(learner.Learner):
     def learn(self, until: int, watch: Watch) -> None:
         """Go on until there have been `until` steps, or some more."""
         while self._steps < until:
+            watch.doing("" if self._steps else "screening random policies")
             watch.between()
             request = self._request
             answer = answered(request, self._world, self._worth)

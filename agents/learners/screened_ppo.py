@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents import learner
 from agents.conditions import Conditions, require_usual
 from agents.evolution import policy
 from agents.evolution.answering import answered
@@ -32,10 +30,10 @@ from agents.evolution.screening import screen
 from agents.evolution.settings import EvolutionSettings
 from agents.evolution.walks import Duration, World
 from agents.evolution.worth import Worth, families
-from agents.imitation import CloneReport, Cloning
+from agents.folder import LAST
 from agents.learner import NO_CHANGES, PolicyParts, Watch
 from agents.pacing import NO_WALK, CleanWalking
-from agents.policies import Act, Policy, learned_policy
+from agents.policies import Act, learned_policy
 from agents.rollout import Rollout, draw_starts
 from agents.sb3.callbacks import Freeze, InMetres, LogWalking, Settle, Watched
 from agents.sb3.hard_starts import HardStarts
@@ -82,6 +80,8 @@ class Learner(Sb3Learner):
     """
 
     algorithm = PPO
+    imitates = False
+    recommended = LAST  # the best of many looks from many starts
     hyperparameter_file = "screened_ppo.yml"
 
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None:
@@ -141,14 +141,6 @@ class Learner(Sb3Learner):
         layer = list(network.action_net.parameters())
         return Actor(model, mean_action, layer, [network.log_std], set_noise)
 
-    def imitate(self, expert: Policy, cloning: Cloning, kept: Path, progress: bool) -> CloneReport:
-        """Refused: it begins from screened policies.
-
-        Raises:
-            ValueError: always, with the remedy.
-        """
-        return learner.Learner.imitate(self, expert, cloning, kept, progress)
-
     @property
     def _weights(self) -> Floats:
         return policy_of(self.model.policy)
@@ -180,6 +172,7 @@ class Learner(Sb3Learner):
 
     def _screened(self, watch: Watch) -> Contest:
         """A contest of the best random policies of each family."""
+        watch.doing(f"screening {SCREENING.screened} random policies")
         search = screen(SCREENING, self.training.seed)
         request = next(search)
         while True:
@@ -195,6 +188,7 @@ class Learner(Sb3Learner):
             order = sorted(range(len(gaits)), key=lambda k: -promise(gaits[k]))
             contenders += [policies[k] for k in order[:CONTENDERS]]
             families += [family] * len(order[:CONTENDERS])
+        watch.doing("")
         return Contest(np.array(contenders), np.array(families))
 
     def _enter(self, contest: Contest) -> None:

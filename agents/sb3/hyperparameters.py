@@ -96,6 +96,9 @@ def hyperparameters(
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
+    for name in ("gamma", "gae_lambda"):
+        if name in values and not 0.0 <= real(name, values[name]) <= 1.0:
+            raise ValueError(f"{name} = {values[name]}: must be at least 0 and at most 1")
     if "policy_kwargs" in values:
         text = values["policy_kwargs"]
         try:
@@ -160,10 +163,10 @@ def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
 
     Raises:
         TypeError: it is neither a number nor text.
-        ValueError: it is written in another way.
+        ValueError: it is not greater than 0, or it is written in another way.
     """
     if not isinstance(value, str):
-        return real(name, value)
+        return positive(name, value)
     prefix, _, number = value.partition("_")
     try:
         if prefix != "lin":

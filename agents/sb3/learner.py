@@ -68,6 +68,7 @@ class Sb3Learner(Learner):
         TypeError: the training's settings are not `Hyperparameters`.
     """
 
+    imitates = True
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
 

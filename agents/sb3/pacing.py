@@ -187,10 +187,13 @@ class SelfPacedPrice(BaseCallback):
 
     def _pay(self, price: float, task: Task) -> None:
         """Let the environments pay a price from now on, and the rest as told or as a task does."""
+        assert self._probe is not None
+        target = min(self.pacing.paid_speed, task.target_speed)
         paid = dataclasses.replace(
             task,
             value_of_distance=price,
-            target_speed=min(self.pacing.paid_speed, task.target_speed),
+            # A command takes its place.
+            target_speed=math.inf if self._probe.control.speeds else target,
             fall_distance=self.pacing.fall_distance,
             slip_speed=self.pacing.slip_speed,
         )

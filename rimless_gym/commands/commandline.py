@@ -78,6 +78,15 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--preset", choices=sorted(PRESETS), default=default, help=meaning)
         self.add_argument("--params", type=json_object(dict), default={}, help=PARAMS)
 
+    def add_trust(self) -> None:
+        """The option that lets pickles be read."""
+        self.add_argument(
+            "--trust-pickle",
+            action="store_true",
+            help="also read files of plain stable-baselines3, which runs any code their author put "
+            "in",
+        )
+
     def machine(self, options: argparse.Namespace) -> WheelParams:
         """The machine that the options of `add_machine` chose; without a preset, the default's."""
         try:

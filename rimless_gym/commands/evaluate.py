@@ -86,11 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="solve the best gaits near the walked speed, and print the gap to them; by default "
         "where gaits of the machine are shipped, since elsewhere it takes minutes",
     )
-    parser.add_argument(
-        "--trust-pickle",
-        action="store_true",
-        help="also read files of plain stable-baselines3, which runs any code their author put in",
-    )
+    parser.add_trust()
     parser.add_argument(
         "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
     )
@@ -209,8 +205,9 @@ def print_table(names: list[str], rows: list[dict[str, Any]], summary: dict[str,
             print(f"{title:{width}}" + "".join(cells))
     for name, row in zip(names, rows, strict=True):
         if row["faults"]:
-            told = ", ".join(f"{count} {verdict}" for verdict, count in row["faults"].items())
-            print(f"{name}: of {row['protocol']['starts']} starts do not count: {told}")
+            faults, starts = row["faults"], row["protocol"]["starts"]
+            told = ", ".join(f"{count} {verdict}" for verdict, count in faults.items())
+            print(f"{name}: {sum(faults.values())} of {starts} starts do not count ({told})")
 
 
 def _cell(column: str, figure: float | None) -> str:

@@ -112,7 +112,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
     except KeyboardInterrupt:
         print(
-            "\ninterrupted before the training began: the same command starts it", file=sys.stderr
+            "\ninterrupted before the first step: the same command goes on, with the rounds of "
+            "cloning that were finished",
+            file=sys.stderr,
         )
         return INTERRUPTED
     if result.interrupted:
@@ -123,7 +125,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     if not result.evaluations:
         print(f"{options.out} holds this training, which is over")
-    print(f"best policy: {result.best}; measure it with `rimless evaluate {result.best}`")
+    best = options.out / learners.learner(options.algo).recommended
+    print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
     return 0
 
 

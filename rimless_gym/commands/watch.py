@@ -68,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=whole(1), default=1, help="of the gait, per stride")
     parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
+    parser.add_trust()
     parser.add_argument(
         "--out", type=Path, help="a .gif or .mp4 to write instead of showing a window"
     )
@@ -142,7 +143,8 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
 
     gaits = {name: as_held(gait) for name, gait in saved.items()}
     named = [name for name in options.names if name != GHOST and name not in gaits]
-    found = {name: walker(name, gait_for, given) for name in named}
+    trust = options.trust_pickle
+    found = {name: walker(name, gait_for, given, trust_pickle=trust) for name in named}
     own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
     params = given or next(iter(own), BUILDABLE)
     for name, gait in gaits.items():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -120,10 +121,27 @@ class Fleet:
         self._orders = None
 
     def set_tasks(self, tasks: Sequence[Task], rows: NDArray[np.int64]) -> None:
-        """Set what is paid for in each row; only that of `rows` changes."""
+        """Set what is paid for in each row; only that of `rows` changes. Commands stay."""
+        self.require_payable(tasks)
         prices = {task: dataclasses.astuple(task) for task in dict.fromkeys(tasks)}
+        commands = self.memory[MEMORY.target_speed, rows]
         self.memory[PRICES, rows] = np.transpose([prices[tasks[i]] for i in rows])
+        if self.control.speeds is not None:
+            self.memory[MEMORY.target_speed, rows] = commands
         self.tasks = list(tasks)
+
+    def require_payable(self, tasks: Sequence[Task]) -> None:
+        """Refuse tasks with a target speed where speeds are commanded.
+
+        Raises:
+            ValueError: there is one.
+        """
+        targets = [task.target_speed for task in tasks if task.target_speed != math.inf]
+        if targets and self.control.speeds is not None:
+            raise ValueError(
+                f"target_speed = {targets[0]:g}: the command takes its place; leave it out, and "
+                "choose commands by `speeds`, or by the reset option 'speed'"
+            )
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
         """Set the disturbances of all rows; every row must then begin a new episode."""

@@ -86,6 +86,7 @@ def read(options: Mapping[str, Any] | None, fleet: Fleet, rows: NDArray[np.int64
         chosen = tasks_of(options["task"], [tasks[i] for i in rows])
         for i, task in zip(rows, chosen, strict=True):
             tasks[i] = task
+        fleet.require_payable(tasks)
     starts = as_starts(options["starts"]) if "starts" in options else fleet.starts
     ranges = as_ranges(options["ranges"]) if "ranges" in options else fleet.ranges
     same = "params" not in options and "ranges" not in options

@@ -85,7 +85,9 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     - `speeds`: the least and the greatest speed that is commanded (m/s), by default (0.3, 0.62);
       more than 0 and at most 2.
 
-    The command takes the place of the `target_speed` of `task`.
+    The command takes the place of the `target_speed` of `task`, which is refused here. A `Task`
+    given as such has the defaults of `RimlessWheel-v0`; a dictionary changes those of this
+    environment.
 
     ## Changes of command
     `env.unwrapped.set_command(speed)` changes the command within an episode. The reward follows at

@@ -86,6 +86,9 @@ def test_other_wrappers_and_schedules_are_refused(tmp_path):
     [
         ({"n_envs": "x"}, TypeError, "n_envs = 'x': must be an integer of at least 1"),
         ({"gamma": "x"}, TypeError, "gamma = 'x': must be a real number"),
+        ({"gamma": 1.5}, ValueError, r"gamma = 1\.5: must be at least 0 and at most 1"),
+        ({"gae_lambda": -0.1}, ValueError, r"gae_lambda = -0\.1: must be"),
+        ({"learning_rate": -1.0}, ValueError, r"learning_rate = -1\.0: must be"),
         ({"batch_size": 7.5}, TypeError, r"batch_size = 7\.5: must be an integer"),
         ({"normalize_advantage": 3}, TypeError, "normalize_advantage = 3: must be True or False"),
         ({"learning_rate": [1]}, TypeError, r"learning_rate = \[1\]: must be a real number"),

@@ -84,9 +84,9 @@ def test_it_starts_only_from_its_own_policies_and_refuses_to_imitate(tmp_path):
     first = run(tmp_path / "a", timesteps=1000)
     second = run(tmp_path / "b", init=first.last, timesteps=0)
     np.testing.assert_array_equal(mean(second.last), mean(first.last))
-    with pytest.raises(CheckpointError, match="a ppo policy cannot start cem"):
+    with pytest.raises(CheckpointError, match="a policy of ppo, which cannot start cem"):
         run(tmp_path / "c", init="fine_tuned", params=load_policy("fine_tuned").params)
-    with pytest.raises(ValueError, match="this learner cannot imitate; begin from 'scratch'"):
+    with pytest.raises(ValueError, match="cannot imitate; begin from 'scratch'"):
         run(tmp_path / "d", init="imitation", expert=lambda x, mode: x[:, 0])
 
 

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
 
 from agents import PRETRAINED
 from agents.policy_files import FORMAT, CheckpointError, load_policy, read_record, save_policy
 from agents.sb3.networks import architecture
+from agents.sb3.vec_env import Sb3VecEnv
 from agents.training_state import StateError, read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym.envs.control import Control
 from rimless_gym.presets import PRESETS
 from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 
@@ -130,6 +133,27 @@ def test_a_file_of_plain_stable_baselines3_can_be_trusted(tmp_path, new_learner)
     x = observations()
     np.testing.assert_array_equal(loaded.act(x), model.predict(x, deterministic=True)[0][:, 0])
     assert (loaded.algo, loaded.params) == ("sac", PROTOTYPE)
+
+
+def test_such_a_file_from_the_environment_with_commands_is_known_by_its_observations(tmp_path):
+    envs = make_vec_env("RimlessWheelSpeed-v0", 2, vec_env_cls=Sb3VecEnv)
+    model = PPO("MlpPolicy", envs, device="cpu", n_steps=32)
+    model.save(tmp_path / "evening.zip")
+    loaded = load_policy(tmp_path / "evening.zip", trust_pickle=True)
+    assert loaded.conditions.control == Control(0.04, speeds=(0.3, 0.62))
+    seen = envs.reset()
+    np.testing.assert_array_equal(
+        loaded.act(seen), model.predict(seen, deterministic=True)[0][:, 0]
+    )
+
+
+@pytest.mark.parametrize("name", ["evolution", "imitation"])
+def test_observations_of_another_shape_are_refused(name):
+    act = load_policy(name).act
+    with pytest.raises(ValueError, match=r"shape \(N, 6\), not \(6,\); .*observation\[None\]"):
+        act(np.zeros(6, dtype=np.float32))
+    with pytest.raises(ValueError, match=r"not \(2, 8\); it was trained where 6 numbers"):
+        act(np.zeros((2, 8), dtype=np.float32))
 
 
 def signed(arrays):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from trajopt.files import ABANDONED, digest, read_arrays, write_arrays
 
@@ -31,6 +33,23 @@ def test_what_a_killed_process_left_is_swept_but_not_what_another_writes_now(
     os.utime(left, (hours_ago, hours_ago))
     write_arrays(tmp_path / "stamps.npz", "stamps 3", {}, {"a": np.ones(2)})
     assert sorted(file.name for file in tmp_path.iterdir()) == ["stamps.npz", written.name]
+
+
+def test_a_file_whose_writing_was_interrupted_stays_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(file: Any, **arrays: Any) -> None:
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    path = tmp_path / "stamps.npz"
+    write_arrays(path, "stamps 3", {}, {"a": np.ones(2)})
+    before = path.read_bytes()
+    monkeypatch.setattr(np, "savez_compressed", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_arrays(path, "stamps 3", {}, {"a": np.zeros(2)})
+    assert [file.name for file in tmp_path.iterdir()] == ["stamps.npz"]
+    assert path.read_bytes() == before
 
 
 def test_the_digest_sees_names_types_and_shapes() -> None:

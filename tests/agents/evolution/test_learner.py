@@ -117,7 +117,7 @@ def test_begun_from_a_policy_that_does_not_walk_it_goes_on_and_logs_no_gait(tmp_
 def test_what_it_cannot_train_with_is_refused(tmp_path):
     with pytest.raises(ValueError, match="nominal machine without disturbances"):
         run(tmp_path / "a", ranges={"pendulum_mass": (1.5, 1.7)})
-    with pytest.raises(ValueError, match="this learner cannot imitate"):
+    with pytest.raises(ValueError, match="cannot imitate"):
         run(tmp_path / "b", init="imitation", expert=lambda x, mode: x[:, 0])
     other = dataclasses.replace(SMALL, population=9)
     run(tmp_path / "c", timesteps=0)

@@ -367,7 +367,7 @@ def test_a_law_is_measured_beside_policies(
     told = capsys.readouterr().out
     for name, row in results.items():
         counted = sum(row["faults"].values())
-        assert (f"{name}: of 2 starts do not count: " in told) == (counted > 0)
+        assert (f"{name}: {counted} of 2 starts do not count (" in told) == (counted > 0)
 
 
 def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(

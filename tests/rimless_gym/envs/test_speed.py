@@ -223,6 +223,37 @@ def test_ranges_of_commands_that_are_none_are_refused(
         make_one(speeds=speeds)
 
 
+def test_other_prices_within_an_episode_leave_the_command_as_it_is() -> None:
+    env, rows = RimlessWheelSpeedEnv(), make(2)
+    for one in (env, rows):
+        one.reset(seed=0, options={"speed": 0.41})
+        one.set_task({"slip_speed": 3.0})
+    assert env.command == 0.41
+    assert rows.commands.tolist() == [0.41, 0.41]
+    changed, same = RimlessWheelSpeedEnv(), RimlessWheelSpeedEnv()
+    for one in (changed, same):
+        one.reset(seed=3)
+    changed.set_task({"value_of_distance": 1.0})
+    assert np.array_equal(changed.step(STILL)[0], same.step(STILL)[0])
+
+
+@pytest.mark.parametrize("make_one", [RimlessWheelSpeedEnv, RimlessWheelSpeedVectorEnv])
+def test_a_target_speed_is_refused_because_the_command_takes_its_place(make_one: Any) -> None:
+    target = {"target_speed": 0.5}
+    with pytest.raises(ValueError, match=r"target_speed = 0\.5: the command takes its place"):
+        make_one(task=target)
+    env = make_one()
+    env.reset(seed=0)
+    before = pickle.dumps(env.get_state())
+    for change in (
+        lambda: env.set_task(target),
+        lambda: env.reset(options={"task": target, "params": "PROTOTYPE"}),
+    ):
+        with pytest.raises(ValueError, match="choose commands by `speeds`"):
+            change()
+    assert pickle.dumps(env.get_state()) == before
+
+
 def test_the_plain_environment_takes_no_commands() -> None:
     with pytest.raises(ValueError, match="unknown reset option 'speed'"):
         RimlessWheelEnv().reset(options={"speed": 0.5})
