@@ -142,8 +142,14 @@ class Session:
 
         Raises:
             KeyboardInterrupt: somebody asked to stop before it was reached.
+            ValueError: the training has diverged.
         """
-        self._learner.learn(self._plan.total, self)
+        try:
+            self._learner.learn(self._plan.total, self)
+        except ValueError as error:
+            if "Expected parameter" in str(error):  # PyTorch's, of a distribution that is none
+                raise self._divergence() from error
+            raise
         self._evaluate()
         self.log.dump(self._learner.steps)
         self._standing.over = self._plan.total
@@ -173,7 +179,25 @@ class Session:
         self._bar.close()
         self.log.close()
 
+    def _require_finite(self) -> None:
+        """Stop before a policy that is of no use is written over a good one.
+
+        Raises:
+            ValueError: the training has diverged.
+        """
+        weights = self._learner.parts().weights.values()
+        if not all(np.isfinite(each).all() for each in weights):
+            raise self._divergence()
+
+    def _divergence(self) -> ValueError:
+        return ValueError(
+            f"the training has diverged: after {self._learner.steps} steps its weights are "
+            f"infinite or far too large; {self._plan.out} keeps what they were after {self.kept}. "
+            "Begin anew with another --out and a smaller learning_rate (--settings)"
+        )
+
     def _evaluate(self) -> None:
+        self._require_finite()
         plan, steps = self._plan, self._learner.steps
         conditions = plan.training.conditions
         self._standing.due = steps + max(1, math.ceil(plan.total / EVALUATIONS))
@@ -227,6 +251,7 @@ class Session:
 
     def _save(self) -> None:
         """Write the training as it is now."""
+        self._require_finite()
         out, training = self._plan.out, self._plan.training
         self._standing.logged = dict(self.log.name_to_value)
         with self._stop.held_off():

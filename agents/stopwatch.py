@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rimless_gym.checks import not_negative
 from trajopt.files import write_text
 
 #: How often the time is written to its file (s); a kill loses at most so much of it.
@@ -20,12 +21,13 @@ FILE = "minutes.json"
 def minutes(folder: Path) -> float:
     """The minutes that work in a folder has taken so far."""
     try:
-        return float(json.loads((folder / FILE).read_text()))
+        return not_negative("minutes", json.loads((folder / FILE).read_text()))
     except FileNotFoundError:
         return 0.0
     except (ValueError, TypeError) as error:
         raise ValueError(
-            f"{folder / FILE}: damaged ({error}); remove {folder} to train anew"
+            f"{folder / FILE}: damaged ({error}); remove this file: only the count of minutes is "
+            "lost"
         ) from error
 
 

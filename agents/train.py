@@ -15,14 +15,21 @@ from tqdm import tqdm
 from agents import learners
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation
-from agents.folder import BEST, CLONE, CLONING, LAST, STATE, claim, sole_user
+from agents.folder import BEST, CLONE, CLONING, LAST, NOTES, STATE, claim, sole_user
 from agents.imitation import Cloning
 from agents.interrupts import requests
 from agents.ladder import ladder_of_laws
 from agents.learner import Learner
 from agents.milestones import Milestone
 from agents.policies import Policy, controller_policy, seeing_policy
-from agents.policy_files import Checkpoint, CheckpointError, load_policy, origin, save_policy
+from agents.policy_files import (
+    Checkpoint,
+    CheckpointError,
+    load_policy,
+    origin,
+    read_record,
+    save_policy,
+)
 from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.scores import economy
 from agents.session import Plan, Session, Standing
@@ -173,19 +180,21 @@ def train(
     score = score or (reward_per_second if conditions.commanded else walking_economy)
     with sole_user(out):
         begun = (out / STATE).exists()
-        if begun:
+        if begun or (out / NOTES).exists():
             claim(out, training.identity)
+        if begun:
             learner, standing = _resumed(training, out)
         else:
             for reason in learners.learner(algo).advice(training):
                 warnings.warn(reason, stacklevel=2)
-            learner, standing = _new(init, training), Standing()  # what it refuses claims no folder
-            claim(out, training.identity)
+            learner, standing = _new(init, training), Standing()
         try:
             with timed(out) as minutes:
                 plan = Plan(training, out, total, score, protocol, progress, minutes, plans)
-                if init == IMITATION and not begun:
-                    _imitate(learner, plan, expert, cloning or Cloning())
+                imitated = None if begun or init != IMITATION else _imitated(expert, plan)
+                claim(out, training.identity)  # what was refused so far has claimed no folder
+                if imitated is not None:
+                    _imitate(learner, plan, imitated, cloning or Cloning())
                 return _learned(plan, learner, standing)
         finally:
             learner.close()
@@ -249,19 +258,19 @@ def _new(init: str, training: Training) -> Learner:
     return _started_from(init, training)
 
 
-def _imitate(learner: Learner, plan: Plan, expert: Controller | str, cloning: Cloning) -> None:
+def _imitated(expert: Controller | str, plan: Plan) -> Policy:
+    """Whom to imitate."""
+    if not isinstance(expert, str):
+        return controller_policy(plan.training.conditions.params, expert)
+    if plan.progress and expert in laws.names():
+        tqdm.write(f"{expert}: is designed, its catch planned (up to a minute)", sys.stderr)
+    return _named(expert, plan)
+
+
+def _imitate(learner: Learner, plan: Plan, expert: Policy, cloning: Cloning) -> None:
     """Clone an expert into the learner."""
-    training, out = plan.training, plan.out
-    if isinstance(expert, str):
-        if plan.progress and expert in laws.names():
-            tqdm.write(
-                f"{expert}: designing it and planning its catch (up to a minute)", sys.stderr
-            )
-        whom = _named(expert, plan)
-    else:
-        whom = controller_policy(training.conditions.params, expert)
-    report = learner.imitate(whom, cloning, out / CLONING, plan.progress)
-    save_policy(out / CLONE, training, learner, cloning=dataclasses.asdict(report))
+    report = learner.imitate(expert, cloning, plan.out / CLONING, plan.progress)
+    save_policy(plan.out / CLONE, plan.training, learner, cloning=dataclasses.asdict(report))
 
 
 def _started_from(path: str, training: Training) -> Learner:
@@ -292,6 +301,8 @@ def _resumed(training: Training, out: Path) -> tuple[Learner, Standing]:
         raise ValueError(
             f"{out}: {' and '.join(missing)} is missing: put it back, or remove {out} to train anew"
         )
+    for name in needed:
+        read_record(out / name)  # refused if it is damaged
     state = read_state(out / STATE)
     try:
         if state["identity"] != json.loads(json.dumps(training.identity)):

@@ -8,16 +8,17 @@ from typing import Any
 from agents.comparison.shipped import SCREENED, TITLE
 from agents.reports.tables import NONE, figure
 
-#: Titles of rows of the comparison, and what they are for somebody who reads nothing else.
+#: Titles of rows of the comparison, and what they are for somebody who reads nothing else, with the
+#: names by which `rimless watch` and `load_policy` know them.
 SHOWN = {
-    "optimal, voltage held for 10 ms": "optimal gait",
-    "LQR about the optimum": "feedback law that holds it (LQR)",
-    "imitation": "network cloned from the law",
-    "fine-tuned, best kept": "clone fine-tuned by PPO",
-    TITLE: "one network that walks at the speed it is told",
-    "evolution from scratch": "evolution from nothing",
-    SCREENED: "PPO that goes on from the best of random policies",
-    "PPO from scratch": "PPO from nothing",
+    "optimal, voltage held for 10 ms": "optimal gait (`optimum`)",
+    "LQR about the optimum": "feedback law that holds it (`lqr`)",
+    "imitation": "network cloned from the law (`imitation`)",
+    "fine-tuned, best kept": "clone fine-tuned by PPO (`fine_tuned`)",
+    TITLE: "one network that walks at the speed it is told (`front`)",
+    "evolution from scratch": "evolution from nothing (`evolution`)",
+    SCREENED: "PPO that goes on from the best of random policies (`screened_ppo`)",
+    "PPO from scratch": "PPO from nothing (`ppo`)",
 }
 
 

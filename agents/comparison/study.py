@@ -11,6 +11,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
 from trajopt.gaits.held.clock import held_speed, held_speeds
+from trajopt.gaits.power import lacks_power
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +38,8 @@ class Study:
 
     Raises:
         TypeError: a value is of the wrong kind.
-        ValueError: there is no such preset or field, or a number is out of its range.
+        ValueError: there is no such preset or field, a number is out of its range, or the motor is
+            too weak for a speed.
     """
 
     preset: str = "BUILDABLE"
@@ -88,6 +90,9 @@ class Study:
             ("seed", 0),
         ):
             integer(name, getattr(self, name), least)
+        for speed in self.speeds:
+            if why := lacks_power(self.params, speed, self.steps):
+                raise ValueError(why)
 
     @property
     def params(self) -> WheelParams:

@@ -117,6 +117,14 @@ class Learner(Sb3Learner):
         """The entry of the file, for every start."""
         found = super().settings(SCRATCH, changes)
         assert isinstance(found, Hyperparameters)
+        if callable(found.algorithm["learning_rate"]):
+            raise ValueError(
+                "learning_rate: must be a number here; from stage to stage it falls by itself"
+            )
+        if layers := found.algorithm["policy_kwargs"].get("net_arch", {}).get("pi"):
+            raise ValueError(
+                f"net_arch: pi = {layers}: must be empty, since the policy is linear; vf is free"
+            )
         networks = found.algorithm["policy_kwargs"] | {"features_extractor_class": Products}
         algorithm = found.algorithm | {"policy_kwargs": networks}
         return dataclasses.replace(found, algorithm=algorithm)

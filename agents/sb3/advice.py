@@ -21,7 +21,11 @@ def advice(training: Training, settings: Hyperparameters) -> list[str]:
     """Why a training will not learn to walk, each reason with its numbers; usually none."""
     return [
         reason
-        for reason in (_short_sight(training, settings), _low_price(training, settings))
+        for reason in (
+            _short_sight(training, settings),
+            _low_price(training, settings),
+            _held_for_long(training, settings),
+        )
         if reason
     ]
 
@@ -55,4 +59,16 @@ def _low_price(training: Training, settings: Hyperparameters) -> str:
         f"{name} = {price:g} from scratch: the simplest walk costs about "
         f"{SIMPLEST_COT:g} per metre, so standing still pays better; let the price follow the "
         "policy (agents.sb3.pacing.SelfPacedPrice), or start from a clone"
+    )
+
+
+def _held_for_long(training: Training, settings: Hyperparameters) -> str:
+    """An action that lasts for more than half a step."""
+    held = settings.intervals_per_step * training.conditions.control.period
+    step = training.conditions.params.step_length / USUAL_SPEED
+    if held <= 0.5 * step:
+        return ""
+    return (
+        f"actions are held for {held:g} s, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s: "
+        "no gait can be controlled so seldom; hold them for fewer intervals"
     )

@@ -17,10 +17,12 @@ from agents.sb3.layers import arguments_of
 from agents.sb3.pacing import Pacing
 from agents.sb3.training_env import LAYERS, HeldActions, Offer
 from agents.training import Settings
-from rimless_gym.checks import integer, positive, real
+from rimless_gym.checks import integer, positive
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
+#: The most environments of a training.
+MOST_ENVS = 65_536
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "callback")
 
@@ -85,7 +87,7 @@ def hyperparameters(
         raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
     written = entries[entry] | dict(changes)
     values = copy.deepcopy(written)
-    n_envs = integer("n_envs", values.pop("n_envs"), 1)
+    n_envs = integer("n_envs", values.pop("n_envs"), 1, MOST_ENVS)
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
     limits = _classes(values, "env_wrapper", ENV_WRAPPERS)
     wrappers = _classes(values, "vec_env_wrapper", WRAPPERS)
@@ -96,14 +98,11 @@ def hyperparameters(
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
-    for name in ("gamma", "gae_lambda"):
-        if name in values and not 0.0 <= real(name, values[name]) <= 1.0:
-            raise ValueError(f"{name} = {values[name]}: must be at least 0 and at most 1")
     if "policy_kwargs" in values:
         text = values["policy_kwargs"]
         try:
             values["policy_kwargs"] = _written(ast.parse(text, mode="eval").body)
-        except (SyntaxError, TypeError, ValueError) as error:
+        except (SyntaxError, TypeError, ValueError, RecursionError, MemoryError) as error:
             raise ValueError(
                 f"policy_kwargs = {text!r}: write dict(name=value, ...) of plain values and "
                 f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"

@@ -17,6 +17,7 @@ from agents.imitation import CloneReport, Cloning, Teaching
 from agents.learner import NO_CHANGES, Learner, PolicyParts, Watch, require_known
 from agents.policies import Act, Policy
 from agents.sb3.advice import advice
+from agents.sb3.bounds import NOT_OURS, require_possible
 from agents.sb3.callbacks import Freeze, LogWalking, Watched
 from agents.sb3.cloning import clone
 from agents.sb3.hyperparameters import ENVIRONMENTS, Hyperparameters, hyperparameters
@@ -40,9 +41,6 @@ from rimless_gym.envs.task import Task
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
 
-
-#: Arguments of stable-baselines3's algorithms that are no hyperparameters.
-OURS = ("env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model")
 
 #: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
 #: writes -1 where a number follows from others.
@@ -101,7 +99,7 @@ class Sb3Learner(Learner):
         try:
             return self.algorithm(device="cpu", **arguments)
         except Exception as error:  # stable-baselines3 refuses arguments in many ways
-            raise ValueError(f"hyperparameters {self._arguments}: {error!r}") from error
+            raise ValueError(f"{error!r}, with the hyperparameters {self._arguments}") from error
 
     @staticmethod
     @abstractmethod
@@ -112,11 +110,12 @@ class Sb3Learner(Learner):
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         taken = inspect.signature(cls.algorithm).parameters
-        require_known(changes, [*ENVIRONMENTS, *(name for name in taken if name not in OURS)])
+        require_known(changes, [*ENVIRONMENTS, *(name for name in taken if name not in NOT_OURS)])
         found = hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
         for name, value in found.algorithm.items():
             if name in taken and taken[name].annotation in PLAIN:
                 PLAIN[taken[name].annotation](name, value)
+        require_possible(found.algorithm)
         return found
 
     @classmethod

@@ -33,6 +33,9 @@ from rimless_gym.checks import integer, not_negative, positive
 from rimless_gym.envs.task import Task
 from rimless_gym.rules import exceeds
 
+#: The shortest walk by which a policy can be judged (s): some control periods of any length.
+SHORTEST = 0.4
+
 
 @dataclasses.dataclass(frozen=True)
 class Pacing:
@@ -86,8 +89,11 @@ class Pacing:
                 f"multiple = {self.multiple:g}: walking must earn more than it costs, so give "
                 "more than 1; 2 is usual"
             )
-        for name in ("paid_speed", "seconds"):
-            positive(name, getattr(self, name))
+        if self.least_share > 1.0:
+            raise ValueError(f"least_share = {self.least_share:g}: must be at most 1, all starts")
+        positive("paid_speed", self.paid_speed)
+        if positive("seconds", self.seconds) < SHORTEST:
+            raise ValueError(f"seconds = {self.seconds:g}: must be at least {SHORTEST:g}")
         for name in ("every", "starts"):
             integer(name, getattr(self, name), 1)
 
@@ -161,6 +167,8 @@ class SelfPacedPrice(BaseCallback):
 
     def __init__(self, pacing: Pacing | None = None, **settings: Any) -> None:
         super().__init__()
+        if not isinstance(pacing, Pacing | None):
+            raise TypeError(f"pacing = {pacing!r}: must be a Pacing; or name its fields")
         if pacing is not None and settings:
             raise TypeError(f"pacing and {list(settings)}: give one of them")
         self.pacing = pacing or Pacing(**settings)

@@ -233,8 +233,8 @@ def json_object(parsed: Callable[[dict[str, Any]], T]) -> Callable[[str], T]:
     def read(text: str) -> T:
         try:
             values = json.loads(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(f"{text!r}: not JSON ({error})") from None
+        except (ValueError, RecursionError) as error:
+            raise argparse.ArgumentTypeError(f"{text[:200]!r}: not JSON ({error})") from None
         if not isinstance(values, dict):
             raise argparse.ArgumentTypeError(f"{text!r}: must be a JSON object, {{...}}")
         try:

@@ -16,7 +16,7 @@ from agents.conditions import Conditions
 from agents.pacing import CleanWalking
 from agents.sb3 import pacing
 from agents.sb3.pacing import Pacing, SelfPacedPrice, clean_walking, probe_of
-from agents.sb3.training_env import Offer
+from agents.sb3.training_env import HeldActions, Offer
 from agents.session import Session
 from agents.train import train
 from agents.training import Training
@@ -246,6 +246,9 @@ def test_hyperparameters_that_cannot_walk_are_warned_of_with_their_numbers(tmp_p
     cheap = dataclasses.replace(settings, pacing=None)
     with pytest.warns(UserWarning, match=r"value_of_distance = 0.5 from scratch: .* about 1 "):
         train("ppo", out=tmp_path / "b", settings=cheap, timesteps=0, protocol=BRIEF)
+    slow = dataclasses.replace(settings, offer=Offer({HeldActions: {"intervals": 50}}))
+    with pytest.warns(UserWarning, match=r"held for 0.5 s, and a step .* lasts 0\.\d+ s"):
+        train("ppo", out=tmp_path / "c", settings=slow, timesteps=0, protocol=BRIEF)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])

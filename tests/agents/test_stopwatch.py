@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.stopwatch import forget, minutes, timed
+from agents.stopwatch import FILE, forget, minutes, timed
 
 
 def test_the_time_of_a_training_counts_on_through_stops(tmp_path: Path) -> None:
@@ -21,6 +21,10 @@ def test_the_time_of_a_training_counts_on_through_stops(tmp_path: Path) -> None:
     assert 0.0 < first < work()
     forget(tmp_path)
     assert minutes(tmp_path) == 0.0
-    (tmp_path / "minutes.json").write_text("{")
-    with pytest.raises(ValueError, match=r"damaged.*to train anew"):
-        work()
+
+
+@pytest.mark.parametrize("text", ["", "NaN", "-1.0", '"2"'])
+def test_a_damaged_count_of_minutes_is_named_with_the_remedy(tmp_path: Path, text: str) -> None:
+    (tmp_path / FILE).write_text(text)
+    with pytest.raises(ValueError, match=r"minutes\.json: damaged .* remove this file: only the"):
+        minutes(tmp_path)

@@ -25,6 +25,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
         ({"front": 0.5}, TypeError, "front = 0.5"),
         ({"further": (-1.0,)}, ValueError, "further: speed = -1.0"),
         ({"further": (0.561,)}, ValueError, "stand for the same gait"),
+        ({"speed": 9.0}, ValueError, r"speed = 9(\.\d+)? m/s: the motor is too weak"),
         ({"front_steps": ()}, TypeError, r"front_steps = \(\): must be a tuple such as \(1, 2\)"),
         ({"front_steps": 2}, TypeError, "front_steps = 2"),
         ({"front_steps": (0,)}, ValueError, "front_steps: number = 0"),

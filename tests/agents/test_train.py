@@ -177,10 +177,27 @@ def test_a_policy_is_neither_distilled_nor_started_from_across_control_periods(t
         run(tmp_path / "b", init="imitation", expert=path, control_period=0.04)
 
 
+def test_an_expert_that_does_not_fit_leaves_the_folder_free(tmp_path):
+    with pytest.raises(CheckpointError, match=r"walks with a commanded speed; train with speeds"):
+        run(tmp_path, init="imitation", expert="front", timesteps=0)
+    with pytest.raises(ValueError, match="evolution cannot imitate"):
+        run(tmp_path, "evolution", init="imitation", timesteps=0)
+    assert run(tmp_path, timesteps=0).timesteps == 0
+
+
+def test_a_training_that_diverges_keeps_its_last_good_state(tmp_path, monkeypatch):
+    monkeypatch.setattr("agents.session.SAVE_INTERVAL", 0.0)
+    usual = small("ppo")
+    wild = dataclasses.replace(usual, algorithm=usual.algorithm | {"learning_rate": 1e30})
+    with pytest.raises(ValueError, match=r"has diverged: after \d+ steps .* keeps what they were"):
+        run(tmp_path, settings=wild)
+    assert np.isfinite(weights(tmp_path / "last.zip")).all()
+
+
 def test_hyperparameters_that_the_library_refuses_leave_the_folder_free(tmp_path):
     usual = learners.learner("ppo").settings("scratch")
     wrong = dataclasses.replace(usual, algorithm=usual.algorithm | {"n_steps": 16.5})
-    with pytest.raises(ValueError, match=r"hyperparameters.*16\.5"):
+    with pytest.raises(ValueError, match=r"with the hyperparameters.*16\.5"):
         train("ppo", out=tmp_path, settings=wrong, timesteps=64, progress=False)
     assert run(tmp_path, timesteps=64).timesteps >= 64
 

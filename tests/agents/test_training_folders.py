@@ -1,5 +1,6 @@
 """A folder belongs to one training: other trainings, processes and damaged files are refused."""
 
+import dataclasses
 import json
 import shutil
 
@@ -7,9 +8,10 @@ import pytest
 
 from agents.folder import sole_user
 from agents.policy_files import FORMAT as POLICY
+from agents.policy_files import CheckpointError
 from agents.training_state import StateError, read_state, write_state
 from rimless_gym import PROTOTYPE
-from tests.agents.runs import QUICK, run
+from tests.agents.runs import QUICK, run, small
 from trajopt.files import read_arrays, write_arrays
 
 
@@ -82,6 +84,20 @@ def test_a_training_whose_policies_are_missing_does_not_go_on(folder, name):
     (folder / name).unlink()
     with pytest.raises(ValueError, match=rf"{name} is missing: put it back, or remove"):
         run(folder)
+
+
+@pytest.mark.parametrize("name", ["best.zip", "last.zip"])
+def test_a_training_whose_policies_are_damaged_does_not_go_on(folder, name):
+    (folder / name).write_bytes((folder / name).read_bytes()[:1000])
+    with pytest.raises(CheckpointError, match=rf"{name}: .*damaged"):
+        run(folder, timesteps=256)
+
+
+def test_a_training_that_differs_in_one_hyperparameter_is_refused_by_it(folder):
+    settings = small("ppo")
+    other = settings.written | {"gamma": 0.5}
+    with pytest.raises(ValueError, match=r"= \{'gamma': 0\.99\}, not \{'gamma': 0\.5\}: go on"):
+        run(folder, timesteps=256, settings=dataclasses.replace(settings, entry=other))
 
 
 def test_a_state_of_another_training_is_refused(folder, tmp_path):
