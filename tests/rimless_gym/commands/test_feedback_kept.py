@@ -46,6 +46,7 @@ def with_gait(kept: Path, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
     kept: Path, trial: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -72,6 +73,7 @@ def test_a_study_that_was_interrupted_goes_on_and_gives_the_same_table(
     ],
     ids=["cut", "list", "deep", "empty", "edited", "of another type"],
 )
+@pytest.mark.slow
 def test_a_damaged_or_edited_cell_is_named_and_measured_again(
     damage: Callable[[str], str],
     kept: Path,
@@ -100,6 +102,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_what_a_changed_law_has_measured_is_measured_again(
     kept: Path, trial: dict[str, Any], tmp_path: Path, repository: Path
 ) -> None:
@@ -127,6 +130,7 @@ def test_what_a_changed_law_has_measured_is_measured_again(
         ("agents/train.py", set()),
     ],
 )
+@pytest.mark.slow
 def test_what_depends_on_a_changed_file_is_out_of_date(
     kept: Path, repository: Path, changed: str, columns: set[str]
 ) -> None:
@@ -142,6 +146,7 @@ def test_what_depends_on_a_changed_file_is_out_of_date(
     ("params", "speed", "again"),
     [(BUILDABLE, 0.605, False), (BUILDABLE, 0.59, True), (THESIS_PHYSICAL, 0.605, True)],
 )
+@pytest.mark.slow
 def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_for(
     kept: Path, monkeypatch: pytest.MonkeyPatch, params: WheelParams, speed: float, again: bool
 ) -> None:
@@ -150,6 +155,7 @@ def test_a_kept_gait_of_another_machine_or_speed_is_not_the_one_that_is_asked_fo
     assert (Held("BUILDABLE", speed).fault_of(path) is not None) is again
 
 
+@pytest.mark.slow
 def test_a_gait_is_solved_only_if_none_is_kept(
     kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,6 +167,7 @@ def test_a_gait_is_solved_only_if_none_is_kept(
 
 
 @pytest.mark.parametrize("fault", ["damaged", "failed its verification"])
+@pytest.mark.slow
 def test_a_kept_gait_that_is_of_no_use_is_named_and_solved_again(
     fault: str,
     kept: Path,
@@ -191,6 +198,7 @@ def test_a_folder_in_the_place_of_a_gait_is_one_line_with_a_remedy(
     assert f"error: {path}: a folder in the place of a gait's file" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
     kept: Path, trial: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -209,6 +217,7 @@ def test_a_law_that_fails_is_named_and_does_not_stop_the_others(
     assert drawing.figures(found)
 
 
+@pytest.mark.slow
 def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice(
     trial: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -222,6 +231,7 @@ def test_the_page_has_a_place_for_every_section_and_is_filled_the_same_way_twice
     assert "| `lqr` |" in once
 
 
+@pytest.mark.slow
 def test_random_states_press_on_the_ground_and_are_the_same_for_all_laws(kept: Path) -> None:
     subject = subject_of(kept / "gaits" / f"{HELD.key}.npz", "lqr")
     orbit = subject.law.data.orbit

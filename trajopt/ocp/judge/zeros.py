@@ -37,7 +37,10 @@ def with_zeros(function: Callable[[Array], Array], times: ArrayLike) -> Array:
         def component(t: float, k: int = int(k)) -> float:
             return float(function(np.array([t]))[0, k])
 
-        samples = [*zip(times, values[:, k], strict=True), *_dips(component, times, values[:, k])]
+        dips = _dips(component, times, values[:, k])
+        if not dips and len(set((values[:, k] > 0).tolist())) == 1:
+            continue
+        samples = [*zip(times, values[:, k], strict=True), *dips]
         every += [
             float(brentq(component, begin, end, xtol=1e-15))
             for (begin, before), (end, after) in pairwise(sorted(samples))

@@ -64,7 +64,7 @@ def test_an_interrupted_command_says_that_the_same_one_goes_on(
     monkeypatch.setattr(command, "ROWS", (toy(stops_at=4),))
     assert command.main(arguments) == 130
     assert "the same command goes on" in capsys.readouterr().err
-    monkeypatch.setattr(command, "ROWS", (toy("toy", FIRST_EVENING),))
+    monkeypatch.setattr(command, "ROWS", (toy("toy", FIRST_EVENING, period=0.04),))
     assert command.main(arguments) == 0
     assert "| a toy | best | 2 of 2 |" in capsys.readouterr().out
     assert (tmp_path / "toy_0" / "counted").read_text() == 10 * "0"
