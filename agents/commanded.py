@@ -64,7 +64,7 @@ class Commanded:
 
 
 @dataclasses.dataclass(frozen=True)
-class Leg:
+class Stretch:
     """The end of a walk under one of several commands: as long as half a command lasts.
 
     Attributes:
@@ -92,7 +92,7 @@ def walk_through(
     *,
     seconds: float = 10.0,
     control_period: float | None = None,
-) -> tuple[Leg, ...]:
+) -> tuple[Stretch, ...]:
     """Let a policy walk on while the command changes.
 
     Args:
@@ -120,11 +120,11 @@ def walk_through(
     starts = draw_starts(conditions.params, protocol.starts, protocol.seed)
     n_intervals = (len(speeds) + 1) * each
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, command=speeds[0])
-    fallen, legs = np.zeros(len(starts), dtype=bool), []
+    fallen, stretches = np.zeros(len(starts), dtype=bool), []
     for k, interval in enumerate(walks):
         fallen[interval.running] = interval.info["failure"] != OK
-        leg, into = divmod(k - each, each)
-        if leg < 0:
+        stretch, into = divmod(k - each, each)
+        if stretch < 0:
             continue
         if into == each // 2:
             window, steps = Window(walks.machines), np.zeros(len(starts))
@@ -132,21 +132,23 @@ def walk_through(
             window.add(interval)
             steps[interval.running] += interval.info["steps"]
         if into == each - 1:
-            legs.append(_leg(speeds[leg], verdicts(fallen, steps > 0, window), window))
-            if leg + 1 < len(speeds):
-                walks.command(speeds[leg + 1])
-    all_fell = [Leg(speed, 0.0, 1.0, 0.0, math.nan, math.nan) for speed in speeds[len(legs) :]]
-    return (*legs, *all_fell)
+            stretches.append(_stretch(speeds[stretch], verdicts(fallen, steps > 0, window), window))
+            if stretch + 1 < len(speeds):
+                walks.command(speeds[stretch + 1])
+    all_fell = [
+        Stretch(speed, 0.0, 1.0, 0.0, math.nan, math.nan) for speed in speeds[len(stretches) :]
+    ]
+    return (*stretches, *all_fell)
 
 
-def _leg(command: float, found: Sequence[str], window: Window) -> Leg:
+def _stretch(command: float, found: Sequence[str], window: Window) -> Stretch:
     walking = np.array([each == WALKS for each in found])
     speed = cot = math.nan
     if walking.any():
         ledger, weighted = window.total(walking, window.machines[0])
         speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
     fallen, slipping = (float(np.isin(found, kinds).mean()) for kinds in ((FALLS,), SLIPS))
-    return Leg(command, float(walking.mean()), fallen, slipping, speed, cot)
+    return Stretch(command, float(walking.mean()), fallen, slipping, speed, cot)
 
 
 def commands_within(slowest: float, fastest: float) -> list[float]:

@@ -116,10 +116,10 @@ def test_all_legs_are_told_of_where_all_walks_fall():
     def toppling(states, seen):
         return np.where(np.arange(len(seen)) % 2, -1.0, 1.0) * np.sign(seen[:, 1] + 0.3)
 
-    legs = walk_through(toppling, (0.5, 0.6, 0.4), BUILDABLE, BRIEF, seconds=2.0)
-    assert [leg.command for leg in legs] == [0.5, 0.6, 0.4]
-    assert [leg.fallen_share for leg in legs] == [1.0] * 3
-    assert all(np.isnan(leg.cot) for leg in legs)
+    stretches = walk_through(toppling, (0.5, 0.6, 0.4), BUILDABLE, BRIEF, seconds=2.0)
+    assert [stretch.command for stretch in stretches] == [0.5, 0.6, 0.4]
+    assert [stretch.fallen_share for stretch in stretches] == [1.0] * 3
+    assert all(np.isnan(stretch.cot) for stretch in stretches)
 
 
 def test_a_command_lasts_for_two_control_periods_at_least():

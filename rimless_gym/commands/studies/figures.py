@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from agents.commanded import SLIPS, Leg
+from agents.commanded import SLIPS, Stretch
 from agents.evaluate import Evaluation
 from agents.verdicts import FALLS
 from trajopt.files import jsonable
@@ -43,14 +43,14 @@ class Figures:
         )
 
     @classmethod
-    def of_leg(cls, leg: Leg) -> Figures:
+    def of_stretch(cls, stretch: Stretch) -> Figures:
         """The figures of the part of a walk under one command."""
         return cls(
-            share=leg.walking_share,
-            falls=leg.fallen_share,
-            slips=leg.slipping_share,
-            cot=jsonable(leg.cot),
-            speed=jsonable(leg.speed),
+            share=stretch.walking_share,
+            falls=stretch.fallen_share,
+            slips=stretch.slipping_share,
+            cot=jsonable(stretch.cot),
+            speed=jsonable(stretch.speed),
         )
 
     @classmethod

@@ -191,9 +191,9 @@ class Following(Trained):
             f"{each.command:g} m/s": Figures.of(each.evaluation)
             for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
         }
-        legs = walk_through(policy, self.changes, params, by, control_period=period)
-        for before, leg in itertools.pairwise(legs):
-            found[f"{leg.command:g} m/s after {before.command:g}"] = Figures.of_leg(leg)
+        stretches = walk_through(policy, self.changes, params, by, control_period=period)
+        for before, stretch in itertools.pairwise(stretches):
+            found[f"{stretch.command:g} m/s after {before.command:g}"] = Figures.of_stretch(stretch)
         return found
 
 
