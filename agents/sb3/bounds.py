@@ -7,8 +7,8 @@ from typing import Any
 
 from rimless_gym.checks import integer, not_negative, positive, real
 
-#: Arguments of stable-baselines3's algorithms that are no hyperparameters here. Those of the last
-#: two lines are objects, or need a state that a training does not keep.
+#: Arguments of stable-baselines3's algorithms that are no hyperparameters here. Those after the
+#: first line are objects, need a state that a training does not keep, or change nothing learned.
 NOT_OURS = (
     *("env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model"),
     *("use_sde", "sde_sample_freq", "use_sde_at_warmup", "action_noise", "optimize_memory_usage"),

@@ -17,8 +17,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecMonitor
 
 from agents import snapshots
-from agents.sb3.hard_starts import HardStarts
-from agents.sb3.layers import layer_of
+from agents.sb3.layers import layer_of, layers_of
 from agents.sb3.vec_env import Sb3VecEnv
 
 #: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
@@ -42,7 +41,7 @@ def state_of(model: Any) -> dict[str, Any]:
         "last_starts": model._last_episode_starts,
         "replay": None if replay is None else _replay_of(replay),
         "environments": snapshots.state_of(layer_of(model.env, Sb3VecEnv).env),
-        "hard_starts": layer_of(model.env, HardStarts).state(),
+        "layers": [layer.state() for layer in _with_state(model.env)],
         "monitored": {
             "returns": monitor.episode_returns.copy(),
             "lengths": monitor.episode_lengths.copy(),
@@ -92,9 +91,15 @@ def restore(model: Any, state: dict[str, Any]) -> None:
     monitor = layer_of(model.env, VecMonitor)
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
-    layer_of(model.env, HardStarts).restore(state["hard_starts"])
+    for layer, own in zip(_with_state(model.env), state["layers"], strict=True):
+        layer.restore(own)
     snapshots.restore(layer_of(model.env, Sb3VecEnv).env, state["environments"])
     _restore_generators(model, state["generators"])
+
+
+def _with_state(env: Any) -> list[Any]:
+    """The layers that later steps depend on; others would pass `state` on to what they enclose."""
+    return [layer for layer in layers_of(env) if hasattr(type(layer), "state")]
 
 
 def _restore_generators(model: Any, generators: dict[str, Any]) -> None:
