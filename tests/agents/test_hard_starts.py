@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from stable_baselines3 import PPO
 
 from agents.conditions import Conditions
 from agents.sb3.hard_starts import HardStarts
 from agents.sb3.layers import layer_of
+from agents.sb3.state import restore, state_of
 from agents.sb3.training_env import Offer, begin_out_of_step, training_env
 from agents.sb3.vec_env import Sb3VecEnv
 from rimless_gym import Task
@@ -120,6 +122,17 @@ def test_its_state_is_restored():
     layer_of(other, HardStarts).restore(kept)
     for name, value in layer_of(other, HardStarts).state().items():
         np.testing.assert_equal(value, kept[name])
+
+
+def test_a_training_that_goes_on_remembers_the_starts_that_went_wrong():
+    settings = {"n_steps": LIMIT, "batch_size": N * LIMIT, "n_epochs": 1, "device": "cpu"}
+    model, other = (PPO("MlpPolicy", made(0.5, LIMIT), seed=0, **settings) for _ in range(2))
+    model.learn(4 * N * LIMIT)
+    restore(other, state_of(model))
+    kept, again = (layer_of(each.env, HardStarts).state() for each in (model, other))
+    assert len(kept["found"]) > 0
+    for name, value in kept.items():
+        np.testing.assert_equal(again[name], value)
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
