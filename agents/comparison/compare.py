@@ -27,11 +27,11 @@ from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
 from agents.comparison.style import STYLE
 from agents.film import times
-from agents.folder import sole_user
 from agents.policy_files import load_policy
 from agents.race import Race, ghost
 from agents.recording import record
 from agents.reports.paper import printed, save
+from agents.training import locked as sole_user
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.rendering.wheel import save_gif
 from trajopt.files import jsonable, write_text
