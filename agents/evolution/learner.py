@@ -38,7 +38,7 @@ class Evolution(Learner):
         require_usual("evolution", conditions)
         self._simulator = Simulator(conditions.params)
         self._objective = Objective(conditions.params, training.task, settings.rewarded_speed)
-        floor = training.task.value_of_distance
+        floor = training.task.distance_weight
         self._new_search = functools.partial(search, settings, training.seed, floor)
         self._begin(None if start is None else start.weights["weights"].astype(np.float64))
 

@@ -269,8 +269,8 @@ class Objective:
         share = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
         distance = np.minimum(walks.distance, self.speed * time)
         distance = np.where(distance > 0.0, share * distance, distance)
-        slipped = self.task.slip_speed * CONTROL_PERIOD * walks.slipping
-        fallen = self.task.fall_distance * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
+        slipped = self.task.slip_penalty * CONTROL_PERIOD * walks.slipping
+        fallen = self.task.fall_penalty * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
         rewards = distance_weight * (distance - slipped - fallen) - energy
         count = max(1, round(counted * rewards.shape[1]))
         return np.asarray(np.sort(rewards, axis=1)[:, -count:].mean(axis=1) / time)

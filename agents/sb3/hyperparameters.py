@@ -199,7 +199,7 @@ def advice(training: Training, settings: Hyperparameters) -> list[str]:
             f"actions are held for {held:g} s, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s: "
             "no gait can be controlled so rarely; hold them for fewer intervals"
         )
-    weight = training.task.value_of_distance
+    weight = training.task.distance_weight
     if settings.schedule is not None:
         weight = max(weight, settings.schedule.first_weight)
     if training.init == SCRATCH and weight < SIMPLEST_COT:

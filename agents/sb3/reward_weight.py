@@ -153,7 +153,7 @@ class AdaptiveRewardWeight(BaseCallback):
 
     def _least_weight(self, task: Task) -> float:
         """Below which the weight never falls, where `task` is that of the environments."""
-        return self.schedule.least_weight or task.value_of_distance
+        return self.schedule.least_weight or task.distance_weight
 
     def _set(self, weight: float, task: Task) -> None:
         """Let the environments reward with a weight from now on."""
@@ -161,11 +161,11 @@ class AdaptiveRewardWeight(BaseCallback):
         speed = min(self.schedule.rewarded_speed, task.target_speed)
         changed = dataclasses.replace(
             task,
-            value_of_distance=weight,
+            distance_weight=weight,
             # A command takes its place.
             target_speed=math.inf if self._probe.control.speeds else speed,
-            fall_distance=self.schedule.fall_penalty,
-            slip_speed=self.schedule.slip_penalty,
+            fall_penalty=self.schedule.fall_penalty,
+            slip_penalty=self.schedule.slip_penalty,
         )
         self.training_env.env_method("set_task", changed)
 
