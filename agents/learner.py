@@ -249,14 +249,8 @@ class Learner(ABC):
             expert: to be imitated.
             cloning: how to clone it.
             progress: whether to show a progress bar.
-
-        Raises:
-            ValueError: this learner cannot imitate.
         """
-        raise ValueError(
-            f"init = {IMITATION!r}: {type(self).__name__} cannot imitate; begin from {SCRATCH!r}, "
-            "or from a policy's file"
-        )
+        raise NotImplementedError(f"{type(self).__name__}.imitate: it cannot imitate")
 
     def close(self) -> None:  # noqa: B027  most learners have nothing to close
         """Close environments and files."""

@@ -18,7 +18,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from agents.conditions import Conditions
@@ -35,10 +34,11 @@ from agents.learner import (
     LAST,
     SCRATCH,
     Learner,
+    Settings,
     Training,
     learner_class,
 )
-from agents.policies import learned_policy
+from agents.policies import Policy, learned_policy
 from agents.policy_files import CheckpointError, origin, save_policy
 from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.recording import record
@@ -53,8 +53,7 @@ from rimless_gym.presets import BUILDABLE, Machine
 from rimless_gym.rendering.display import save_gif
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.files import write_bytes, write_text
-from trajopt.provenance import provenance
+from trajopt.store import Store, write_bytes
 
 with extra("learn"):
     import torch
@@ -97,7 +96,7 @@ class TrainingConfig:
         speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`, two
             different ones; None: no speed is commanded, as in `RimlessWheel-v0`.
         control_period: how long an action is held (s), default: that of the environment.
-        hyperparameters: that differ from the learner's own.
+        hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
         expert: to imitate, see `agents.experts.expert_policy`.
         cloning: how, default `Cloning()`; or a dictionary of some of its fields.
         score: what "best" means, larger is better; default: `walking_economy`, or the reward
@@ -115,7 +114,7 @@ class TrainingConfig:
     disturbances: Disturbances | Mapping[str, Any] | None = None
     speeds: tuple[float, float] | None = None
     control_period: float | None = None
-    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    hyperparameters: Settings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
     expert: Controller | str = EXPERT
     cloning: Cloning | Mapping[str, Any] | None = None
     score: Callable[[Evaluation], float] | None = None
@@ -133,6 +132,17 @@ class TrainingConfig:
             raise ValueError(
                 f"init = {self.init!r}: expert and cloning are for init = {IMITATION!r} only"
             )
+        kind = learner_class(self.algo)
+        if self.init == IMITATION and kind.imitate is Learner.imitate:
+            raise ValueError(
+                f"init = {IMITATION!r}: {self.algo} cannot imitate; begin from {SCRATCH!r}, or "
+                "from a policy's file"
+            )
+        settings = self.hyperparameters
+        if not isinstance(settings, Settings):
+            settings = kind.settings(self.init, settings)
+        if self.timesteps is not None:
+            integer("timesteps", self.timesteps, 0)
         conditions = Conditions.of(
             self.params, self.ranges, self.disturbances, self.speeds, self.control_period
         )
@@ -142,7 +152,7 @@ class TrainingConfig:
             integer("seed", self.seed, 0, MAX_SEED),
             conditions,
             as_task(self.task, conditions.default_task),
-            learner_class(self.algo).settings(self.init, self.hyperparameters),
+            settings,
         )
 
     def _start(self) -> str:
@@ -238,35 +248,24 @@ def train(
         KeyboardInterrupt: the training was stopped.
     """
     out, training = Path(out), config.training()
-    with locked(out):
-        _require_same(out, training)
-        state = read_state(out / STATE) if (out / STATE).exists() else None
-        if state is None:
-            for reason in learner_class(training.algo).advice(training):
-                warnings.warn(reason, stacklevel=2)
-        with _running(config, training, out, progress, state) as trainer:
-            if state is None:
-                trainer.begin(cache)
-            trainer.run()
-            return trainer.result()
-
-
-@contextmanager
-def _running(
-    config: TrainingConfig,
-    training: Training,
-    out: Path,
-    progress: bool,
-    state: dict[str, Any] | None,
-) -> Iterator[Trainer]:
-    """A trainer, whose learner and log are closed at the end."""
-    learner = _new_learner(config, training) if state is None else _resumed(training, out, state)
+    resumes = (out / STATE).exists()
+    learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
     try:
-        trainer = Trainer(config, training, learner, out, progress, state)
-        try:
-            yield trainer
-        finally:
-            trainer.close()
+        expert = None
+        if not resumes:
+            for reason in learner.advice(training):
+                warnings.warn(reason, stacklevel=2)
+            if config.init == IMITATION:
+                expert = expert_policy(config.expert, training.conditions, cache, progress)
+        with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
+            trainer = Trainer(config, training, learner, out, progress)
+            try:
+                if expert is not None:
+                    trainer.imitate(expert)
+                trainer.run()
+            finally:
+                trainer.close()
+            return trainer.result()
     finally:
         learner.close()
 
@@ -289,33 +288,15 @@ def _new_learner(config: TrainingConfig, training: Training) -> Learner:
     return kind(training, start.parts)
 
 
-def _resumed(training: Training, out: Path, state: dict[str, Any]) -> Learner:
-    """The learner with which a training goes on.
-
-    Raises:
-        StateError: its state does not fit.
-    """
-    try:
-        learner = learner_class(training.algo)(training)
-        learner.restore(state["learner"])
-    except Exception as error:  # learners may raise anything
-        raise StateError(
-            f"{out / STATE}: {error!r}; go on with the versions that began it, or remove {out} to "
-            "train anew"
-        ) from error
-    return learner
-
-
 class Trainer:
     """One run of a training; the `agents.learner.Callback` of its learner.
 
     Args:
         config: what to train.
         training: the same, checked.
-        learner: in the state from which to go on.
+        learner: that begins; if the folder has a state, the training goes on from there.
         out: folder.
         progress: whether to show a progress bar.
-        state: of the training, if it goes on.
 
     Attributes:
         log: for the learner's figures.
@@ -329,22 +310,19 @@ class Trainer:
         learner: Learner,
         out: Path,
         progress: bool,
-        state: dict[str, Any] | None,
     ) -> None:
-        self._training, self._learner, self._out, self._progress = training, learner, out, progress
-        self._config = config
+        self._config, self._training, self._learner = config, training, learner
+        self._out, self._progress = out, progress
         default = reward_per_second if training.conditions.commanded else walking_economy
         self._score = config.score or default
-        settings = training.settings
-        self._total = (
-            settings.n_timesteps
-            if config.timesteps is None
-            else integer("timesteps", config.timesteps, 0)
-        )
-        begun = state or {"best": -math.inf, "due": 0, "over": -1, "minutes": 0.0, "curve": []}
-        self._best, self._due, self._over = begun["best"], begun["due"], begun["over"]
-        self._curve = [Milestone(**each) for each in begun["curve"]]
-        self._minutes_before, self._began_at = begun["minutes"], time.process_time()
+        self._total = training.settings.n_timesteps
+        if config.timesteps is not None:
+            self._total = config.timesteps
+        self._best, self._due, self._over = -math.inf, 0, -1
+        self._minutes_before, self._began_at = 0.0, time.process_time()
+        self._curve: list[Milestone] = []
+        if (out / STATE).exists():
+            self._restore()
         self.stopped = False
         self._events = _event_writer(out, learner.steps)
         self.log = Logger(str(out), [self._events])
@@ -357,17 +335,11 @@ class Trainer:
             disable=not progress,
         )
 
-    def begin(self, cache: Path | None) -> None:
-        """Claim the folder, and clone the expert if the training begins so."""
-        config, training, out = self._config, self._training, self._out
-        imitates = config.init == IMITATION
-        if imitates:
-            expert = expert_policy(config.expert, training.conditions, cache, self._progress)
-            report = self._learner.imitate(expert, as_cloning(config.cloning), self._progress)
-        write_text(out / IDENTITY, json.dumps(training.identity | provenance(), indent=1) + "\n")
-        if imitates:
-            notes = {"cloning": dataclasses.asdict(report)}
-            save_policy(out / CLONE, training, self._learner, **notes)
+    def imitate(self, expert: Policy) -> None:
+        """Clone the expert."""
+        cloning = as_cloning(self._config.cloning)
+        report = self._learner.imitate(expert, cloning, self._progress)
+        self._save_policy(CLONE, cloning=dataclasses.asdict(report))
 
     def run(self) -> None:
         """Learn to the end.
@@ -509,6 +481,25 @@ class Trainer:
         }
         write_state(self._out / STATE, saved)
 
+    def _restore(self) -> None:
+        """Go on from the saved state.
+
+        Raises:
+            StateError: it is damaged, or does not fit.
+        """
+        path = self._out / STATE
+        try:
+            state = read_state(path)
+            self._learner.restore(state["learner"])
+            self._best, self._due, self._over = state["best"], state["due"], state["over"]
+            self._minutes_before = state["minutes"]
+            self._curve = [Milestone(**each) for each in state["curve"]]
+        except Exception as error:  # torch and learners may raise anything
+            raise StateError(
+                f"{path}: {error!r}; go on with the versions that began it, or remove {self._out} "
+                "to train anew"
+            ) from error
+
     def _save_policy(self, name: str, **notes: Any) -> None:
         if self._learner.parts() is not None:
             save_policy(self._out / name, self._training, self._learner, **notes)
@@ -564,43 +555,6 @@ def _stopped_by_signals(trainer: Trainer) -> Iterator[None]:
             signal.signal(number, before)
 
 
-@contextmanager
-def locked(out: Path) -> Iterator[None]:
-    """Make a folder if there is none, and lock it against other processes.
-
-    Raises:
-        ValueError: another process is using it.
-        OSError: it cannot be written.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(out / ".lock", timeout=0):
-            yield
-    except Timeout:
-        raise ValueError(
-            f"another process is working in {out}: wait until it ends, or choose another --out"
-        ) from None
-
-
-def _require_same(out: Path, training: Training) -> None:
-    """Refuse a folder that holds another training, or policies of unknown origin.
-
-    Raises:
-        ValueError: it does.
-    """
-    if not (out / IDENTITY).exists():
-        if any((out / name).exists() for name in (CLONE, BEST, LAST, STATE)):
-            raise ValueError(f"{out} holds policies but no {IDENTITY}: choose another --out")
-        return
-    found = json.loads((out / IDENTITY).read_text())
-    for name, wanted in json.loads(json.dumps(training.identity)).items():
-        if found.get(name) != wanted:
-            raise ValueError(
-                f"{out} holds a training with {name} = {found.get(name)}, not {wanted}: go on with "
-                "the same, or choose another --out"
-            )
-
-
 def write_state(path: Path, state: dict[str, Any]) -> None:
     """Write nested plain values, arrays and tensors; the file is complete or left as it was."""
     buffer = io.BytesIO()
@@ -609,17 +563,8 @@ def write_state(path: Path, state: dict[str, Any]) -> None:
 
 
 def read_state(path: Path) -> dict[str, Any]:
-    """What `write_state` wrote, with lists for tuples; no code in the file is run.
-
-    Raises:
-        StateError: the file is damaged.
-    """
-    try:
-        return dict(_with_arrays(torch.load(path, weights_only=True)))
-    except Exception as error:  # torch raises anything
-        raise StateError(
-            f"{path}: damaged ({error!r}); delete it to begin this training anew"
-        ) from error
+    """What `write_state` wrote, with lists for tuples; no code in the file is run."""
+    return dict(_with_arrays(torch.load(path, weights_only=True)))
 
 
 #: Marks a tensor that was an array.

@@ -18,7 +18,7 @@ from agents.cli.commandline import Parser, more_than_zero, terminated_like_ctrl_
 from agents.data.files import CARD
 from agents.data.walks import OPTIMAL, standard
 from agents.data.write import Wanted, require_free, write
-from agents.folder import sole_user
+from trajopt.store import Store
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             terminated_like_ctrl_c(),
             parser.refusing(),
             parser.out_of_room(options.out),
-            sole_user(options.out),
+            Store(options.out),
         ):
             missing = require_free(options.out, names, wanted)
             with tqdm(total=len(names), initial=len(names) - len(missing), desc="data") as bar:

@@ -1,7 +1,7 @@
 """Train a walking policy from scratch, from a clone of the optimal gait's law, or from a policy.
 
 Writes best.zip (best in the periodic evaluations), last.zip, clone.zip (with --init imitation),
-train.json, state.npz (all that is needed to go on) and TensorBoard events into a folder. However it
+train.json, state.pt (all that is needed to go on) and TensorBoard events into a folder. However it
 was stopped, the same command goes on, and ends with the same policies.
 """
 
@@ -10,9 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from agents import learners
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import (
     DEFAULT_PRESET,
@@ -25,11 +23,10 @@ from agents.cli.commandline import (
     terminated_like_ctrl_c,
     whole,
 )
-from agents.conditions import Conditions
+from agents.experts import EXPERT
 from agents.imitation import Cloning
-from agents.train import EXPERT, train
-from agents.training import INITS, Settings
-from rimless_gym.envs.arguments import as_task
+from agents.learner import INITS, LEARNERS, learner_class
+from agents.training import TrainingConfig, train
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from trajopt.feedback import laws
 
@@ -37,7 +34,7 @@ from trajopt.feedback import laws
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
     parser = Parser(__doc__)
-    parser.add_argument("--algo", choices=learners.names(), default="ppo", help="learner")
+    parser.add_argument("--algo", choices=sorted(LEARNERS), default="ppo", help="learner")
     parser.add_argument(
         "--init", default="scratch", help=f"{' or '.join(INITS)}, or a policy's file to start from"
     )
@@ -70,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="how long an action is held (s); by default as in the environment",
     )
     parser.add_argument(
-        "--settings",
+        "--hyperparameters",
         type=json_object(dict),
         default={},
         help="""JSON: hyperparameters that differ from the learner's own, '{"gamma": 0.995}'""",
@@ -83,60 +80,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     params, speeds = parser.machine(options), tuple(options.speeds) if options.speeds else None
-    with parser.refusing():
-        settings = chosen(options.algo, options.init, options.settings)
-        rough = options.ranges, options.disturbances
-        conditions = Conditions.of(params, *rough, speeds, options.control_period)
-        try:
-            task = as_task(options.task, conditions.default_task)
-        except TypeError as error:
-            parser.error(f"--task: {error}")
+    config = TrainingConfig(
+        options.algo,
+        options.init,
+        options.seed,
+        options.timesteps,
+        params,
+        options.task,
+        options.ranges,
+        options.disturbances,
+        speeds,
+        options.control_period,
+        options.hyperparameters,
+        options.expert,
+        options.cloning,
+    )
     parser.require_folder(options.out)
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
-            result = train(
-                options.algo,
-                options.init,
-                options.seed,
-                options.out,
-                timesteps=options.timesteps,
-                params=params,
-                expert=options.expert,
-                task=task,
-                ranges=options.ranges,
-                disturbances=options.disturbances,
-                speeds=speeds,
-                settings=settings,
-                cloning=options.cloning,
-                control_period=options.control_period,
-            )
+            train(config, options.out)
     except KeyboardInterrupt:
-        print(
-            "\ninterrupted before the first step: the same command goes on, with the rounds of "
-            "cloning that were finished",
-            file=sys.stderr,
-        )
+        print("\ninterrupted: the same command goes on from the last saved state", file=sys.stderr)
         return INTERRUPTED
-    if result.interrupted:
-        print(
-            f"interrupted: {result.timesteps} steps are kept; the same command goes on",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
-    if not result.evaluations:
-        print(f"{options.out} holds this training, which is over")
-    best = options.out / learners.learner(options.algo).recommended
+    best = options.out / learner_class(options.algo).recommended
     print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
     return 0
-
-
-def chosen(algo: str, init: str, changes: dict[str, Any]) -> Settings:
-    """The learner's own hyperparameters with some changes.
-
-    Raises:
-        ValueError: one is unknown, or its value is of the wrong kind or out of its range.
-    """
-    try:
-        return learners.learner(algo).settings(init, changes)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"--settings: {str(error).removeprefix('settings: ')}") from error

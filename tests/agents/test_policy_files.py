@@ -8,14 +8,14 @@ from base64 import b64encode
 import numpy as np
 import pytest
 import torch
+from agents.sb3.networks import architecture
+from agents.training_state import StateError, read_state
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from agents import PRETRAINED
 from agents.policy_files import FORMAT, CheckpointError, load_policy, read_record, save_policy
-from agents.sb3.networks import architecture
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.training_state import StateError, read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.control import Control
 from rimless_gym.presets import PRESETS

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from agents.train import train
 
 from agents.cli import evaluate as command
 from agents.cli import solve_gait
 from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
-from agents.train import train
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution
 from trajopt.gaits.fronts import shipped_front

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from agents.folder import sole_user
 
 from agents.cli import data
-from agents.folder import sole_user
 
 
 def test_it_writes_what_is_missing_and_says_where(

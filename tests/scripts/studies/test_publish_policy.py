@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from agents.train import train
 
 from agents.evaluate import evaluate
 from agents.policy_files import PRETRAINED
 from agents.protocol import PROTOCOL
-from agents.train import train
 from scripts.studies import publish_policy as command
 
 #: Long enough to walk.

@@ -1,7 +1,7 @@
 """The share of a training by `agents.train` that goes into our environments, logs included.
 
 A measurement is a tenth of a training: roll-outs of PPO with its updates, figures of walking logged
-at every step, and at the end one evaluation of the policy and one saved state.
+at every step, and an evaluation of the policy and a saved state at its beginning and end.
 """
 
 from __future__ import annotations
@@ -12,16 +12,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from agents import learners
 from agents.conditions import Conditions
-from agents.interrupts import StopRequest
+from agents.learner import SCRATCH, Training
 from agents.protocol import SHORT_PROTOCOL
-from agents.sb3.callbacks import LogWalking
 from agents.sb3.hyperparameters import Hyperparameters
-from agents.sb3.training_env import Offer
-from agents.session import EVALUATIONS, Plan, Session, Standing
-from agents.train import reward_per_second
-from agents.training import SCRATCH, Training
+from agents.sb3.learner import LogWalking, Ppo
+from agents.training import EVALUATIONS, Trainer, TrainingConfig
 from rimless_gym import RimlessWheelVectorEnv
 from rimless_gym.envs.task import Task
 
@@ -30,9 +26,6 @@ from ..walks import PARAMS
 
 #: Control intervals of a whole training.
 TOTAL = 500_000
-
-#: Steps after which a session would evaluate by itself, as it does at its end: never.
-NEVER = 10**18
 
 
 class Stopwatch:
@@ -68,13 +61,12 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
     hyperparameters = Hyperparameters(
         n_timesteps=TOTAL,
         n_envs=settings["n"],
-        offer=Offer(),
         algorithm={"policy": "MlpPolicy", **settings["ppo"]},
         entry={},
     )
     conditions, seed = Conditions(PARAMS), 0
     training = Training("ppo", SCRATCH, seed, conditions, Task(), hyperparameters)
-    learner: Any = learners.learner("ppo")(training)
+    learner = Ppo(training)
     watches = {name: Stopwatch() for name in ("learning", "logging", "share")}
     watches["learning"].watch(learner.model.env, "step")  # the adapter included
     watches["logging"].watch(LogWalking, "on_step")
@@ -90,21 +82,13 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
         before = {name: watch.seconds for name, watch in watches.items()}
         steps, begin = learner.steps, time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
-            plan = Plan(
-                training=training,
-                out=Path(folder),
-                total=steps + TOTAL // EVALUATIONS,
-                score=reward_per_second,
-                protocol=SHORT_PROTOCOL,
-                progress=False,
-                minutes=lambda: 0.0,
-            )
-            stop = StopRequest("never", "nothing")
-            session = Session(plan, learner, Standing(due=NEVER), stop)
+            total = steps + TOTAL // EVALUATIONS
+            config = TrainingConfig("ppo", timesteps=total, protocol=SHORT_PROTOCOL)
+            trainer = Trainer(config, training, learner, Path(folder), progress=False)
             try:
-                session.run()
+                trainer.run()
             finally:
-                session.close()
+                trainer.close()
         elapsed = time.perf_counter() - begin
         return {
             "steps": learner.steps - steps,

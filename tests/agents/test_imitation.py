@@ -7,10 +7,9 @@ import torch
 
 from agents.conditions import Conditions
 from agents.evaluate import evaluate
-from agents.imitation import COMMAND_LASTS, Cloning, Teaching, walk
+from agents.imitation import COMMAND_LASTS, Cloning, Teaching, clone, walk
 from agents.policies import controller_policy, learned_policy
 from agents.rollout import draw_starts
-from agents.sb3.cloning import CloningError, clone
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from trajopt import periodic_gait
 from trajopt.feedback import laws
@@ -24,9 +23,11 @@ QUICK = Cloning(
     labels=400,
     gait_starts=10,
     gait_labels=400,
-    gradient_steps=150,
+    gradient_steps=100,
     batch_size=128,
 )
+
+SHORT = dataclasses.replace(QUICK, gradient_steps=20, seconds=0.5)
 
 
 @pytest.fixture
@@ -40,9 +41,9 @@ def new_actor(new_learner):
     return make
 
 
-def teach(actor, controller, config=QUICK, seed=0, **arguments):
+def teach(actor, controller, config=QUICK, seed=0):
     expert = controller_policy(THESIS_PHYSICAL, controller)
-    return clone(actor, Teaching(expert, CONDITIONS, config, seed), **arguments)
+    return clone(actor, Teaching(expert, CONDITIONS, config, seed))
 
 
 def weights(actor):
@@ -59,9 +60,11 @@ def error(actor, controller):
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_actor, swing, algo):
     actor = new_actor(algo)
-    before = error(actor, swing)
+    critic = getattr(actor.model, "critic", None) or actor.model.policy.value_net
+    before, critic_before = error(actor, swing), [p.clone() for p in critic.parameters()]
     report = teach(actor, swing, seed=1)
     assert error(actor, swing) < 0.5 * before
+    assert all(map(torch.equal, critic_before, critic.parameters()))
     assert len(report.errors) == 2
     assert 0 < report.samples <= 10 * 150 + 800
 
@@ -69,19 +72,10 @@ def test_cloning_reduces_the_error_on_states_that_it_did_not_learn_from(new_acto
 def test_cloning_gives_the_same_policy_for_the_same_seed_only(new_actor, swing):
     actors = [new_actor() for _ in range(3)]
     for actor, seed in zip(actors, (5, 5, 6), strict=True):
-        teach(actor, swing, seed=seed)
+        teach(actor, swing, SHORT, seed=seed)
     same, again, other = (weights(actor) for actor in actors)
     np.testing.assert_array_equal(same, again)
     assert not np.array_equal(same, other)
-
-
-def test_cloning_leaves_the_critic_alone(new_actor, swing):
-    actor = new_actor()
-    critic = actor.model.policy.value_net
-    before = torch.cat([p.detach().ravel() for p in critic.parameters()])
-    teach(actor, swing, dataclasses.replace(QUICK, rounds=1))
-    after = torch.cat([p.detach().ravel() for p in critic.parameters()])
-    assert torch.equal(before, after)
 
 
 def test_the_expert_teaches_under_the_conditions_of_the_training(new_actor, swing):
@@ -89,8 +83,8 @@ def test_the_expert_teaches_under_the_conditions_of_the_training(new_actor, swin
     conditions = Conditions.of(
         THESIS_PHYSICAL, {"pendulum_mass": (2.0, 2.4)}, {"sensor_noise": {"leg_rate": 0.2}}
     )
-    teach(calm, swing)
-    clone(rough, Teaching(controller_policy(THESIS_PHYSICAL, swing), conditions, QUICK, 0))
+    teach(calm, swing, SHORT)
+    clone(rough, Teaching(controller_policy(THESIS_PHYSICAL, swing), conditions, SHORT, 0))
     assert not np.array_equal(weights(calm), weights(rough))
 
 
@@ -112,13 +106,6 @@ def test_exploration_noise_can_be_set(new_actor, algo):
     assert np.std(noisy) == pytest.approx(np.exp(-5.0), rel=0.1)
 
 
-def test_settings_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="rounds = 0"):
-        Cloning(rounds=0)
-    with pytest.raises(ValueError, match="held_out"):
-        Cloning(held_out=1.0)
-
-
 @pytest.mark.slow
 def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(new_actor):
     gait = periodic_gait(THESIS_PHYSICAL, speed=0.5, steps=1)
@@ -128,35 +115,6 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     assert result.walking_share >= 0.95
     assert result.cot < 1.25 * gait.cot
     assert result.speed == pytest.approx(0.5, abs=0.03)
-
-
-def test_a_cloning_that_was_stopped_ends_with_the_same_policy(new_actor, swing, tmp_path):
-    whole, broken, resumed = (new_actor() for _ in range(3))
-    report = teach(whole, swing, seed=5)
-    kept = tmp_path / "cloning.npz"
-    calls = []
-
-    def killed(x, mode):
-        calls.append(kept.exists())
-        if calls[-1]:  # the first round is done
-            raise SystemExit
-        return swing(x, mode)
-
-    with pytest.raises(SystemExit):
-        teach(broken, killed, seed=5, kept=kept)
-    assert teach(resumed, swing, seed=5, kept=kept) == report
-    np.testing.assert_array_equal(weights(resumed), weights(whole))
-
-
-def test_kept_rounds_that_are_damaged_or_of_another_cloning_are_refused(new_actor, swing, tmp_path):
-    kept = tmp_path / "cloning.npz"
-    kept.write_bytes(b"garbage")
-    with pytest.raises(CloningError, match=r"cloning\.npz: damaged.*delete it"):
-        teach(new_actor(), swing, kept=kept)
-    kept.unlink()
-    teach(new_actor(), swing, dataclasses.replace(QUICK, rounds=1), kept=kept)
-    with pytest.raises(CloningError, match=r"another cloning.*delete it"):
-        teach(new_actor(), swing, kept=kept)
 
 
 @pytest.mark.parametrize(
