@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 
 import pytest
+from trajopt.ocp.judge import zeros
 
 from rimless_gym import checks, crossings
 from trajopt.ocp import checks as engine_checks
-from trajopt.ocp.judge import zeros
 
 COPIES = [
     (name, ours, copy)

@@ -8,8 +8,8 @@ from typing import Any
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from trajopt.gaits.stance import WheelPhases
-from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import Bounds
+from trajopt.ocp.problem import Problem
 
 
 def designed_gait(

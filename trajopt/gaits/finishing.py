@@ -14,10 +14,9 @@ from trajopt.gaits.playback import played_to_last_touchdown
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import SPARE_TIMES, STATE_TOLERANCE, stride_error, verify
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
 
 #: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may

@@ -22,7 +22,7 @@ from trajopt.gaits.resting import Rest, rests
 from trajopt.gaits.shipped import by_promise, leads_for, shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.solving.ties import clearly_less
+from trajopt.ocp.ranking import clearly_less
 
 
 @dataclasses.dataclass(frozen=True)

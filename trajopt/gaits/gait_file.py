@@ -17,8 +17,7 @@ from trajopt.gaits.gait_problem import MOST_TURNS
 from trajopt.gaits.optimality import LocalOptimum, Optimality
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.stored import phases_from_arrays, phases_to_arrays
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory, phases_from_arrays, phases_to_arrays
 
 FORMAT = "rimless-gym gait 3"
 

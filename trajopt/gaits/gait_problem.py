@@ -10,8 +10,8 @@ from rimless_gym.checks import flag, integer, positive
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.stance import WheelPhases
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.solving.refinement import MAX_ELEMENTS
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.refinement import MAX_ELEMENTS
 
 #: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
 MOST_TURNS = 600

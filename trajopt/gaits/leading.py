@@ -9,13 +9,12 @@ from rimless_gym.params import WheelParams
 from trajopt.gaits.gait_problem import gait_problem
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.continuation import continued
-from trajopt.ocp.search.curve import Curve
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.continuation import Curve, continued
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.solve import solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Longest step of continuation in speed (m/s), and by what fraction a single one may be longer:
 #: the speeds of gaits a whole number of steps apart are exact only to a solver's tolerance.
@@ -86,7 +85,7 @@ def _followed(problem: Any, lead: Solution, speed: float, mesh: Mesh) -> Curve:
         shortest=SHORTEST_STEP,
         passes=0,
         verify=False,
-        ladder=({},),
+        option_sets=({},),
         mu_init=BARRIER,
         max_iter=ITERATIONS,
     )
@@ -103,5 +102,5 @@ def _stopped(curve: Curve, begin: float) -> str:
 
 
 def _obstacle(found: Extremal, reached: float) -> str:
-    worst = found.breaches[0] if found.breaches else "no constraint violated"
+    worst = found.violations[0] if found.violations else "no constraint violated"
     return f"{found.status}, {worst}; {reached:.3f} m/s was reached"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.extremal import Extremal
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Optimality:
 
     Attributes:
         mesh_error: largest estimated relative error of the states within an element.
-        hamiltonian_spread: see `trajopt.ocp.judge.costates.Certificate`.
+        hamiltonian_spread: see `trajopt.ocp.accuracy.Certificate`.
         transversality_error: see there as well.
     """
 

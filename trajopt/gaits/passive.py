@@ -9,9 +9,7 @@ import casadi as ca
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt.ocp.pose.linkage import Linkage
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.problem import Linkage, Phase, Problem
 from trajopt.ocp.textbook import Example
 
 

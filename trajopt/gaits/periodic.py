@@ -21,13 +21,12 @@ from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.shipped import leads_for
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.optima import Optimum, Outcome, distinct
-from trajopt.ocp.solving.refinement import MAX_ELEMENTS
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Optimum, Outcome, distinct
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.refinement import MAX_ELEMENTS
+from trajopt.ocp.solve import WARM_BARRIER, solve
 
 #: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7
@@ -137,7 +136,7 @@ def periodic_gait(
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
     optima = tuple(
-        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.found))
+        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.starts))
         for o in distinct(outcomes, same_gait)
     )
     known_here = [lead for lead in leads if _is_of(lead, params, speed, regeneration)]

@@ -12,7 +12,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Time around a touchdown (s) within which the simulation is expected to land.
 SWITCHED = 1e-6

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real_array
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.solving.ties import clearly_less
+from trajopt.ocp.ranking import clearly_less
 
 
 class Rest(NamedTuple):

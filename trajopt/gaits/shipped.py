@@ -12,7 +12,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.ranking import least_first
 
 #: Gaits whose distances in speed differ by less than this (m/s) are ranked by their CoT.
 NEAR = 0.02

@@ -21,7 +21,7 @@ from trajopt.gaits.optimality import LocalOptimum, Optimality
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
+from trajopt.ocp.trajectory import PhaseTrajectory, require_side
 from trajopt.provenance import provenance
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ class Solution:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.ocp.results.plots import drawn
+        from trajopt.ocp.plots import plot
 
         problem = gait_problem(
             self.params,
@@ -246,7 +246,7 @@ class Solution:
             theta_turns=self.theta_turns,
             regeneration=self.regeneration,
         )
-        figure = drawn(problem, self.phases, np.empty(0), str(self))
+        figure = plot(problem, self.phases, np.empty(0), str(self))
         if path is not None:
             figure.savefig(Path(path))
         return figure

@@ -17,7 +17,7 @@ from rimless_gym.rules import BREACHES, LIMIT_TOLERANCE, Extremes, breaches
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.playback import playback, played, played_to_last_touchdown
 from trajopt.gaits.stance import MIN_NORMAL_FORCE
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)

@@ -17,9 +17,8 @@ from trajopt.gaits.gait_problem import gait_problem
 from trajopt.gaits.periodic import DEGREE, ELEMENTS
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.solve import WARM_BARRIER, solve
 
 #: Refinements of the fine mesh at most and their tolerance: at first, and where the gait then fails
 #: its verification.

@@ -13,15 +13,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from trajopt.ocp.interrupted import Interrupted
+
 from rimless_gym.command import INTERRUPTED
 from rimless_gym.commands.commandline import Parser, terminated_like_ctrl_c, whole
 from rimless_gym.commands.multi_start.named import problem_named
 from rimless_gym.commands.multi_start.results import REPORT, SEARCH, write
-from trajopt.ocp.interrupted import Interrupted
-from trajopt.ocp.search.multi_start import DEGREE, ELEMENTS, best_of, multi_start
-from trajopt.ocp.search.search import Search
-from trajopt.ocp.solving.guesses import Family, Waves, Waypoints
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.guesses import Family, Waves, Waypoints
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import DEGREE, ELEMENTS, Search, best_of, multi_start
 
 FAMILIES: dict[str, type[Family]] = {"waves": Waves, "waypoints": Waypoints}
 

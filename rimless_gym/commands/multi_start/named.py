@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.problem import Problem
 
 
 def problem_named(name: str) -> Problem:

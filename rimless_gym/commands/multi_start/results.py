@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.search import Search
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.multi_start import Search
 
 #: Files of the search itself, from which it goes on, and of its report.
 SEARCH, REPORT = "search.npz", "report.txt"

@@ -24,7 +24,7 @@ from rimless_gym.extras import MissingExtraError
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
 from trajopt.gaits.playback import played
-from trajopt.ocp.search.multi_start import multi_start
+from trajopt.ocp.multi_start import multi_start
 
 KEYS = {
     "experiment": int,

@@ -13,8 +13,8 @@ import pytest
 from rimless_gym.commands.multi_start import command
 
 TROLLEY = """
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.problem import Phase
+from trajopt.ocp.problem import Problem
 
 def trolley(far=1.0):
     return Problem((Phase(

@@ -15,7 +15,7 @@ from trajopt import Extremal, Mesh, Phase, Problem, solve
 from trajopt.gaits.playback import playback
 from trajopt.gaits.shipped import nearest
 from trajopt.gaits.stance import CONTROL_DEGREE, WheelPhases
-from trajopt.ocp.solving.guesses import polyline
+from trajopt.ocp.guesses import polyline
 
 P = THESIS_PHYSICAL
 A = P.constants.a

@@ -17,7 +17,7 @@ from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gai
 from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import verify
-from trajopt.ocp.search.optima import Outcome, distinct
+from trajopt.ocp.multi_start import Outcome, distinct
 
 MODEL = HybridModel(THESIS_PHYSICAL)
 

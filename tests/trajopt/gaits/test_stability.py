@@ -17,7 +17,7 @@ from rimless_gym import WheelParams, simulate
 from trajopt import Extremal, Mesh, Problem, solve
 from trajopt.gaits.stability import floquet_multipliers, monodromy
 from trajopt.gaits.stance import WheelPhases
-from trajopt.ocp.solving.guesses import polyline
+from trajopt.ocp.guesses import polyline
 
 
 def passive(n_legs: int, slope: float, inertia: float) -> WheelParams:

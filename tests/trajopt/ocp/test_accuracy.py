@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
 from trajopt.ocp import textbook
-from trajopt.ocp.judge.accuracy import assess, audit, cost_errors
-from trajopt.ocp.judge.resimulation import played, resimulated
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.accuracy import assess, audit, cost_errors
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.resimulation import played, resimulated
+from trajopt.ocp.transcription import Transcription
 
 NONE = np.zeros(0)
 

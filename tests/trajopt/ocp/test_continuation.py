@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-import trajopt.ocp.search.continuation
 from trajopt.ocp.interrupted import Interrupted
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.continuation import continued, distance, extrapolated
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.nlp import Transcription
+
+import trajopt.ocp.continuation
+from trajopt.ocp.continuation import continued, distance, extrapolated
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
+from trajopt.ocp.transcription import Transcription
 
 
 def trolley() -> Problem:
@@ -148,7 +147,7 @@ def count_transcriptions(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
         made.append(problem)
         return Transcription(problem, mesh)
 
-    monkeypatch.setattr(trajopt.ocp.search.continuation, "Transcription", counted)
+    monkeypatch.setattr(trajopt.ocp.continuation, "Transcription", counted)
     return made
 
 

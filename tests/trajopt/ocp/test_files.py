@@ -12,14 +12,11 @@ import numpy as np
 import pytest
 
 from trajopt.files import HEADER, write_arrays
-from trajopt.ocp.pose.constraint import Constraint
-from trajopt.ocp.pose.linkage import Linkage
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.results.saved import ExtremalFileError, load_phases
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.constraints import Constraint
+from trajopt.ocp.extremal import Extremal, ExtremalFileError, load_phases
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Linkage, Phase, Problem
+from trajopt.ocp.solve import solve
 
 
 def relay(weight: float = 1.0, fastest: float = 5.0) -> Problem:

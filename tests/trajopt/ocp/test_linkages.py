@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trajopt import Constraint, Extremal, Linkage, Mesh, Phase, Problem, solve
-from trajopt.ocp.solving.guesses import line
+from trajopt.ocp.guesses import line
 
 
 def block(name: str, **more: Any) -> Phase:

@@ -8,11 +8,10 @@ from typing import Any
 import casadi as ca
 import pytest
 
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.solving.guesses import Waves
-from trajopt.ocp.solving.solve import solve
+from trajopt.ocp.guesses import Waves
+from trajopt.ocp.multi_start import multi_start
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
 
 
 def drift(cost: Any, **changes: Any) -> Problem:

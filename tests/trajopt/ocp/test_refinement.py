@@ -9,13 +9,13 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from trajopt.ocp.solving import refinement
 
 from tests.trajopt.ocp.motions import block, sampled
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
 from trajopt.ocp import textbook
-from trajopt.ocp.judge.accuracy import Quality, assess
-from trajopt.ocp.solving import refinement
-from trajopt.ocp.solving.refinement import Tolerances, certified, refined
+from trajopt.ocp.accuracy import Quality, assess
+from trajopt.ocp.refinement import Tolerances, certified, refined
 
 NONE = np.zeros(0)
 
@@ -213,7 +213,7 @@ def test_each_tolerance_costs_a_few_meshes_and_is_met() -> None:
 
 
 def test_the_best_mesh_is_kept_when_a_finer_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    module, calls = importlib.import_module("trajopt.ocp.solving.solve"), []
+    module, calls = importlib.import_module("trajopt.ocp.solve"), []
     refine_ = module.refined
 
     def recorded(mesh: Mesh, *rest: object) -> Mesh:

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from trajopt.ocp.judge import resimulation
 
 from trajopt import (
     Constraint,
@@ -23,8 +24,7 @@ from trajopt import (
     solve,
 )
 from trajopt.ocp import textbook
-from trajopt.ocp.judge import resimulation
-from trajopt.ocp.solving.guesses import Waves, Waypoints, straight_lines
+from trajopt.ocp.guesses import Waves, Waypoints, straight_lines
 
 
 def falls(**changes: object) -> Phase:

@@ -12,18 +12,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-
 from trajopt.ocp.interrupted import Interrupted
-from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.constraint import nonnegative
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import best_of, multi_start
-from trajopt.ocp.search.optima import Start
-from trajopt.ocp.search.search import Search, SearchFileError
-from trajopt.ocp.solving.guesses import Guess, Waves, Waypoints, straight_lines
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+
+from trajopt.ocp.constraints import nonnegative, pair
+from trajopt.ocp.guesses import Guess, Waves, Waypoints, straight_lines
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Search, SearchFileError, Start, best_of, multi_start
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
 
 
 def clearance(x: ca.SX, u: ca.SX, p: ca.SX) -> Any:

@@ -23,9 +23,9 @@ from trajopt import (
     solve,
 )
 from trajopt.ocp import textbook
-from trajopt.ocp.solving.guesses import line, polyline, straight_lines
-from trajopt.ocp.solving.runs import LADDER
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.guesses import line, polyline, straight_lines
+from trajopt.ocp.solve import LADDER
+from trajopt.ocp.transcription import Transcription
 
 FREE = math.inf
 

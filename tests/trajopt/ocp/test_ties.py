@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajopt.ocp.search.optima import Outcome, distinct
-from trajopt.ocp.solving.guesses import line
-from trajopt.ocp.solving.ties import clearly_less, least_first, tied
+from trajopt.ocp.guesses import line
+from trajopt.ocp.multi_start import Outcome, distinct
+from trajopt.ocp.ranking import clearly_less, least_first, tied
 
 
 def test_items_that_clearly_differ_are_in_order_of_cost() -> None:

@@ -12,10 +12,9 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from trajopt.gaits.stance import STATES, WheelPhases
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.transcribe.element import element, path_nodes
-from trajopt.ocp.transcribe.schemes import SCHEMES, Scheme
-from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
+from trajopt.ocp.equations import element, path_nodes
+from trajopt.ocp.problem import Phase
+from trajopt.ocp.schemes import SCHEMES, Scheme, lagrange_matrix
 
 #: Degree of the states within an interval, and the scheme with a constant control.
 DEGREE = 4

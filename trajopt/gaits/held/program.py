@@ -16,12 +16,10 @@ from trajopt.gaits.held.pattern import Pattern
 from trajopt.gaits.held.stride import LEAST_SHARE, Stride, bounded
 from trajopt.gaits.stance import STATES
 from trajopt.ocp.arrays import Array, Indices
-from trajopt.ocp.interrupted import heeded
-from trajopt.ocp.transcribe.nlp import INTERRUPTED
-from trajopt.ocp.transcribe.options import IPOPT, QUIET
-from trajopt.ocp.transcribe.program import Block, assembled
-from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.program import Block, assembled
+from trajopt.ocp.schemes import lagrange_matrix
+from trajopt.ocp.trajectory import PhaseTrajectory
+from trajopt.ocp.transcription import INTERRUPTED, IPOPT, QUIET, interruptible
 
 NX, INNER, PHI = len(STATES), len(SCHEME.nodes) - 2, STATES.index("phi")
 
@@ -93,13 +91,13 @@ class HeldProgram:
         blocks = list(self._blocks())
         self.program = assembled(blocks, self.layout.size, self.rows)
 
-    @heeded()
+    @interruptible()
     def solve(self, guess: Stride, **options: Any) -> Found:
         """A local optimum near a guess with the same pattern.
 
         Args:
             guess: where to start.
-            options: of IPOPT, over `trajopt.ocp.transcribe.options.IPOPT`.
+            options: of IPOPT, over `trajopt.ocp.transcription.IPOPT`.
 
         Raises:
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.

@@ -8,8 +8,8 @@ from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.held.replay import Held, Replay, after
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.schemes import radau_nodes
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Nodes of the states within an interval: enough for intervals of 20 ms and more.
 NODES: Array = radau_nodes(12)

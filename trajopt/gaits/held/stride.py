@@ -11,7 +11,7 @@ import numpy as np
 from trajopt.gaits.held.pattern import Pattern
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Least share of an interval on either side of a touchdown, so that both sides remain intervals.
 LEAST_SHARE = 2e-4

@@ -12,7 +12,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt.gaits.held.replay import Held, Replay
 from trajopt.gaits.playback import played
 from trajopt.gaits.verify import AUDIT_TOLERANCE, STATE_TOLERANCE, Verification, verify
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Largest residual of the kernel's ledger over a stride (J).
 LEDGER_TOLERANCE = 1e-9

@@ -45,8 +45,8 @@ from rimless_gym.commands.thesis.experiments.tables import (
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import THESIS_NOMINAL, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.problem import Problem
 
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)

@@ -13,16 +13,13 @@ from rimless_gym.commands.thesis.experiments.case import Case
 from rimless_gym.commands.thesis.experiments.replay import replayed, resampled
 from rimless_gym.commands.thesis.experiments.solved import Solved
 from rimless_gym.commands.thesis.experiments.starts import WaypointStarts
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.search.optima import Outcome
-from trajopt.ocp.search.search import Search
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Outcome, Search, multi_start
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Costs that differ by less (relative, absolute) count as equal.
 AS_GOOD = (1e-4, 1e-7)

@@ -15,7 +15,7 @@ from rimless_gym.commands.thesis.prototype.variant import SCALES, VARIANTS, Vari
 from rimless_gym.presets import THESIS_PHYSICAL
 from trajopt.gaits.shipped import shipped
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.ranking import least_first
 from trajopt.processes import Submit, pool
 
 
