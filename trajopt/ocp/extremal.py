@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rimless_gym.checks import real
-from trajopt.files import array_of, jsonable, read_arrays, require_names, write_arrays
 from trajopt.ocp.accuracy import Certificate, audit, hamiltonian
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Violation
@@ -397,7 +396,6 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         audit=tuple(Violation(**v) for v in header["audit"]),
         **{name: header[name] for name in _PLAIN},
     )
-    require_names(arrays, _arrays(extremal))
     return extremal
 
 

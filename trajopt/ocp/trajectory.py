@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import real_array
-from trajopt.files import array_of
 from trajopt.ocp.arrays import Array, Indices
 from trajopt.ocp.schemes import lagrange_matrix
+from trajopt.store import array_of
 
 #: Times that differ by less than this fraction of their phase are the same. Otherwise rounding
 #: would decide on which side of an edge a time lies that is meant to be on it.
