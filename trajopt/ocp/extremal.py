@@ -28,6 +28,7 @@ from trajopt.ocp.trajectory import (
 )
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
+from trajopt.store import array_of, jsonable, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

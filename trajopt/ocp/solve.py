@@ -120,7 +120,7 @@ def solve(
     )
     passes, verify = integer("passes", passes, 0), flag("verify", verify)
     if not option_sets:
-        raise ValueError("option_sets: give at least one set of options, such as {}")
+        raise ValueError("option_sets = (): give at least one set of options, such as {}")
     for tried in (options, *option_sets):
         require_options(tried)
     if isinstance(guess, Extremal):

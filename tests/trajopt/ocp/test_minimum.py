@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import pytest
 
-from trajopt.ocp.guesses import Waves
+from trajopt.ocp.guesses import Waypoints
 from trajopt.ocp.multi_start import multi_start
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.solve import solve
@@ -69,6 +69,6 @@ def test_a_guess_on_a_saddle_leads_away_from_it() -> None:
 
 def test_a_search_does_not_count_a_saddle_as_an_optimum() -> None:
     problem = valley()
-    search = multi_start(problem, Waves(problem), 2)
+    search = multi_start(problem, Waypoints(problem), 2)
     assert not search.optima
     assert all("Diverging" in outcome.failure for outcome in search.failures)

@@ -9,11 +9,10 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from trajopt.ocp.solving import refinement
 
 from tests.trajopt.ocp.motions import block, sampled
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
-from trajopt.ocp import textbook
+from trajopt.ocp import refinement, textbook
 from trajopt.ocp.accuracy import Quality, assess
 from trajopt.ocp.refinement import Tolerances, certified, refined
 

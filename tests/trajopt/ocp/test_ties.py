@@ -33,5 +33,5 @@ def test_of_starts_that_led_to_one_optimum_the_first_stands_for_it(hair: float) 
     mirrored = line(np.zeros(1), -np.ones(1), np.zeros(1), 1.0)
     ends = {4: (way, 1.0), 2: (mirrored, 1.0 + hair), 7: (way, 1.0 - hair), 5: (way, 0.5)}
     outcomes = [Outcome(i, "", cost, (end,), np.empty(0), 1, "") for i, (end, cost) in ends.items()]
-    found = [(optimum.best.index, optimum.found) for optimum in distinct(outcomes)]
+    found = [(optimum.best.index, optimum.starts) for optimum in distinct(outcomes)]
     assert found == [(5, (5,)), (2, (2,)), (4, (4, 7))]

@@ -59,9 +59,9 @@ def solved(case: Case, before: Solved | None = None) -> Solved:
     return Solved(
         key=case.key,
         extremal=extremal,
-        optima=tuple((o.cost, len(o.found), _duration(o.best)) for o in search.optima),
+        optima=tuple((o.cost, len(o.starts), _duration(o.best)) for o in search.optima),
         failed=len(search.failures),
-        reaching=len(search.optima[0].found),
+        reaching=len(search.optima[0].starts),
         **simulated(case, extremal, before),
         seconds=time.perf_counter() - begin,
     )
@@ -91,7 +91,7 @@ def _best(search: Search, quickest: bool) -> Outcome:
     best = search.optima[0]
     if not quickest:
         return best.best
-    return least_first((o for o in search.outcomes if o.index in best.found), _duration)[0]
+    return least_first((o for o in search.outcomes if o.index in best.starts), _duration)[0]
 
 
 def of_durations(problem: Problem, phases: Sequence[PhaseTrajectory]) -> Problem:

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
-import signal
-import threading
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from trajopt.ocp.interrupted import Interrupted
 
 from trajopt.ocp.constraints import nonnegative, pair
-from trajopt.ocp.guesses import Guess, Waves, Waypoints, straight_lines
+from trajopt.ocp.guesses import Guess, Waypoints, straight_lines
 from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.multi_start import Search, SearchFileError, Start, best_of, multi_start
+from trajopt.ocp.multi_start import Search, Start, best_of, multi_start
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.solve import solve
 
@@ -44,11 +40,12 @@ def around(duration: Any = 1.0, speed: float = 10.0) -> Problem:
 
 
 AROUND = around()
+FAMILY = Waypoints(AROUND)
 
 
 @pytest.fixture(scope="module")
 def search() -> Search:
-    return multi_start(AROUND, Waves(AROUND), 16)
+    return multi_start(AROUND, FAMILY, 16)
 
 
 def test_both_ways_past_a_disc_are_found_the_shorter_one_first(search: Search) -> None:
@@ -60,24 +57,14 @@ def test_both_ways_past_a_disc_are_found_the_shorter_one_first(search: Search) -
 
 
 def test_every_start_led_to_an_optimum_or_says_why_not(search: Search) -> None:
-    found = [index for optimum in search.optima for index in optimum.found]
+    found = [index for optimum in search.optima for index in optimum.starts]
     failed = [outcome.index for outcome in search.failures]
     assert sorted(found + failed) == list(range(16))
-    assert search.complete
 
 
 def test_the_report_says_how_often_each_optimum_was_found(search: Search) -> None:
-    share = len(search.optima[0].found) / 16
+    share = len(search.optima[0].starts) / 16
     assert f"{share:.1%}" in search.report()
-    assert "16 of 16" in search.report()
-
-
-def test_progress_says_when_nothing_is_found_yet(capsys: pytest.CaptureFixture[str]) -> None:
-    search = multi_start(AROUND, Waves(AROUND), 1, progress=True, max_iter=1)
-    assert not search.optima
-    told = capsys.readouterr().err
-    assert "none found yet" in told
-    assert "inf" not in told
 
 
 def test_the_best_are_refined_and_verified(search: Search) -> None:
@@ -91,26 +78,25 @@ def test_the_best_are_refined_and_verified(search: Search) -> None:
 def test_the_same_seed_gives_the_same_outcomes_whatever_the_number_of_workers(
     search: Search,
 ) -> None:
-    parallel = multi_start(AROUND, Waves(AROUND), 16, workers=2)
+    parallel = multi_start(AROUND, FAMILY, 16, workers=2)
     for one, other in zip(search.outcomes, parallel.outcomes, strict=True):
         assert (one.index, one.cost, one.failure) == (other.index, other.cost, other.failure)
         assert np.array_equal(one.phases[0].states, other.phases[0].states)
 
 
 def test_another_seed_gives_other_guesses_but_start_0_is_the_straight_line() -> None:
-    family = Waves(AROUND)
+    family = FAMILY
     first, second = (family(np.random.default_rng([seed, 1]), 1)[0] for seed in (0, 1))
     assert not np.array_equal(first.states, second.states)
     line = straight_lines(AROUND)[0]
     assert np.array_equal(family(np.random.default_rng(5), 0)[0].states, line.states)
 
 
-@pytest.mark.parametrize("kind", [Waves, Waypoints])
-def test_guesses_keep_to_the_bounds(kind: Any) -> None:
+def test_guesses_keep_to_the_bounds() -> None:
     problem = around(duration=(0.5, 2.0))
     phase = problem.phases[0]
     for index in range(20):
-        guess = kind(problem)(np.random.default_rng(index), index)[0]
+        guess = Waypoints(problem)(np.random.default_rng(index), index)[0]
         lower, upper = phase.state_bounds()
         assert np.all(guess.states >= lower)
         assert np.all(guess.states <= upper)
@@ -121,52 +107,45 @@ def test_guesses_keep_to_the_bounds(kind: Any) -> None:
         assert least <= guess.duration <= most
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Unplugged:
-    """Waves until somebody presses Ctrl-C."""
+    """Ctrl-C is pressed at one start; counts the others."""
 
-    waves: Waves
-    at: int
+    at: int = -1
+    drawn: int = 0
 
     def __call__(self, rng: np.random.Generator, index: int) -> Guess:
         if index == self.at:
             raise KeyboardInterrupt
-        return self.waves(rng, index)
+        self.drawn += 1
+        return FAMILY(rng, index)
 
 
-def test_an_interrupted_search_keeps_what_was_found_and_goes_on_from_there(
-    search: Search,
-) -> None:
-    with pytest.raises(Interrupted) as stopped:
-        multi_start(AROUND, Unplugged(Waves(AROUND), 5), 16)
-    partial = stopped.value.partial
-    assert [outcome.index for outcome in partial.outcomes] == [0, 1, 2, 3, 4]
-    assert not partial.complete
-    whole = multi_start(AROUND, Waves(AROUND), 16, known=partial)
-    assert [o.cost for o in whole.outcomes] == [o.cost for o in search.outcomes]
+def test_an_interrupted_search_continues_from_its_folder(search: Search, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        multi_start(AROUND, Unplugged(at=5), 16, folder=tmp_path)
+    family = Unplugged()
+    whole = multi_start(AROUND, family, 16, folder=tmp_path)
+    assert family.drawn == 11
+    for one, other in zip(whole.outcomes, search.outcomes, strict=True):
+        assert (one.index, one.cost, one.iterations) == (other.index, other.cost, other.iterations)
+        assert np.array_equal(one.phases[0].states, other.phases[0].states)
+    assert whole.report() == search.report()
 
 
-def test_ctrl_c_stops_the_workers_and_keeps_what_they_found() -> None:
-    main = threading.main_thread().ident or 0
-    timer = threading.Timer(4.0, signal.pthread_kill, (main, signal.SIGINT))
-    timer.start()
-    with pytest.raises(Interrupted) as stopped:
-        multi_start(AROUND, Waves(AROUND), 100_000, workers=2)
-    timer.join()
-    assert len(stopped.value.partial.outcomes) < 100_000
-    assert not multiprocessing.active_children()
-
-
-def test_another_search_cannot_be_continued(search: Search) -> None:
-    with pytest.raises(ValueError, match="seed"):
-        multi_start(AROUND, Waves(AROUND), 16, seed=1, known=search)
-    with pytest.raises(ValueError, match="mesh"):
-        multi_start(AROUND, Waves(AROUND), 16, mesh=Mesh.uniform(AROUND, 5), known=search)
+def test_the_folder_of_another_search_is_refused(tmp_path: Path) -> None:
+    multi_start(AROUND, FAMILY, 1, folder=tmp_path)
+    multi_start(AROUND, FAMILY, 2, folder=tmp_path)  # more starts are the same search
+    for other in ({"seed": 1}, {"mesh": Mesh.uniform(AROUND, 5)}, {"tol": 1e-6}):
+        with pytest.raises(ValueError, match="choose another folder"):
+            multi_start(AROUND, FAMILY, 1, folder=tmp_path, **other)
+    with pytest.raises(ValueError, match="choose another folder"):
+        multi_start(around(speed=9.0), FAMILY, 1, folder=tmp_path)
 
 
 def test_a_problem_without_solutions_yields_none_and_the_reasons() -> None:
     slow = around(speed=0.5)
-    search = multi_start(slow, Waves(slow), 3)
+    search = multi_start(slow, Waypoints(slow), 3)
     assert not search.optima
     assert "NO LOCAL OPTIMUM" in search.report()
     assert all("violated" in outcome.failure for outcome in search.failures)
@@ -193,28 +172,6 @@ def test_starts_may_differ_in_the_numbers_of_their_problem() -> None:
     assert (slow.best.kind, quick.best.kind) == ("2 s", "1 s")
     assert slow.cost == pytest.approx(quick.cost / 2, rel=1e-3)
     assert best_of(search)[0].duration == 2.0
-
-
-def test_a_saved_search_is_the_same_when_it_is_loaded(search: Search, tmp_path: Path) -> None:
-    search.save(tmp_path / "search.npz")
-    loaded = Search.load(tmp_path / "search.npz", AROUND, Waves(AROUND))
-    assert loaded.report() == search.report()
-    assert loaded.mesh == search.mesh
-    longer = multi_start(AROUND, Waves(AROUND), 18, known=loaded)
-    assert longer.outcomes[:16] == loaded.outcomes
-    assert len(longer.outcomes) == 18
-
-
-def test_a_search_of_another_problem_or_another_file_is_refused(
-    search: Search, tmp_path: Path
-) -> None:
-    search.save(tmp_path / "search.npz")
-    line = Phase("line", ("x",), lambda x, u, p: u, ("v",), duration=1.0)
-    with pytest.raises(SearchFileError, match="another problem"):
-        Search.load(tmp_path / "search.npz", Problem((line,)), Waves(AROUND))
-    (tmp_path / "text.npz").write_text("no archive")
-    with pytest.raises(SearchFileError, match="search again"):
-        Search.load(tmp_path / "text.npz", AROUND, Waves(AROUND))
 
 
 def test_what_solve_finds_by_itself_is_not_better(search: Search) -> None:
