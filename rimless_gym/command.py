@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import NamedTuple
 
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from rimless_gym.shadowing import ShadowedError, require_ours
 
 #: The exit status that shells give a command ended by Ctrl-C.

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rimless_gym.extras import MissingExtraError, extra
+from rimless_gym.checks import MissingExtraError, extra
 
 
 def test_a_missing_package_is_named_with_the_extra_that_brings_it():

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, compiled
+from rimless_gym import BUILDABLE
+from rimless_gym import reference as compiled
 from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observe
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
-from rimless_gym.javascript.printing import function_text
-from rimless_gym.javascript.simulator import simulator
-from rimless_gym.javascript.tracing import Branch, Graph, Leaf
+from rimless_gym.javascript import Branch, Graph, Leaf, function_text, simulator
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 

@@ -15,7 +15,7 @@ import numba
 import pytest
 
 from rimless_gym import kept as keeping
-from rimless_gym.jit import kept
+from rimless_gym.jit import cached
 
 PACKAGE = Path(keeping.__file__).parent
 
@@ -23,7 +23,7 @@ PACKAGE = Path(keeping.__file__).parent
 PROGRAM = """
 import pathlib, sys, time
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.compiled import guards
+from rimless_gym.reference import guards
 ready, begin = (pathlib.Path(name) for name in sys.argv[1:])
 ready.touch()
 while not begin.exists():

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rimless_gym import presets as parameters
-from rimless_gym.constants import shorthand
 from rimless_gym.kernel.stepping import require_steppable
-from rimless_gym.params import WheelParams
+from rimless_gym.params import WheelParams, shorthand
 from rimless_gym.presets import (
     BUILDABLE,
     PRESETS,

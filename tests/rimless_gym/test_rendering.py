@@ -14,8 +14,9 @@ from PIL import Image
 
 from rimless_gym.equations import DOUBLE
 from rimless_gym.presets import PRESETS, PROTOTYPE, THESIS_PHYSICAL
-from rimless_gym.rendering._pygame import pygame
-from rimless_gym.rendering.wheel import FACE, ROD, STANCE, TRACK, Scene, Window, draw, save_gif
+from rimless_gym.rendering.canvas import FACE, ROD, STANCE, TRACK, pygame
+from rimless_gym.rendering.display import Window, save_gif
+from rimless_gym.rendering.wheel import Scene, draw
 
 STANDING = Scene(phi=math.pi / 2, theta=0.0)
 

@@ -9,7 +9,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
 from rimless_gym.shadowing import PACKAGES, require_ours
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from rimless_gym.extras import MissingExtraError
-from rimless_gym.rendering.video import ffmpeg, save_mp4
+from rimless_gym.checks import MissingExtraError
+from rimless_gym.rendering.display import ffmpeg, save_mp4
 
 FRAMES = [np.full((63, 97, 3), shade, dtype=np.uint8) for shade in (0, 100, 200)]
 

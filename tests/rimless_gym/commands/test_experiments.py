@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rimless_gym.checks import MissingExtraError
 from rimless_gym.commands.thesis.experiments import document, report
 from rimless_gym.commands.thesis.experiments.cases import (
     EXPERIMENTS,
@@ -20,7 +21,6 @@ from rimless_gym.commands.thesis.experiments.solve import solved
 from rimless_gym.commands.thesis.experiments.starts import WaypointStarts
 from rimless_gym.commands.thesis.experiments.steps import steps
 from rimless_gym.commands.thesis.experiments.tables import COST_4_5, TABLE_4_4
-from rimless_gym.extras import MissingExtraError
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
 from trajopt.gaits.playback import played

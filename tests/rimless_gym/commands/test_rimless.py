@@ -18,8 +18,8 @@ from PIL import Image
 
 from agents.policy_files import PRETRAINED
 from rimless_gym import command as rimless
+from rimless_gym.checks import MissingExtraError
 from rimless_gym.commands import play, publish_policy, warmup, watch
-from rimless_gym.extras import MissingExtraError
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
 from trajopt.gaits.shipped import nearest

@@ -6,26 +6,25 @@ import itertools
 import math
 
 import numpy as np
+from rimless_gym.kernel.booking import open_interval
 
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.jit import kept
+from rimless_gym.jit import cached
 from rimless_gym.kernel import tile as of
 from rimless_gym.kernel.attempt import attempt_step
-from rimless_gym.kernel.booking import open_interval
-from rimless_gym.kernel.integration import smooth_states
-from rimless_gym.kernel.interpolation import quintic, upward_root, value
+from rimless_gym.kernel.integration import quintic, smooth_states, upward_root, value
 from rimless_gym.kernel.stepping import scratch, share_machine
 from rimless_gym.kernel.tile import TILE_SIZE
 from rimless_gym.trigonometry import MAX_TURN
 
 
-@kept()
+@cached()
 def opened(work, constants, poles, duration):
     share_machine(work, constants, poles)
     open_interval(work[:TILE_SIZE], duration, 0.0)
 
 
-@kept()
+@cached()
 def attempted(tile, duration):
     return attempt_step(tile, 1, duration, 0.0)
 
