@@ -42,7 +42,7 @@ def simulator(params: WheelParams) -> str:
 
     ``wheel.constants(machine)`` gives the constants of a machine, an object with the fields of
     `WheelParams`; ``wheel.advance(state, volts, seconds, constants)`` advances a wheel; see
-    `stepping.js`, and `rimless_gym.javascript.physics` for what `params` decides.
+    `stepping.js`, and `rimless_gym.javascript` for what `params` decides.
     """
     tableau = {"A": DOP853.A, "B": DOP853.B, "E3": DOP853.E3, "E5": DOP853.E5}
     stepping = (files("rimless_gym") / "stepping.js").read_text(encoding="utf-8")

@@ -58,7 +58,7 @@ from rimless_gym.trigonometry import MAX_TURN
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`). Energy then
 #: balances to a relative 1e-7 over an interval of any machine, and to 1e-11 on a gait. Angles turn
-#: well below `trigonometry.MAX_TURN`, the limit of the stages' sines, which `check_attempt` enforces.
+#: well below `trigonometry.MAX_TURN`, the limit of the stages' sines (`check_attempt`).
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 #: In a step, psi' and the gear's torque change by no more than this share of their distance from

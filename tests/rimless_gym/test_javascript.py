@@ -94,8 +94,8 @@ def test_right_hand_sides_agree_with_the_compiled_ones(name: str) -> None:
     )
     assert found["p"] == pytest.approx(p._asdict(), rel=1e-14)
     for (phi, theta, dphi, dtheta, u), both in zip(cases, found["all"], strict=True):
-        single = compiled.rates(SINGLE, phi, theta, dphi, dtheta, u, params.constants_array)
-        double = compiled.rates(DOUBLE, p.a, theta, 0.0, dtheta, u, params.constants_array)
+        single = compiled.state_rates(SINGLE, phi, theta, dphi, dtheta, u, params.constants_array)
+        double = compiled.state_rates(DOUBLE, p.a, theta, 0.0, dtheta, u, params.constants_array)
         for (motion, lost), theirs in zip((single, double), both, strict=True):
             assert theirs == pytest.approx([*motion[:4], *lost], rel=1e-12, abs=1e-12)
 

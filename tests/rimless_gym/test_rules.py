@@ -12,7 +12,6 @@ from rimless_gym.rules import (
     LIMIT_TOLERANCE,
     VIOLATIONS,
     Extremes,
-    breaches,
     has_floor,
     least_clearance,
     may_touch,
