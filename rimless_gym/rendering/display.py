@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
+import sys
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -60,6 +61,9 @@ class Window:
 
 def has_display() -> bool:
     """Whether a window can be shown."""
+    screens = {"DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"}
+    if sys.platform == "linux" and not screens & set(os.environ):
+        return False  # where there is none, SDL prints errors
     try:
         pygame.display.init()
     except pygame.error:

@@ -16,6 +16,7 @@ from rimless_gym.rules import (
     least_clearance,
     may_touch,
     require_clearance,
+    violations,
 )
 
 FINE = Extremes(

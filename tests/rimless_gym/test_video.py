@@ -39,7 +39,7 @@ def test_where_ffmpeg_fails_the_former_file_is_kept(
     program.chmod(0o755)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(program))
     film.write_text("the former")
-    with pytest.raises(OSError, match=r"walk\.mp4: ffmpeg cannot write it \(No space left\); make"):
+    with pytest.raises(OSError, match=r"walk\.mp4: ffmpeg cannot write it \(No space left\)"):
         save_mp4(200 * FRAMES, film, fps=50)
     assert film.read_text() == "the former"
     assert not unfinished.exists()
