@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rimless_gym.commands.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
-from trajopt.gaits.passive import PASSIVE_WHEEL
+from trajopt.gaits.problem import PASSIVE_WHEEL
 from trajopt.ocp.textbook import EXAMPLES, Example
 from trajopt.ocp.transcribe.schemes import SCHEMES
 

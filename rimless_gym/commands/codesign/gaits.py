@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.commands.codesign.problem import SPEEDS, Case, chosen, regenerating
-from trajopt.gaits.finishing import finished
+from trajopt.gaits.periodic import finished
+from trajopt.gaits.problem import CONTROL_DEGREE
 from trajopt.gaits.search import random_guess
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.solving.guesses import Guess
 from trajopt.ocp.solving.solve import solve

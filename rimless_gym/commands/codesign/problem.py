@@ -13,7 +13,7 @@ import numpy as np
 
 from rimless_gym.commands.codesign.budget import BOB_RADIUS, CLAMP, TUBE, Build
 from rimless_gym.params import WheelParams
-from trajopt.gaits.designed import designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.ocp.pose.constraint import Constraint
 from trajopt.ocp.pose.phase import Phase
 from trajopt.ocp.pose.problem import Problem

@@ -38,8 +38,8 @@ from rimless_gym.commands.fronts.library import record_file, ship
 from rimless_gym.commands.fronts.record import chosen, record, same_machine
 from rimless_gym.params import WheelParams
 from trajopt.files import write_text
+from trajopt.gaits.library import FOLDER, shipped
 from trajopt.gaits.periodic import fastest_walk
-from trajopt.gaits.shipped import FOLDER, shipped
 
 ROOT = Path(__file__).resolve().parents[3]
 

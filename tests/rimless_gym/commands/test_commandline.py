@@ -23,7 +23,7 @@ from rimless_gym.commands.commandline import Parser, terminated_like_ctrl_c, who
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution
 from trajopt.gaits.fronts import shipped_front
-from trajopt.gaits.shipped import FOLDER
+from trajopt.gaits.library import FOLDER
 from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.

@@ -18,7 +18,7 @@ from rimless_gym.commands.feedback_laws.gaits import GAITS
 from rimless_gym.commands.feedback_laws.sizes import sizes_for
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from trajopt.feedback.law import Floats
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[3] / "docs"

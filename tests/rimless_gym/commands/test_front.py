@@ -27,8 +27,8 @@ from rimless_gym.commands.fronts.pieces import Family, Join, Lead, Piece, Screen
 from rimless_gym.commands.fronts.plans import families, leads, one_step
 from rimless_gym.commands.fronts.polish import Polished
 from rimless_gym.commands.fronts.record import SHIPPED, chosen, record
+from trajopt.gaits.library import FOLDER, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
-from trajopt.gaits.shipped import FOLDER, shipped
 from trajopt.gaits.solution import Solution
 
 #: Spacing of the pretended searches' speeds (m/s).

@@ -11,8 +11,8 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.files import DIGEST, HEADER, digest
-from trajopt.gaits.gait_file import FORMAT, GaitFileError
-from trajopt.gaits.shipped import FOLDER, shipped
+from trajopt.gaits.library import FOLDER, shipped
+from trajopt.gaits.solution import FORMAT, GaitFileError
 from trajopt.gaits.verify import verify
 
 SHIPPED = sorted(path.name for path in FOLDER.glob("*.npz"))

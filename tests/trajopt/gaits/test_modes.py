@@ -12,9 +12,9 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt import Extremal, Mesh, Phase, Problem, solve
-from trajopt.gaits.playback import playback
-from trajopt.gaits.shipped import nearest
-from trajopt.gaits.stance import CONTROL_DEGREE, WheelPhases
+from trajopt.gaits.library import nearest
+from trajopt.gaits.problem import CONTROL_DEGREE, WheelPhases
+from trajopt.gaits.verify import playback
 from trajopt.ocp.solving.guesses import polyline
 
 P = THESIS_PHYSICAL

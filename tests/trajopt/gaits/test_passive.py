@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trajopt import Mesh, solve
-from trajopt.gaits.passive import passive_wheel, passive_wheel_rate
+from trajopt.gaits.problem import passive_wheel, passive_wheel_rate
 
 
 @pytest.mark.parametrize(("legs", "slope"), [(6, 0.25), (8, 0.12), (10, 0.06)])

@@ -11,12 +11,11 @@ from rimless_gym.symbolic import HybridModel
 from trajopt import CotFront, NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.gaits import fronts
 from trajopt.gaits import verify as verifying
-from trajopt.gaits.optimality import LocalOptimum
-from trajopt.gaits.playback import playback
+from trajopt.gaits.library import nearest, ranked, repeated, shipped
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
-from trajopt.gaits.shipped import by_promise, nearest, repeated, shipped
+from trajopt.gaits.solution import LocalOptimum
 from trajopt.gaits.stability import monodromy
-from trajopt.gaits.verify import verify
+from trajopt.gaits.verify import playback, verify
 from trajopt.ocp.search.optima import Outcome, distinct
 
 MODEL = HybridModel(THESIS_PHYSICAL)
@@ -283,15 +282,15 @@ def test_rounding_does_not_change_which_gait_leads(rounding):
     # Gaits at 0.45 and 0.55 m/s are equally near to 0.5 m/s, and 0.05 m/s is 2.5 times `NEAR`:
     # both their order and the rounding to `NEAR` could depend on the last bits.
     leads = [s for s in shipped() if s.steps == 2 and s.params == THESIS_PHYSICAL]
-    leads = by_promise(leads, THESIS_PHYSICAL, 0.5)
-    again = by_promise(leads[::-1], THESIS_PHYSICAL, 0.5 + rounding)
+    leads = ranked(leads, THESIS_PHYSICAL, 0.5)
+    again = ranked(leads[::-1], THESIS_PHYSICAL, 0.5 + rounding)
     assert [s.speed for s in again] == [s.speed for s in leads]
 
 
 def test_the_gait_nearest_in_speed_leads_its_family_even_if_slower_ones_cost_less():
     family = [s for s in shipped() if s.steps == 1 and s.theta_turns == -1]
     assert min(family, key=lambda s: s.cot).speed < 0.59
-    assert by_promise(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
+    assert ranked(family, THESIS_PHYSICAL, 0.6)[0].speed == pytest.approx(0.6)
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from trajopt.gaits.playback import playback, played, played_to_last_touchdown
-from trajopt.gaits.shipped import nearest, shipped
+from trajopt.gaits.library import nearest, shipped
+from trajopt.gaits.verify import playback, simulated, simulated_stride
 
 GAIT = nearest(THESIS_PHYSICAL, 0.5, 2)[0]
 
@@ -32,8 +32,8 @@ def test_phases_of_different_control_degrees_are_played_one_after_the_other() ->
 
 def test_playback_is_extended_just_far_enough_for_the_last_touchdown() -> None:
     early, late, later = -1e-6, 1e-6, 1e-3
-    assert played(GAIT.params, GAIT.phases, GAIT.duration + early).steps == 1
-    run = played_to_last_touchdown(GAIT.params, GAIT.phases, (early, late, later))
+    assert simulated(GAIT.params, GAIT.phases, GAIT.duration + early).steps == 1
+    run = simulated_stride(GAIT.params, GAIT.phases, (early, late, later))
     assert run.steps == 2
     assert run.t[-1] == pytest.approx(GAIT.duration + late, abs=1e-12)
 
@@ -52,6 +52,6 @@ def test_around_a_touchdown_the_state_shows_which_steps_voltage_acts() -> None:
 
 def test_after_the_last_touchdown_the_next_strides_voltage_is_played() -> None:
     gait = next(g for g in shipped() if abs(g.control(0.0) - g.control(g.duration, "left")) > 1.0)
-    run = played_to_last_touchdown(gait.params, gait.phases, [1e-6])
+    run = simulated_stride(gait.params, gait.phases, [1e-6])
     assert run.t[-1] > run.touchdowns[-1].time
     assert run.u[-1] == pytest.approx(gait.control(0.0), abs=1e-3)

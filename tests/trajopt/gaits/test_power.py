@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from rimless_gym import THESIS_PHYSICAL, simulate
 from trajopt import NoGaitError, periodic_gait
 from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.power import lacks_power, least_mean_rate, most_power_at_hub
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
+from trajopt.gaits.problem import lacks_power, least_mean_rate, most_power_at_hub
 
 P = THESIS_PHYSICAL
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.resting import rests
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.fronts import CotFront, rests
+from trajopt.gaits.library import shipped
 
 WEIGHT, IDLE = 20.0, 0.5
 

@@ -15,8 +15,8 @@ import pytest
 
 from rimless_gym import WheelParams, simulate
 from trajopt import Extremal, Mesh, Problem, solve
+from trajopt.gaits.problem import WheelPhases
 from trajopt.gaits.stability import floquet_multipliers, monodromy
-from trajopt.gaits.stance import WheelPhases
 from trajopt.ocp.solving.guesses import polyline
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.starts import normal_force
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 
 def test_an_episode_can_start_in_every_state_of_the_shipped_gaits() -> None:

@@ -10,10 +10,9 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, hybrid, simulate
 from trajopt import Problem, Solution, periodic_gait
-from trajopt.gaits.playback import played_to_last_touchdown
-from trajopt.gaits.shipped import nearest
-from trajopt.gaits.stance import WheelPhases
-from trajopt.gaits.verify import SPARE_TIMES, verify
+from trajopt.gaits.library import nearest
+from trajopt.gaits.problem import WheelPhases
+from trajopt.gaits.verify import SPARE_TIMES, simulated_stride, verify
 
 P = THESIS_PHYSICAL
 ONE = nearest(P, 0.5, 1)[0]
@@ -39,7 +38,7 @@ def sloped(request: pytest.FixtureRequest) -> Solution:
 @pytest.mark.parametrize("phases", [disturbed(0.1), slowed(1.002)], ids=["voltage", "time"])
 def test_the_energy_audit_measures_the_energy_missing_over_a_stride(phases: list) -> None:
     found = verify(P, phases, ONE.theta_turns)
-    run = played_to_last_touchdown(P, phases, SPARE_TIMES)
+    run = simulated_stride(P, phases, SPARE_TIMES)
     start, end = (hybrid.mechanical_energy(*x, P.constants) for x in (run.x[0], run.x[-1]))
     assert abs(end - start) > 1e-3
     assert found.energy_audit == pytest.approx(abs(end - start), rel=1e-3)

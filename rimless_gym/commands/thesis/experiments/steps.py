@@ -11,7 +11,7 @@ import numpy as np
 from rimless_gym.commands.thesis.experiments.tables import Table, Weights
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
+from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.pose.bounds import Bounds
 from trajopt.ocp.pose.constraint import Constraint

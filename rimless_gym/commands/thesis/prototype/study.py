@@ -13,7 +13,7 @@ from rimless_gym.commands.thesis.prototype.gait import cheaper, cheapest
 from rimless_gym.commands.thesis.prototype.points import Point, store, stored
 from rimless_gym.commands.thesis.prototype.variant import SCALES, VARIANTS, Variant
 from rimless_gym.presets import THESIS_PHYSICAL
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.solving.ties import least_first
 from trajopt.processes import Submit, pool

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from trajopt.gaits.held.clock import held_speed, held_speeds, ticks_of_stride
+from trajopt.gaits.held_stride import held_speed, held_speeds, ticks_of_stride
 
 P = THESIS_PHYSICAL
 

@@ -13,9 +13,9 @@ from rimless_gym.energy import ROW, Ledger
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from trajopt import NoGaitError, Solution, cot_front, periodic_gait
 from trajopt.feedback import laws
-from trajopt.gaits.gait_file import GaitFileError
-from trajopt.gaits.held.gait import held_gait
-from trajopt.gaits.shipped import repeated, shipped
+from trajopt.gaits.held_gait import held_gait
+from trajopt.gaits.library import repeated, shipped
+from trajopt.gaits.solution import GaitFileError
 
 P = THESIS_PHYSICAL
 LOSSY = P.replace(
@@ -105,7 +105,7 @@ def test_the_reference_simulator_agrees_with_the_kernel(held):
 
 
 def test_other_phases_of_the_clock_lead_to_no_better_optimum(held, continuous, monkeypatch):
-    monkeypatch.setattr("trajopt.gaits.held.gait.SHARES", (0.6,))
+    monkeypatch.setattr("trajopt.gaits.held_gait.SHARES", (0.6,))
     other, _ = held_gait(continuous, 0.01, 88, False, {})
     assert other is not None
     assert other.cot == pytest.approx(held.cot, rel=1e-3)

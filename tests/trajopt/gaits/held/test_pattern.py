@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajopt.gaits.held.pattern import Pattern
+from trajopt.gaits.held_stride import Pattern
 
 
 def test_the_touchdowns_fall_into_the_intervals_around_them():
