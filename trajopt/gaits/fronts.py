@@ -281,18 +281,8 @@ def rests(
         cots: its cost of transport at these, idle power included, shape (N,).
         weight: of the machine (N).
         idle_power: drawn at all times (W).
-
-    Raises:
-        ValueError: the speeds are not positive and ascending, or the shapes differ.
     """
-    speeds, cots = real_array("speeds", speeds), real_array("cots", cots)
-    if speeds.ndim != 1 or speeds.shape != cots.shape:
-        raise ValueError(
-            f"speeds of shape {speeds.shape} and cots of shape {cots.shape}: give a row of each, "
-            "equally long"
-        )
-    if np.any(speeds <= 0.0) or np.any(np.diff(speeds) <= 0.0):
-        raise ValueError(f"speeds = {speeds}: must be greater than 0 and ascend")
+    speeds, cots = np.asarray(speeds), np.asarray(cots)
     return tuple(_best(i, speeds, cots, idle_power / weight) for i in range(len(speeds)))
 
 
