@@ -101,6 +101,14 @@ def shipped(params: WheelParams | None = None) -> tuple[Solution, ...]:
     return tuple(each.load() for each in index() if params in (None, each.params))
 
 
+def gait_files(path: Path) -> dict[str, bytes]:
+    """The files of all gaits in an archive, by name; none if there is no archive."""
+    if not path.exists():
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if name != INDEX}
+
+
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
     """Write the archive anew.
 

@@ -77,6 +77,11 @@ def press_ctrl_c() -> None:
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
+def solve_fronts() -> None:
+    for _ in range(20):
+        cot_front(THESIS_PHYSICAL, (0.47, 0.52), (2,))
+
+
 def test_an_interrupted_front_is_not_returned_with_gaits_missing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -86,8 +91,7 @@ def test_an_interrupted_front_is_not_returned_with_gaits_missing(
     timer = threading.Timer(0.4, press_ctrl_c)
     timer.start()
     with pytest.raises(KeyboardInterrupt):
-        for _ in range(20):
-            cot_front(THESIS_PHYSICAL, (0.47, 0.52), (2,))
+        solve_fronts()
     timer.join()
     assert not capsys.readouterr().err  # where CasADi would print its own exception
 
