@@ -255,7 +255,8 @@ def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:
     """
     params, speed, steps, regeneration, hold = wanted
     entries = [] if hold else [e for e in candidates(params, speed, steps) if e.params == params]
-    best = next(iter(ranked([*entries, *known], params, speed)), None)
+    gaits: list[Entry | Solution] = [*entries, *known]
+    best = next(iter(ranked(gaits, params, speed)), None)
     guess = best.load() if isinstance(best, Entry) else best
     try:
         return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=guess)

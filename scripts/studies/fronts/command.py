@@ -39,7 +39,7 @@ from scripts.studies.fronts.library import record_file, ship
 from scripts.studies.fronts.record import chosen, record, same_machine
 from trajopt.files import write_text
 from trajopt.gaits.library import ARCHIVE, shipped
-from trajopt.gaits.periodic import fastest_walk
+from trajopt.gaits.problem import fastest_walk
 
 ROOT = Path(__file__).resolve().parents[3]
 
