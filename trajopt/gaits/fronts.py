@@ -25,13 +25,13 @@ from tqdm import tqdm
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
-from trajopt.files import read_signed, write_signed
 from trajopt.gaits.held_stride import held_speed
 from trajopt.gaits.library import Entry, candidates, ranked, shipped
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
-from trajopt.gaits.solution import GaitFileError, Solution
+from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.solving.ties import clearly_less
+from trajopt.store import Store, key
 
 
 class Rest(NamedTuple):
@@ -219,32 +219,17 @@ def _solved(wanted: Wanted, known: Sequence[Solution], folder: Path | None) -> S
     """
     if folder is None:
         return _found(wanted, known)
-    path = folder / front_file(wanted.steps, wanted.speed, wanted.hold)
-    inputs = wanted._asdict() | {"params": wanted.params.to_dict()}
-    gait = _read(path, wanted, inputs)
-    if gait is None:
-        gait = _found(wanted, known)
-        if isinstance(gait, str):
-            write_signed(path.with_suffix(".json"), inputs | {"why": gait})
-        else:
-            gait.save(path)
+    store, file = Store(folder), front_file(wanted.steps, wanted.speed, wanted.hold)
+    task = key(Path(file).stem, **wanted._asdict())
+    if task in store:
+        return str(store.load(task)) or Solution.load(folder / file)
+    gait = _found(wanted, known)
+    if isinstance(gait, str):
+        store.save(task, gait)
+    else:
+        gait.save(folder / file)
+        store.save(task, "", [file])
     return gait
-
-
-def _read(path: Path, wanted: Wanted, inputs: dict[str, Any]) -> Solution | str | None:
-    """The gait of a file, or why there is none; None if there is no such file, or it is damaged."""
-    try:
-        gait = Solution.load(path)
-    except (FileNotFoundError, GaitFileError):
-        try:
-            why = read_signed(path.with_suffix(".json"))
-        except (OSError, ValueError):
-            return None
-        return str(why.pop("why")) if why == inputs else None
-    same = (gait.params, gait.steps, gait.regeneration, gait.hold) == (
-        *(wanted.params, wanted.steps, wanted.regeneration, wanted.hold),
-    )
-    return gait if same and abs(gait.speed - wanted.speed) < 1e-9 else None
 
 
 def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:

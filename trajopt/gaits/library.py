@@ -19,9 +19,9 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.files import write_bytes
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.solving.ties import least_first
+from trajopt.store import write_bytes
 
 ARCHIVE = Path(__file__).parent / "library" / "gaits.zip"
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
-from trajopt.files import jsonable, read_arrays, require_names, write_arrays
 from trajopt.gaits.problem import gait_problem
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
@@ -23,6 +22,7 @@ from trajopt.ocp.results.extremal import Extremal
 from trajopt.ocp.transcribe.stored import phases_from_arrays, phases_to_arrays
 from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
 from trajopt.provenance import provenance
+from trajopt.store import jsonable, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -409,7 +409,9 @@ def _certainty(gait: Solution) -> list[str]:
 
 def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Any]:
     phases = phases_from_arrays(arrays)
-    require_names(arrays, phases_to_arrays(phases))
+    unknown = sorted(set(arrays) - set(phases_to_arrays(phases)))
+    if unknown:
+        raise ValueError(f"{', '.join(unknown)}: no such arrays are known")
     params = WheelParams(**header["params"])
     verification = Verification.from_dict(header["verification"])
     _require_stride(params, phases, verification)

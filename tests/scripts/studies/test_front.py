@@ -27,7 +27,7 @@ from scripts.studies.fronts.pieces import Family, Join, Lead, Piece, Screen, att
 from scripts.studies.fronts.plans import families, leads, one_step
 from scripts.studies.fronts.polish import Polished
 from scripts.studies.fronts.record import SHIPPED, chosen, record
-from trajopt.gaits.library import ARCHIVE, index
+from trajopt.gaits.library import ARCHIVE, index, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 
@@ -36,7 +36,7 @@ GRID = 0.1
 
 
 def known(speed: float = 0.5, turns: int = -1) -> Solution:
-    own = [g for g in index() if g.params == THESIS_PHYSICAL]
+    own = [g for g in shipped() if g.params == THESIS_PHYSICAL]
     gaits = [g for g in own if (g.steps, g.theta_turns) == (1, turns)]
     return min(gaits, key=lambda g: abs(g.speed - speed))
 

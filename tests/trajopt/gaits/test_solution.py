@@ -14,10 +14,10 @@ import pytest
 
 from rimless_gym.symbolic import HybridModel
 from trajopt import Solution
-from trajopt.files import digest
 from trajopt.gaits.library import index
 from trajopt.gaits.solution import FORMAT, GaitFileError, LocalOptimum
 from trajopt.gaits.verify import verify
+from trajopt.store import digest
 
 # -- trajectory -----------------------------------------------------------------------------------
 
