@@ -251,7 +251,7 @@ def read_arrays(
     if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        source = Path(path).open("rb") if isinstance(path, str | Path) else path
+        source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
         with source as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
         header = json.loads(str(arrays[HEADER]))
