@@ -248,6 +248,8 @@ def read_arrays(
         FileNotFoundError: there is no such file.
         Exception: `error`, see above.
     """
+    if isinstance(path, str | Path) and Path(path).is_dir():
+        raise error(f"{path}: a folder; give the .npz file in it")
     if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:

@@ -17,7 +17,7 @@ from PIL import Image
 from agents.cli import command as rimless
 from agents.cli import play, warmup, watch
 from agents.policy_files import PRETRAINED
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish_policy
 from trajopt import Solution, periodic_gait
