@@ -8,8 +8,7 @@ import math
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.gait_problem import gait_problem, posed
-from trajopt.gaits.stance import CONTROL_DEGREE
+from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.ocp.guesses import Guess, polyline
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.multi_start import Outcome, Search, Start, multi_start
@@ -39,7 +38,9 @@ class GaitFamily:
     problem: Problem
 
     @classmethod
-    def of(cls, params: WheelParams, speed: float, steps: int, regeneration: bool) -> GaitFamily:
+    def create(
+        cls, params: WheelParams, speed: float, steps: int, regeneration: bool
+    ) -> GaitFamily:
         """The family of a machine at a speed."""
         problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
         return cls(params, speed, steps, regeneration, problem)

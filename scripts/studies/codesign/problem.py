@@ -13,7 +13,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from scripts.studies.codesign.budget import BOB_RADIUS, CLAMP, TUBE, Build
-from trajopt.gaits.designed import designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.ocp.constraints import Constraint
 from trajopt.ocp.problem import Phase, Problem
 

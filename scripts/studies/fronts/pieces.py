@@ -13,11 +13,10 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from scripts.studies.fronts.cells import Attempt, Found, Place
-from trajopt.gaits.gait_problem import gait_problem, posed
-from trajopt.gaits.leading import BARRIER
+from trajopt.gaits.periodic import BARRIER
+from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
 from trajopt.gaits.stability import floquet_multipliers
-from trajopt.gaits.stance import CONTROL_DEGREE
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.solve import WARM_BARRIER, minimize

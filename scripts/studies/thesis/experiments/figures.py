@@ -11,7 +11,7 @@ from agents.reports.charts import Axis, Chart, Series
 from scripts.studies.thesis.experiments.power import powers
 from scripts.studies.thesis.experiments.replay import Replay, sampled_times
 from scripts.studies.thesis.experiments.solved import Solved
-from trajopt.gaits.stance import STATES
+from trajopt.gaits.problem import STATES
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.trajectory import PhaseTrajectory
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.periodic import periodic_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.multi_start import Start

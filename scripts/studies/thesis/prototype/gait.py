@@ -10,11 +10,10 @@ import numpy as np
 
 from scripts.studies.thesis.prototype.starts import StartsAtScale
 from scripts.studies.thesis.prototype.variant import Variant
-from trajopt.gaits.finishing import finished
-from trajopt.gaits.optimality import LocalOptimum
+from trajopt.gaits.periodic import finished
+from trajopt.gaits.problem import CONTROL_DEGREE
 from trajopt.gaits.search import same_gait
-from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE
+from trajopt.gaits.solution import LocalOptimum, Solution
 from trajopt.ocp.continuation import Curve, Obstacle, continued
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.mesh import Mesh

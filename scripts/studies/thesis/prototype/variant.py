@@ -11,7 +11,7 @@ from typing import Any
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PROTOTYPE
 from rimless_gym.symbolic import Design
-from trajopt.gaits.designed import designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.problem import Problem
