@@ -31,7 +31,7 @@ from trajopt.feedback.joined import NEAR
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.held.clock import held_speeds
+from trajopt.gaits.held_stride import held_speeds
 
 #: What is imitated by default: a feedback law, and the gait that it holds.
 EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.56, 1

@@ -18,8 +18,7 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym.checks import integer, positive, real
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra, integer, positive, real
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt.feedback.law import Floats
 

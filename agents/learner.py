@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.policies import Act, Policy
+from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
-from rimless_gym.extras import extra
 
 if TYPE_CHECKING:
     from agents.imitation import CloneReport, Cloning

@@ -44,11 +44,10 @@ from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.recording import record
 from agents.reward_weight import economy
 from agents.rollout import Rollout, at_rest
-from rimless_gym.checks import integer
+from rimless_gym.checks import extra, integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
-from rimless_gym.extras import extra
 from rimless_gym.presets import BUILDABLE, Machine
 from rimless_gym.rendering.display import save_gif
 from trajopt.feedback import laws
@@ -518,7 +517,7 @@ class Trainer:
         return ValueError(
             f"the training has diverged: after {self._learner.steps} steps its weights are "
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
-            "another --out and a smaller learning_rate (--hyperparameters)"
+            "another --out and a smaller learning_rate (--settings)"
         )
 
 

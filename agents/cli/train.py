@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="how long an action is held (s); by default as in the environment",
     )
     parser.add_argument(
-        "--hyperparameters",
+        "--settings",
         type=json_object(dict),
         default={},
         help="""JSON: hyperparameters that differ from the learner's own, '{"gamma": 0.995}'""",
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.disturbances,
         speeds,
         options.control_period,
-        options.hyperparameters,
+        options.settings,
         options.expert,
         options.cloning,
     )

@@ -41,8 +41,7 @@ from agents.evolution.walks import (
 from agents.learner import Settings
 from agents.reward_weight import LEAST_SHARE, NO_WALK, CleanWalking, adapted_weight, economy
 from agents.rollout import draw_starts
-from rimless_gym.checks import integer, positive
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra, integer, positive
 from trajopt.feedback.law import Floats
 
 #: Generations between two checks of how the mean policy walks.

@@ -31,8 +31,7 @@ from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observation
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import inner, kept
-from rimless_gym.kernel.lanes import LANES
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -43,10 +42,11 @@ from rimless_gym.kernel.stepping import (
     machine_arrays,
     scratch,
 )
+from rimless_gym.kernel.tile import LANES
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import LIMIT_TOLERANCE
 from trajopt.feedback.law import Floats
-from trajopt.processes import cores
+from trajopt.pool import cores
 
 EVOLUTION = "the simulator for evolution (about 15 s)"
 
@@ -108,7 +108,7 @@ def act(weights: Floats, observations: NDArray[np.float32]) -> Floats:
     return actions
 
 
-@kept()
+@cached()
 def _act(weights, observations, actions):  # type: ignore[no-untyped-def]
     for i in range(len(actions)):
         o = observations[i]
@@ -194,7 +194,7 @@ class Simulator:
         return Walks(*results.reshape(-1, n_policies, n_starts))
 
 
-@kept(EVOLUTION, nogil=True)
+@cached(EVOLUTION, nogil=True)
 def _walk(  # type: ignore[no-untyped-def]
     states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work
 ):

@@ -20,8 +20,8 @@ from agents.policy_files import load_policy
 from agents.sb3.learner import NetworkPolicy
 from agents.training import TrainingConfig, train
 from agents.verdicts import FALLS
+from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
-from rimless_gym.extras import extra
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.feedback import laws

@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from agents.train import train
 
 from agents.cli import evaluate as command
 from agents.cli import solve_gait
 from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
-from rimless_gym.presets import BUILDABLE
+from agents.training import TrainingConfig, train
+from rimless_gym.presets import BUILDABLE, THESIS_PHYSICAL
 from trajopt import Solution
 from trajopt.gaits.fronts import shipped_front
-from trajopt.gaits.shipped import FOLDER
+from trajopt.gaits.library import nearest
 from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
@@ -201,12 +201,6 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
             ["--settings", '{"n_envs": "x"}'],
             "n_envs = 'x': must be an integer of at least 1",
         ),
-        (
-            "train",
-            ["--settings", '{"gamma": "x"}'],
-            "--settings: gamma = 'x': must be a real number",
-        ),
-        ("train", ["--settings", '{"vec_env_wrapper": [3]}'], "3 is not known; list ['agents.sb3."),
         ("train", ["--task", '{"fall_penalty": -1}', "--speeds", "0.4", "0.5"], "fall_penalty"),
         ("evaluate", ["imitation", "--commands", "0.5"], "none of these policies is commanded"),
         ("train", ["--speeds", "0.5"], "--speeds: expected 2 arguments"),
@@ -337,9 +331,9 @@ def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> No
 
 
 @pytest.fixture
-def gait_file() -> Path:
-    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.5000.npz")
-    return path
+def gait_file(tmp_path: Path) -> Path:
+    nearest(THESIS_PHYSICAL, 0.5, 1)[0].load().save(tmp_path / "gait.npz")
+    return tmp_path / "gait.npz"
 
 
 def test_a_law_about_a_gait_of_another_machine_is_refused(
@@ -372,7 +366,8 @@ def test_a_law_is_measured_beside_policies(
 def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    policy = str(train("ppo", out=tmp_path, timesteps=0, speeds=(0.4, 0.6), progress=False).last)
+    config = TrainingConfig("ppo", timesteps=0, speeds=(0.4, 0.6))
+    policy = str(train(config, tmp_path, progress=False).last)
     short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
     brief = partial(evaluate, protocol=short)
     monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
@@ -393,7 +388,7 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
 def test_a_gait_at_another_speed_than_asked_for_says_both(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
     for asked, told in (["--speed", "0.56", "--hold", "0.01"], True), (["--speed", "0.55"], False):
         assert solve_gait.main(asked) == 0
@@ -405,7 +400,7 @@ def test_a_gait_at_another_speed_than_asked_for_says_both(
 def test_a_gait_for_which_the_disk_has_no_room_is_reported_all_the_same(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
 
     def full(*_: Any) -> None:
