@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from agents.folder import sole_user
 
 from agents.cli import data
+from trajopt.store import Store
 
 
 def test_it_writes_what_is_missing_and_says_where(
@@ -26,7 +26,7 @@ def test_it_writes_what_is_missing_and_says_where(
 def test_a_folder_in_which_another_process_writes_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with sole_user(tmp_path), pytest.raises(SystemExit) as end:
+    with Store(tmp_path), pytest.raises(SystemExit) as end:
         data.main(["idle", "--episodes", "1", "--out", str(tmp_path)])
     assert end.value.code == 2
     assert f"another process is working in {tmp_path}" in capsys.readouterr().err
