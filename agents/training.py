@@ -323,7 +323,8 @@ class Trainer:
         if (out / STATE).exists():
             self._restore()
         self.stopped = False
-        self._events = _event_writer(out, learner.steps)
+        resumed_at = learner.steps if (out / STATE).exists() else None
+        self._events = _event_writer(out, resumed_at)
         self.log = Logger(str(out), [self._events])
         self._bar = tqdm(
             total=self._total,
@@ -526,10 +527,12 @@ def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
     return cloning if isinstance(cloning, Cloning) else Cloning.of(cloning or {})
 
 
-def _event_writer(folder: Path, step: int) -> TensorBoardOutputFormat:
-    """TensorBoard events; those after `step` are replaced, because it is trained on from there."""
+def _event_writer(folder: Path, step: int | None) -> TensorBoardOutputFormat:
+    """TensorBoard events; those after `step` are replaced where a training goes on from there."""
     events = TensorBoardOutputFormat.__new__(TensorBoardOutputFormat)  # __init__ purges nothing
-    events.writer = SummaryWriter(log_dir=str(folder), purge_step=step + 1 if step else None)
+    events.writer = SummaryWriter(
+        log_dir=str(folder), purge_step=None if step is None else step + 1
+    )
     events._is_closed = False
     return events
 

@@ -211,6 +211,7 @@ def test_a_last_observation_is_a_copy_that_later_steps_do_not_change():
 
 def test_vec_monitor_and_single_monitors_write_the_same_episodes(tmp_path):
     limit, (one, other) = {"max_episode_steps": 20}, (tmp_path / "one", tmp_path / "other")
+    one.mkdir()
     above = VecMonitor(Sb3VecEnv(native(3, **limit)), str(one), info_keywords=("distance",))
     below = make_vec_env(
         ID,

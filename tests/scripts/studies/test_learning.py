@@ -1,14 +1,16 @@
 """Every learner over several seeds: what is kept, what is told, and how a seed is trained."""
 
 import dataclasses
+import functools
 import math
 from pathlib import Path
 
 import pytest
 
-from agents.learner import BEST, CLONE, IMITATION
+from agents.learner import BEST, IMITATION
 from agents.policy_files import load_policy
 from agents.protocol import Protocol
+from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning import command, trials
@@ -161,33 +163,34 @@ def test_the_rows_have_names_and_titles_of_their_own_and_a_table():
 
 
 @pytest.fixture(scope="module")
-def clones(tmp_path_factory):
-    """A store with a clone of the usual law that has learned next to nothing."""
-    row = Row("clones", "clones", "learned", Trained("ppo", IMITATION, 0, {"": CLONE}).brief())
-    with Store(tmp_path_factory.mktemp("clones")) as store:
+def untrained(tmp_path_factory):
+    """A store with a policy that has learned nothing, and its row."""
+    row = Row("untrained", "untrained", "learned", Trained("ppo", timesteps=0))
+    with pytest.MonkeyPatch.context() as patch, Store(tmp_path_factory.mktemp("study")) as store:
+        patch.setattr(trials, "TrainingConfig", functools.partial(TrainingConfig, protocol=BRIEF))
         assert completed(store, [Task(row, 0)], BRIEF, 1) == {}
         yield store, row
 
 
-def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(clones):
-    store, row = clones
+def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(untrained):
+    store, row = untrained
     small = {"n_envs": 2, "n_steps": 32, "batch_size": 32}
-    trial = Trained("ppo", IMITATION, 64, start=Other(row, CLONE), hyperparameters=small)
+    trial = Trained("ppo", IMITATION, 64, start=Other(row, BEST), hyperparameters=small)
     tuned = Row("tuned", "tuned", "learned", trial)
     assert completed(store, [Task(tuned, 0)], BRIEF, 1) == {}
     [result] = finished(store, [tuned], 1)[tuned]
     assert result.steps == 64
     assert result.minutes > 0.0
-    record = load_policy(store.folder / Task(tuned, 0).key / BEST).record
-    assert record["timesteps"] == 0  # nothing walks, so the first is the best
+    started, trained = (load_policy(store.folder / Task(r, 0).key / BEST) for r in (row, tuned))
+    assert started.record["policy_kwargs"] == trained.record["policy_kwargs"]
 
 
-def test_policies_are_evaluated_under_each_disturbance(clones):
-    store, row = clones
-    trial = Disturbed("ppo", files={"clone": CLONE}, disturbances={"actuator_delay": 2})
+def test_policies_are_evaluated_under_each_disturbance(untrained):
+    store, row = untrained
+    trial = Disturbed("ppo", files={"best": BEST}, disturbances={"actuator_delay": 2})
     policies = trial.evaluate(store.folder / Task(row, 0).key, BUILDABLE, BRIEF)
     conditions = "undisturbed", "actuator delay", "all disturbances"
-    assert list(policies) == [f"clone: {name}" for name in conditions]
+    assert list(policies) == [f"best: {name}" for name in conditions]
 
 
 def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(monkeypatch):
@@ -198,7 +201,7 @@ def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(
 
 
 def test_plain_stable_baselines3_is_evaluated_at_every_command(tmp_path):
-    trial = PlainPpo(n_envs=2, timesteps=64, commands=(0.5,))
+    trial = PlainPpo(n_envs=1, timesteps=64, commands=(0.5,))
     result = trial.run(0, tmp_path, {}, BUILDABLE, BRIEF)
     assert list(result.policies) == ["0.5 m/s"]
     assert result.steps >= 64
