@@ -8,7 +8,7 @@ from agents.cli.command import run
 
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
-    "benchmark": "benchmarks.command",
+    "benchmark": "benchmark.run",
     "codesign": "codesign.command",
     "feedback": "feedback_laws.command",
     "figures": "documents.command",

@@ -1,1 +1,1 @@
-"""The speed of this package and of its peers, measured side by side."""
+"""Speed, ours and the peers'."""

@@ -183,7 +183,7 @@ def rockit(method: str) -> tuple[Callable[[], dict[str, float]], str]:
 
 
 def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
-    """Drake's Hermite-Simpson on a symbolic system, several times as fast as its multibody plant."""
+    """Drake's Hermite-Simpson, on a symbolic system: a multibody plant is several times slower."""
     import numpy as np
     from pydrake.planning import DirectCollocation
     from pydrake.solvers import CommonSolverOption, IpoptSolver, SnoptSolver, SolverOptions
