@@ -11,7 +11,7 @@ STUDIES = {
     "benchmark": "benchmark.run",
     "codesign": "codesign.command",
     "feedback": "feedback_laws.command",
-    "figures": "documents.command",
+    "figures": "documents.figures",
     "front": "fronts.command",
     "fuzz": "fuzzing.command",
     "learning": "learning.command",

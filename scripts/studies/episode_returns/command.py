@@ -16,7 +16,7 @@ from pathlib import Path
 
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.episode_returns import page
 from scripts.studies.episode_returns.measure import EPISODES, everybody, renewed, returns
 from trajopt.files import write_text
@@ -63,6 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.docs:
         text = json.dumps(found, indent=1) + "\n"
         write_text(options.docs.with_name(RECORD), text)
-        marked.refresh(options.docs, page.MARKS, tables)
+        markdown.refresh(options.docs, page.MARKS, tables)
     print("\n".join(tables.values()))
     return 0

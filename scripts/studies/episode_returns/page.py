@@ -8,13 +8,13 @@ from typing import Any
 import gymnasium as gym
 
 from agents.baselines import BASELINES
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import table
 from scripts.studies.episode_returns.measure import COMMANDED, FRONT, WHEEL
 from trajopt.feedback import laws
 
 ENVIRONMENTS = (WHEEL, COMMANDED)
-MARKS, WANTED = marked.marks("returns", ENVIRONMENTS), marked.wanted("returns", ENVIRONMENTS)
+MARKS, WANTED = markdown.marks("returns", ENVIRONMENTS), markdown.wanted("returns", ENVIRONMENTS)
 
 MEANINGS = {"idle": "no voltage: rests", "random": "a uniformly random voltage in every step"}
 

@@ -31,7 +31,7 @@ WORK = {
     "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
     "compare": ("agents.cli.compare", "Comparison.run"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
-    "figures": ("scripts.studies.documents.command", "numbers"),
+    "figures": ("scripts.studies.documents.figures", "numbers"),
     "fuzz": ("scripts.studies.fuzzing.command", "campaign"),
     "processors": ("scripts.studies.processors.command", "subprocess.run"),
     "publish": ("scripts.studies.publish", "shutil.copyfile"),

@@ -1,15 +1,85 @@
-"""The documents' tables, in Markdown."""
+"""Regenerate every figure and every number of docs/physics.md and docs/thesis-errata.md.
+
+Writes PNG files and numbers.json into a folder, and the tables into the two documents if they are
+beside that folder. A test compares the documents with numbers.json, and numbers.json with what the
+code gives.
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
 import re
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
-from scripts.studies.documents.machines import OF_THE_THESIS
+from scripts.studies.documents import accuracy, drawings, errata
+from scripts.studies.documents.accuracy import CASES
+from scripts.studies.documents.errata import OF_THE_THESIS
 from scripts.studies.documents.markdown import table
-from scripts.studies.documents.motions import CASES
+
+DOCUMENTS = ("physics.md", "thesis-errata.md")
+
+FIGURES = ("coordinates.png", "modes.png", "convergence.png", "rest.png", "impact.png")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder to write to")
+    parser.add_argument(
+        "--keep-numbers", action="store_true", help="draw from the numbers.json that is there"
+    )
+    options = parser.parse_args(arguments)
+    path = options.out / "numbers.json"
+    results = json.loads(path.read_text()) if options.keep_numbers else numbers()
+    path.write_text(json.dumps(results, indent=1) + "\n")
+    for name, figure in figures(results).items():
+        drawings.save(figure, options.out / name)
+    for name in DOCUMENTS:
+        if (page := options.out.parent / name).exists():
+            page.write_text(filled(page.read_text(), results))
+    for name, text in tables(results).items():
+        print(f"\n{name}\n\n{text}")
+    return 0
+
+
+def numbers() -> dict[str, Any]:
+    """Every number that the two documents quote."""
+    return {
+        "accuracy": accuracy.accuracy(count=10, grazes=400),
+        "missed_dips": accuracy.missed_dips(200_000),
+        "convergence": errata.convergence(),
+        "coming_to_rest": errata.coming_to_rest(),
+        "printed_impact": errata.printed_impact(),
+        "new_foot_momentum": errata.new_foot_momentum(),
+        "generalised_force": errata.generalised_force(),
+        "rotor": errata.rotor(),
+        "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
+        "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
+        "kappa": {name: errata.kappa_range(of) for name, of in PRESETS.items()},
+        "kappa_of_few_legs": errata.kappa_of_few_legs(),
+    }
+
+
+def figures(results: dict[str, Any]) -> dict[str, Figure]:
+    """Every figure by the name of its file, drawn from the results of `numbers`."""
+    plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
+    drawn = (
+        drawings.coordinates_figure(),
+        drawings.modes_figure(),
+        drawings.convergence_figure(results["convergence"]),
+        drawings.rest_figure(results["coming_to_rest"]),
+        drawings.impact_figure(),
+    )
+    return dict(zip(FIGURES, drawn, strict=True))
+
 
 Results = dict[str, Any]
 
