@@ -18,7 +18,7 @@ STUDIES = {
     "processors": "processors.command",
     "publish": "publish",
     "publish_policy": "publish_policy",
-    "returns": "episode_returns.command",
+    "returns": "returns",
     "textbook": "textbook",
     "thesis": "thesis.command",
 }
