@@ -207,10 +207,10 @@ def training(seconds: float, folder: str, n: int, ppo: dict[str, Any]) -> dict[s
 
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
-    from trajopt.ocp.solving.guesses import straight_lines
+    from trajopt.ocp.guesses import straight_lines
+    from trajopt.ocp.mesh import Mesh
     from trajopt.ocp.textbook import cart_pole
-    from trajopt.ocp.transcribe.mesh import Mesh
-    from trajopt.ocp.transcribe.nlp import Transcription
+    from trajopt.ocp.transcription import Transcription
 
     def once() -> dict[str, float]:
         begin = time.perf_counter()

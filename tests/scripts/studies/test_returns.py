@@ -16,7 +16,7 @@ from rimless_gym import BUILDABLE, RimlessWheelEnv, RimlessWheelSpeedEnv
 from scripts.studies import returns
 from scripts.studies.returns import COMMANDED, ENVIRONMENTS, FRONT, WHEEL
 from trajopt.feedback import laws
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 DOCS = Path(__file__).parents[3] / "docs"
 RECORDED: dict[str, Any] = json.loads((DOCS / "returns.json").read_text())
