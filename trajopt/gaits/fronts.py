@@ -30,7 +30,7 @@ from trajopt.gaits.library import Entry, candidates, ranked, shipped
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.solving.ties import clearly_less
+from trajopt.ocp.ranking import clearly_less
 from trajopt.store import Store, key
 
 

@@ -32,8 +32,8 @@ from trajopt.gaits.verify import (
     verify,
 )
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.schemes import radau_nodes
+from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
 
 #: Phases of the clock to start from, one after the other until one leads to an optimum: how much

@@ -15,15 +15,12 @@ from rimless_gym.symbolic import HybridModel
 from trajopt.gaits.held_stride import LEAST_SHARE, HeldStride, Pattern, bounded
 from trajopt.gaits.problem import STATES, WheelPhases
 from trajopt.ocp.arrays import Array, Indices
-from trajopt.ocp.interrupted import heeded
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.transcribe.element import element, path_nodes
-from trajopt.ocp.transcribe.nlp import INTERRUPTED
-from trajopt.ocp.transcribe.options import IPOPT, QUIET
-from trajopt.ocp.transcribe.program import Block, assembled
-from trajopt.ocp.transcribe.schemes import SCHEMES, Scheme
-from trajopt.ocp.transcribe.schemes.polynomials import lagrange_matrix
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.equations import element, path_nodes
+from trajopt.ocp.problem import Phase
+from trajopt.ocp.program import Block, assembled
+from trajopt.ocp.schemes import SCHEMES, Scheme, lagrange_matrix
+from trajopt.ocp.trajectory import PhaseTrajectory
+from trajopt.ocp.transcription import INTERRUPTED, IPOPT, QUIET, interruptible
 
 #: Degree of the states within an interval, and the scheme with a constant control.
 DEGREE = 4
@@ -113,13 +110,13 @@ class HeldProgram:
         blocks = list(self._blocks())
         self.program = assembled(blocks, self.layout.size, self.rows)
 
-    @heeded()
+    @interruptible()
     def solve(self, guess: HeldStride, **options: Any) -> HeldOptimum:
         """A local optimum near a guess with the same pattern.
 
         Args:
             guess: where to start.
-            options: of IPOPT, over `trajopt.ocp.transcribe.options.IPOPT`.
+            options: of IPOPT, over `trajopt.ocp.transcription.IPOPT`.
 
         Raises:
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.

@@ -13,7 +13,7 @@ from rimless_gym.checks import positive
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array, Indices
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Shortest period (s). At 1 ms a held gait costs what the continuous one does, to about 1e-4.
 SHORTEST_HOLD = 1e-3

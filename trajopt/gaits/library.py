@@ -20,7 +20,7 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.ranking import least_first
 from trajopt.store import write_bytes
 
 ARCHIVE = Path(__file__).parent / "library" / "gaits.zip"

@@ -27,17 +27,15 @@ from trajopt.gaits.verify import (
     stride_error,
     verify,
 )
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.continuation import continued
-from trajopt.ocp.search.curve import Curve
-from trajopt.ocp.search.optima import Optimum, Outcome, distinct
-from trajopt.ocp.solving.refinement import MAX_ELEMENTS
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.continuation import Curve, continued
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Optimum, Outcome, distinct
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.refinement import MAX_ELEMENTS
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
 
 #: First mesh of a gait that comes from a random start.
@@ -145,7 +143,7 @@ def periodic_gait(
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
     optima = tuple(
-        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.found))
+        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.starts))
         for o in distinct(outcomes, same_gait)
     )
     already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
@@ -335,7 +333,7 @@ def warm_started(
             shortest=LEAST_SPEED_STEP,
             passes=0,
             verify=False,
-            ladder=({},),
+            option_sets=({},),
             mu_init=BARRIER,
             max_iter=ITERATIONS,
         )
@@ -369,7 +367,7 @@ def _stopped(curve: Curve, begin: float) -> str:
 
 
 def _obstacle(extremal: Extremal, reached: float) -> str:
-    worst = extremal.breaches[0] if extremal.breaches else "no constraint violated"
+    worst = extremal.violations[0] if extremal.violations else "no constraint violated"
     return f"{extremal.status}, {worst}; {reached:.3f} m/s was reached"
 
 

@@ -22,11 +22,8 @@ from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import may_touch
 from rimless_gym.symbolic import Design, HybridModel
-from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.constraint import Constraint
-from trajopt.ocp.pose.linkage import Linkage
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import Bounds, Constraint
+from trajopt.ocp.problem import Linkage, Phase, Problem
 from trajopt.ocp.textbook import Example
 
 STATES = ("phi", "theta", "phi'", "theta'")

@@ -18,9 +18,13 @@ from trajopt.gaits.problem import gait_problem
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.transcribe.stored import phases_from_arrays, phases_to_arrays
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.trajectory import (
+    PhaseTrajectory,
+    phases_from_arrays,
+    phases_to_arrays,
+    require_side,
+)
 from trajopt.provenance import provenance
 from trajopt.store import jsonable, read_arrays, write_arrays
 
@@ -63,7 +67,7 @@ class Optimality:
 
     Attributes:
         mesh_error: largest estimated relative error of the states within an element.
-        hamiltonian_spread: see `trajopt.ocp.judge.costates.Certificate`.
+        hamiltonian_spread: see `trajopt.ocp.accuracy.Certificate`.
         transversality_error: see there as well.
     """
 
@@ -289,7 +293,7 @@ class Solution:
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.ocp.results.plots import drawn
+        from trajopt.ocp.plots import plot
 
         problem = gait_problem(
             self.params,
@@ -298,7 +302,7 @@ class Solution:
             theta_turns=self.theta_turns,
             regeneration=self.regeneration,
         )
-        figure = drawn(problem, self.phases, np.empty(0), str(self))
+        figure = plot(problem, self.phases, np.empty(0), str(self))
         if path is not None:
             figure.savefig(Path(path))
         return figure

@@ -21,7 +21,7 @@ from rimless_gym.rules import LIMIT_TOLERANCE, VIOLATIONS, Extremes, violations
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.problem import MIN_NORMAL_FORCE
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)

@@ -14,9 +14,8 @@ from trajopt.files import write_text
 from trajopt.gaits.periodic import DEGREE, ELEMENTS, finished
 from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem
 from trajopt.gaits.solution import GaitFileError, Solution
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.solve import WARM_BARRIER, solve
 
 #: Refinements of the fine mesh at most and their tolerance: at first, and where the gait then fails
 #: its verification.

@@ -24,7 +24,7 @@ from scripts.studies.thesis.experiments.tables import COST_4_5, TABLE_4_4
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
 from trajopt.gaits.verify import simulated
-from trajopt.ocp.search.multi_start import multi_start
+from trajopt.ocp.multi_start import multi_start
 
 KEYS = {
     "experiment": int,

@@ -13,7 +13,7 @@ from trajopt import NoGaitError, periodic_gait
 from trajopt.gaits import verify as verifying
 from trajopt.gaits.library import index, nearest
 from trajopt.gaits.search import GaitFamily, random_guess, same_gait, search_gaits
-from trajopt.ocp.search.optima import Outcome, distinct
+from trajopt.ocp.multi_start import Outcome, distinct
 
 
 def test_the_two_step_gait_beats_its_target_and_its_audit_closes(gait):

@@ -25,7 +25,7 @@ from trajopt.gaits.problem import (
     passive_wheel_rate,
 )
 from trajopt.gaits.verify import playback
-from trajopt.ocp.solving.guesses import polyline
+from trajopt.ocp.guesses import polyline
 
 P = THESIS_PHYSICAL
 A = P.constants.a

@@ -18,7 +18,7 @@ from trajopt import Extremal, Mesh, Problem, Solution, solve
 from trajopt.gaits.problem import WheelPhases
 from trajopt.gaits.stability import floquet_multipliers, monodromy
 from trajopt.gaits.verify import playback
-from trajopt.ocp.solving.guesses import polyline
+from trajopt.ocp.guesses import polyline
 
 
 def passive(n_legs: int, slope: float, inertia: float) -> WheelParams:

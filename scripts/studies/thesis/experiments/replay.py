@@ -14,7 +14,7 @@ from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.verify import playback, simulated_stride
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Times per element of a mesh at which motions are compared.
 SAMPLES = 24

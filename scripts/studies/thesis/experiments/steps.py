@@ -13,10 +13,8 @@ from rimless_gym.symbolic import Design
 from scripts.studies.thesis.experiments.tables import Table, Weights
 from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.constraint import Constraint
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import Bounds, Constraint
+from trajopt.ocp.problem import Phase, Problem
 
 #: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
