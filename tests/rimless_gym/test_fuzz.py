@@ -22,7 +22,14 @@ from gymnasium.vector import AutoresetMode
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise, Trajectory, simulate
+from rimless_gym import (
+    Disturbances,
+    Pushes,
+    RimlessWheelVectorEnv,
+    SensorNoise,
+    Trajectory,
+    simulate,
+)
 from rimless_gym.energy import balance
 from rimless_gym.envs.layout import INFO_NAMES
 from rimless_gym.envs.observation import OBSERVATION_BOUND
