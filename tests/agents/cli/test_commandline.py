@@ -28,12 +28,11 @@ from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
-    "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
+    "benchmark": ("scripts.studies.benchmark.run", "measure_all"),
     "compare": ("agents.cli.compare", "Comparison.run"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
     "figures": ("scripts.studies.documents.figures", "numbers"),
-    "fuzz": ("scripts.studies.fuzzing.command", "campaign"),
-    "processors": ("scripts.studies.processors.command", "subprocess.run"),
+    "processors": ("scripts.studies.processors", "subprocess.run"),
     "publish": ("scripts.studies.publish", "shutil.copyfile"),
     "solve_gait": ("agents.cli.solve_gait", "periodic_gait"),
     "textbook": ("scripts.studies.textbook", "solve"),
@@ -243,12 +242,6 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("benchmark", ["--only", "x"], "invalid choice"),
         ("evaluate", ["none.zip"], "none.zip"),
         ("evaluate", ["--preset", "x", "none.zip"], "invalid choice"),
-        ("fuzz", ["--steps", "0"], "--steps: '0': must be an integer of at least 1"),
-        ("fuzz", ["--steps", "2.5e0"], "must be an integer of at least 1"),
-        ("fuzz", ["--seeds", "some"], "must be an integer of at least 1"),
-        ("fuzz", ["--minutes", "nan"], "must be a number greater than 0"),
-        ("fuzz", ["--seed", "-1"], "must be an integer of at least 0"),
-        ("fuzz", ["--steps", "5", "--seeds", "5"], "not allowed with"),
         ("processors", ["Z80"], "unknown processor Z80: choose from ['Haswell',"),
         ("train", ["--ranges", "{"], "--ranges: '{': not JSON"),
         ("train", ["--ranges", "[1]"], "'[1]': must be a JSON object"),
