@@ -24,7 +24,7 @@ from rimless_gym.envs.observation import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_S
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback import laws
-from trajopt.feedback.joined import NEAR
+from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front

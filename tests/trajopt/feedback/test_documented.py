@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from trajopt.feedback.linearisation import linearisation_conditions
 
 from agents.evaluate import evaluate
 from agents.policies import controller_policy
@@ -11,13 +12,10 @@ from agents.protocol import SHORT_PROTOCOL
 from rimless_gym.commands.feedback_laws.columns.changes import on_the_gait
 from rimless_gym.presets import preset
 from trajopt import Solution, periodic_gait
-from trajopt.feedback.closed_loop import multipliers
+from trajopt.feedback.constraint import zero_dynamics_multiplier
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
-from trajopt.feedback.linearisation import linearisation_conditions
 from trajopt.feedback.orbit import FINENESS, Grid
-from trajopt.feedback.riccati import riccati
-from trajopt.feedback.transverse import transverse_dynamics
-from trajopt.feedback.zero_dynamics import zero_dynamics_multiplier
+from trajopt.feedback.transverse import multipliers, riccati, transverse_dynamics
 
 pytestmark = pytest.mark.slow
 
