@@ -14,8 +14,7 @@ from agents.comparison.report import by_speed, format_table, gait_row, policy_ro
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
 from rimless_gym import BUILDABLE, Task
-from trajopt.feedback import laws
-from trajopt.feedback import startup
+from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.shipped import shipped
 

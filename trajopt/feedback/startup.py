@@ -16,8 +16,7 @@ alone would jump from state to state, which no network can imitate.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -36,8 +35,8 @@ from rimless_gym.presets import machine_name
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
-from trajopt.files import array_of, read_arrays, write_arrays
-from trajopt.processes import cores
+from trajopt.pool import cores
+from trajopt.store import Store, key
 
 #: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
 COUNTS = (13, 36, 25, 61)
@@ -72,11 +71,6 @@ BATCH = 1 << 15
 
 #: Controllers that are cached in memory (6 MB each).
 MOST_CACHED = 8
-
-#: Format of their files.
-FORMAT = "rimless-gym start-up controller 1"
-
-_REMEDY = "delete it to compute it again"
 
 #: Highest index of a cell of the grid, as a share of a cell less than the last node's.
 _LAST = 1.0 - 1e-9
@@ -207,7 +201,7 @@ def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
     return StateGrid.over(law.params, rates, counts)
 
 
-_CACHE: dict[Hashable, StartUpController] = {}
+_CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
@@ -216,59 +210,26 @@ def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpCon
     Args:
         law: see `StartUpController.to`.
         near: see `StartUpController.to`.
-        folder: where it is also stored in a file, and read from if it is there.
+        folder: where its times are also stored, and read from if they are there.
 
     Raises:
-        TypeError, ValueError, RuntimeError: see `StartUpController.to`; or its file is damaged.
+        TypeError, ValueError, RuntimeError: see `StartUpController.to`.
         OSError: the folder cannot be written.
     """
-    key = law.params, near, COUNTS, law.data.orbit.states.tobytes()
-    startup = _CACHE.pop(key, None)
+    orbit = law.data.orbit.states
+    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
+    startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
+    if startup is None and store is not None and name in store:
+        times = Times(**store.load(name))
+        startup = StartUpController(law.params, _grid(law, COUNTS), times)
     if startup is None:
-        startup = (
-            StartUpController.to(law, near) if folder is None else _stored(law, near, key, folder)
-        )
-    _CACHE[key] = startup  # the last one is the one that was used last
+        startup = StartUpController.to(law, near)
+        if store is not None:
+            store.save(name, startup.times._asdict())
+    _CACHE[name] = startup  # the last one is the one that was used last
     while len(_CACHE) > MOST_CACHED:
         _CACHE.pop(next(iter(_CACHE)))
     return startup
-
-
-def _stored(law: Law, near: float, key: Hashable, folder: Path) -> StartUpController:
-    """The controller from its file, or computed and written to it."""
-    path = folder / f"startup_{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.npz"
-    if path.exists():
-        return StartUpController(law.params, _grid(law, COUNTS), read_times(path, COUNTS))
-    startup = StartUpController.to(law, near)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_times(path, startup.times)
-    return startup
-
-
-def write_times(path: Path, times: Times) -> None:
-    """Write times to a file; it is complete or not there.
-
-    Raises:
-        OSError: the disk is full, or the folder cannot be written.
-    """
-    write_arrays(path, FORMAT, {}, times._asdict())
-
-
-def read_times(path: Path, counts: tuple[int, ...]) -> Times:
-    """What `write_times` wrote, for a grid of so many nodes.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is damaged, or for another grid.
-    """
-    _, arrays = read_arrays(path, FORMAT, ValueError, _REMEDY)
-    try:
-        return Times(
-            array_of(arrays, "single", counts),
-            array_of(arrays, "double", (counts[1], counts[3])),
-        )
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}; {_REMEDY}") from error
 
 
 class Simulated(NamedTuple):

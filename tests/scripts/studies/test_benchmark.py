@@ -316,7 +316,7 @@ def test_repetitions_give_medians_and_refuse_another_optimum() -> None:
 @pytest.fixture(scope="module")
 def walks() -> Walks:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("trajopt.feedback.catch.catch.COUNTS", (9, 24, 17, 41))  # a coarse plan
+        patch.setattr("trajopt.feedback.startup.COUNTS", (9, 24, 17, 41))  # a coarse plan
         return record_walks(walks=3, settling=0, recorded=WINDOW)
 
 

@@ -40,7 +40,7 @@ from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located
 from trajopt.gaits.solution import Solution
-from trajopt.processes import cores
+from trajopt.pool import cores
 
 with extra("learn"):
     import cma

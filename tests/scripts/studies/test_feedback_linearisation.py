@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from trajopt.feedback.linearisation import linearisation_conditions
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
+from scripts.studies.feedback_laws.linearisation import linearisation_conditions
 
 
 def states(params, count=200):
