@@ -16,7 +16,7 @@ from agents.comparison.study import Study
 from rimless_gym import BUILDABLE, Task
 from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 STUDY = {"seed": 0}
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.checks import positive, require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
@@ -271,7 +271,7 @@ def between(values, spot):  # type: ignore[no-untyped-def]
     return values[i] + spot.share * (values[following] - values[i])
 
 
-@kept()
+@cached()
 def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
     """Squared distances of states (N, 4) from an orbit, (N,)."""
     squares = np.empty(len(x))

@@ -28,7 +28,7 @@ from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
@@ -326,7 +326,7 @@ def _outcomes(params: WheelParams, nodes: Floats) -> Outcomes:
     return Outcomes(states, cost)
 
 
-@kept()
+@cached()
 def _swept(flat, nodes, outcomes, times, grid):  # type: ignore[no-untyped-def]
     """Improve the times at nodes, one after the other; the largest change."""
     largest = 0.0
@@ -342,7 +342,7 @@ def _swept(flat, nodes, outcomes, times, grid):  # type: ignore[no-untyped-def]
     return largest
 
 
-@kept()
+@cached()
 def _remaining(states, cost, times, grid):  # type: ignore[no-untyped-def]
     total = np.empty(len(cost))
     for i in range(len(cost)):

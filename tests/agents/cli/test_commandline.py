@@ -20,10 +20,10 @@ from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
 from agents.train import train
-from rimless_gym.presets import BUILDABLE
+from rimless_gym.presets import BUILDABLE, THESIS_PHYSICAL
 from trajopt import Solution
 from trajopt.gaits.fronts import shipped_front
-from trajopt.gaits.shipped import FOLDER
+from trajopt.gaits.library import nearest
 from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
@@ -337,9 +337,9 @@ def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> No
 
 
 @pytest.fixture
-def gait_file() -> Path:
-    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.5000.npz")
-    return path
+def gait_file(tmp_path: Path) -> Path:
+    nearest(THESIS_PHYSICAL, 0.5, 1)[0].load().save(tmp_path / "gait.npz")
+    return tmp_path / "gait.npz"
 
 
 def test_a_law_about_a_gait_of_another_machine_is_refused(
@@ -393,7 +393,7 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
 def test_a_gait_at_another_speed_than_asked_for_says_both(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
     for asked, told in (["--speed", "0.56", "--hold", "0.01"], True), (["--speed", "0.55"], False):
         assert solve_gait.main(asked) == 0
@@ -405,7 +405,7 @@ def test_a_gait_at_another_speed_than_asked_for_says_both(
 def test_a_gait_for_which_the_disk_has_no_room_is_reported_all_the_same(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
 
     def full(*_: Any) -> None:

@@ -24,10 +24,9 @@ import numpy as np
 from numba import njit
 from tqdm import tqdm
 
-from rimless_gym.checks import flag, integer, positive
+from rimless_gym.checks import extra, flag, integer, positive
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
-from rimless_gym.extras import extra
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import (
     MODE,

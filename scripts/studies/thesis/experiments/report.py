@@ -10,7 +10,7 @@ from agents.page.write import write_page
 from agents.reports.document import document, listed, paragraph, section, subsection
 from agents.reports.plots import plots
 from agents.reports.tables import Column, table
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from scripts.studies.thesis.experiments import figures
 from scripts.studies.thesis.experiments.findings import FINDINGS
 from scripts.studies.thesis.experiments.solved import Solved
