@@ -346,7 +346,7 @@ def test_a_law_about_a_gait_of_another_machine_is_refused(
 def test_a_law_is_measured_beside_policies(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
 ) -> None:
-    monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
+    monkeypatch.setattr("trajopt.feedback.startup.COUNTS", (7, 9, 8, 17))  # a coarse plan
     short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
     brief = partial(evaluate, protocol=short)
     monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))

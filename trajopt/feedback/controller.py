@@ -1,45 +1,89 @@
-"""A guard that keeps the stance foot pressed down, whatever the law behind it asks for."""
+"""What is put around a law: the switch to a start-up controller, and a guard of the contact."""
 
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import real, real_array, require_callable, require_kind
-from rimless_gym.equations import SINGLE
+from rimless_gym.checks import positive, real, require_callable, require_kind
+from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import foot_force
 from rimless_gym.jit import cached, inner
 from rimless_gym.params import WheelParams
-from trajopt.feedback.law import Controller, Floats, states_and_modes
-from trajopt.feedback.requirements import require_machine
+from trajopt.feedback.law import Controller, Floats, Law, require_machine, states_and_modes
+from trajopt.feedback.orbit import squared_distances
 from trajopt.gaits.solution import Solution
 
 #: Share of the weight with which the guard keeps the stance foot pressed down.
 CONTACT_MARGIN = 0.1
 
-#: The margin is at most this share of the gait's own least normal force: a guard must not act on
-#: the gait itself.
+#: The guard's margin is at most this share of the gait's own least normal force: a guard must not
+#: act on the gait itself.
 SHARE_OF_LEAST = 0.6
+
+#: Distance from its gait up to which a law acts, in standard deviations of the gait's own motion.
+#: Farther away, fast gaits lose the foot before a law has corrected them. The grid of the start-up
+#: controller cannot resolve what is much smaller.
+NEAR = 0.13
 
 
 @dataclasses.dataclass(frozen=True)
-class Guarded:
-    """A law whose voltage is changed only as far as the stance foot's contact requires.
+class SwitchingController:
+    """A law in single stance near its gait, and a start-up controller elsewhere.
+
+    Attributes:
+        law: that holds the gait.
+        startup: that leads to it.
+        near: see `NEAR`; > 0.
+
+    Raises:
+        TypeError: `near` is not a number.
+        ValueError: it is out of range, or both controllers are for different machines.
+    """
+
+    law: Law
+    startup: Controller
+    near: float = NEAR
+
+    def __post_init__(self) -> None:
+        positive("near", self.near)
+        require_machine("startup", self.startup, self.params)
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.law.params
+
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states; arguments, result and errors are those of a `Law`."""
+        states, modes = states_and_modes(x, mode)
+        far = (modes == DOUBLE) | (squared_distances(states, self.law.data.orbit) > self.near**2)
+        volts = np.empty(len(states))
+        for controller, these in ((self.law, ~far), (self.startup, far)):
+            if these.any():
+                volts[these] = controller(states[these], modes[these])
+        return volts if np.ndim(x) == 2 else volts[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactGuard:
+    """A controller whose voltage is changed only as far as the stance foot's contact requires.
 
     The normal force is monotonic in the voltage, so the voltages that keep it above a margin are a
     half line. Far from its gait, a law that knows nothing of contact would lose it now and then.
 
     Attributes:
         params: the machine.
-        controller: the law to guard.
+        controller: to guard.
         margin: least normal force in units of the weight, where a voltage within the limit can
             provide it; at least 0, and less than 1.
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: the margin is out of range, or the law is for another machine.
+        ValueError: the margin is out of range, or the controller is for another machine.
     """
 
     params: WheelParams
@@ -62,25 +106,15 @@ class Guarded:
             TypeError, ValueError: see `Law`; or the controller gives NaN or another shape.
         """
         states, modes = states_and_modes(x, mode)
-        volts = _volts(self.controller(states, modes), states)
+        volts = np.asarray(self.controller(states, modes), dtype=np.float64)
+        if volts.shape != (len(states),) or np.isnan(volts).any():
+            raise ValueError(
+                f"controller: gave {reprlib.repr(volts)} for {len(states)} states; must give one "
+                "voltage for each, and no NaN"
+            )
         p, floor = self.params, self.margin * self.params.weight
         guarded: Floats = _guard(states, modes, volts, floor, p.voltage_limit, p.constants)
         return guarded if np.ndim(x) == 2 else guarded[0]
-
-
-def _volts(given: ArrayLike, states: Floats) -> Floats:
-    """What a controller gave for states, if it is one voltage for each."""
-    volts = real_array("the controller's voltages", given)
-    if volts.shape != (len(states),):
-        raise ValueError(
-            f"controller: gave voltages of shape {volts.shape} for states of shape "
-            f"{states.shape}; must have shape ({len(states)},)"
-        )
-    if np.isnan(volts).any():
-        raise ValueError(
-            f"controller: gave NaN for the state {states[np.isnan(volts)][0]}; must give volts"
-        )
-    return np.asarray(volts, dtype=np.float64)
 
 
 def margin_for(solution: Solution) -> float:

@@ -10,14 +10,12 @@ from agents.policies import controller_policy
 from agents.protocol import SHORT_PROTOCOL
 from rimless_gym.presets import preset
 from scripts.studies.feedback_laws.columns.changes import on_the_gait
+from scripts.studies.feedback_laws.linearisation import linearisation_conditions
 from trajopt import Solution, periodic_gait
-from trajopt.feedback.closed_loop import multipliers
+from trajopt.feedback.constraint import zero_dynamics_multiplier
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
-from trajopt.feedback.linearisation import linearisation_conditions
 from trajopt.feedback.orbit import FINENESS, Grid
-from trajopt.feedback.riccati import riccati
-from trajopt.feedback.transverse import transverse_dynamics
-from trajopt.feedback.zero_dynamics import zero_dynamics_multiplier
+from trajopt.feedback.transverse import multipliers, riccati, transverse_dynamics
 
 pytestmark = pytest.mark.slow
 

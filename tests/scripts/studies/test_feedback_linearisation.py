@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from trajopt.feedback.linearisation import linearisation_conditions
+from scripts.studies.feedback_laws.linearisation import linearisation_conditions
 
 
 def states(params, count=200):

@@ -22,7 +22,7 @@ from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats, states_and_modes
 
 
-class Conditions(NamedTuple):
+class LinearisationConditions(NamedTuple):
     """How far the two conditions are from failing and from holding, at N states.
 
     Vectors are scaled to length 1 first, so that 0 and 1 are the ends of every scale.
@@ -38,7 +38,7 @@ class Conditions(NamedTuple):
     involutivity: Floats
 
 
-def linearisation_conditions(params: WheelParams, x: ArrayLike) -> Conditions:
+def linearisation_conditions(params: WheelParams, x: ArrayLike) -> LinearisationConditions:
     """The two conditions at states in single stance.
 
     What a gear loses under load is not affine in V: it is taken out of the machine.
@@ -58,7 +58,7 @@ def linearisation_conditions(params: WheelParams, x: ArrayLike) -> Conditions:
         _at(fields[:, 4 * i : 4 * i + 4], brackets[:, 3 * i : 3 * i + 3])
         for i in range(len(states))
     ]
-    return Conditions(*(np.array(each) for each in zip(*found, strict=True)))
+    return LinearisationConditions(*(np.array(each) for each in zip(*found, strict=True)))
 
 
 def _fields(params: WheelParams) -> ca.Function:
@@ -80,7 +80,7 @@ def _bracket(a: ca.SX, b: ca.SX, x: ca.SX) -> ca.SX:
 
 
 def _at(fields: Floats, brackets: Floats) -> tuple[float, float]:
-    """The two numbers of `Conditions` at one state."""
+    """The two numbers of `LinearisationConditions` at one state."""
     unit = fields / np.linalg.norm(fields, axis=0)
     normal = np.linalg.svd(unit[:, :3])[0][:, 3]  # of the span
     sizes = np.maximum(np.linalg.norm(brackets, axis=0), np.finfo(float).tiny)
