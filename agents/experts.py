@@ -27,7 +27,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt import periodic_gait
 from trajopt.feedback import laws
-from trajopt.feedback.joined import NEAR
+from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Controller, Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
@@ -68,7 +68,7 @@ def expert_policy(
     if expert not in laws.names():
         return seeing_policy(params, fitting_policy(expert, conditions).act)
     if progress:
-        tqdm.write(f"designing {expert} and its start-up (up to a minute)", sys.stderr)
+        tqdm.write(f"designing {expert} and its start-up controller (up to a minute)", sys.stderr)
     if conditions.commanded:
         return gain_schedule(expert, conditions, [EXPERT_STEPS], cache, progress)
     gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=progress)

@@ -26,7 +26,7 @@ from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
-from scripts.studies.documents import headline, marked
+from scripts.studies.documents import headline, markdown
 from scripts.studies.learning.rows import ROWS
 from scripts.studies.learning.tables import Gap, Results, tables
 from scripts.studies.learning.trials import Figures, Result, Row
@@ -85,9 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\n\n".join(sections.values()))
     if options.docs:
         whole = {row.table for row in rows} - {row.table for row in rows if row not in results}
-        marks = marked.marks("study", tuple(sections))
+        marks = markdown.marks("study", tuple(sections))
         written = {name: table + "\n" for name, table in sections.items() if name in whole}
-        marked.refresh(options.docs, marks, written)
+        markdown.refresh(options.docs, marks, written)
     if options.headline:
         headline.refresh_gaps(options.headline, options.docs)
     for task, failure in failures.items():

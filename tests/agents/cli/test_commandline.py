@@ -28,12 +28,11 @@ from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
-    "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
+    "benchmark": ("scripts.studies.benchmark.run", "measure_all"),
     "compare": ("agents.cli.compare", "Comparison.run"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
-    "figures": ("scripts.studies.documents.command", "numbers"),
-    "fuzz": ("scripts.studies.fuzzing.command", "campaign"),
-    "processors": ("scripts.studies.processors.command", "subprocess.run"),
+    "figures": ("scripts.studies.documents.figures", "numbers"),
+    "processors": ("scripts.studies.processors", "subprocess.run"),
     "publish": ("scripts.studies.publish", "shutil.copyfile"),
     "solve_gait": ("agents.cli.solve_gait", "periodic_gait"),
     "textbook": ("scripts.studies.textbook", "solve"),
@@ -237,12 +236,6 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("benchmark", ["--only", "x"], "invalid choice"),
         ("evaluate", ["none.zip"], "none.zip"),
         ("evaluate", ["--preset", "x", "none.zip"], "invalid choice"),
-        ("fuzz", ["--steps", "0"], "--steps: '0': must be an integer of at least 1"),
-        ("fuzz", ["--steps", "2.5e0"], "must be an integer of at least 1"),
-        ("fuzz", ["--seeds", "some"], "must be an integer of at least 1"),
-        ("fuzz", ["--minutes", "nan"], "must be a number greater than 0"),
-        ("fuzz", ["--seed", "-1"], "must be an integer of at least 0"),
-        ("fuzz", ["--steps", "5", "--seeds", "5"], "not allowed with"),
         ("processors", ["Z80"], "unknown processor Z80: choose from ['Haswell',"),
         ("train", ["--ranges", "{"], "--ranges: '{': not JSON"),
         ("train", ["--ranges", "[1]"], "'[1]': must be a JSON object"),
@@ -347,7 +340,7 @@ def test_a_law_about_a_gait_of_another_machine_is_refused(
 def test_a_law_is_measured_beside_policies(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
 ) -> None:
-    monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
+    monkeypatch.setattr("trajopt.feedback.startup.COUNTS", (7, 9, 8, 17))  # a coarse plan
     short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
     brief = partial(evaluate, protocol=short)
     monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
