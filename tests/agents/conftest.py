@@ -39,11 +39,11 @@ def swing():
 def new_learner():
     """Makes a learner with the networks of the published hyperparameters in two environments."""
 
-    def make(algo="ppo", seed=0):
+    def make(algo="ppo", seed=0, task=None):
         kind = learner_class(algo)
         settings = dataclasses.replace(kind.settings("imitation"), n_envs=2)
         conditions = Conditions(THESIS_PHYSICAL)
-        return kind(Training(algo, "scratch", seed, conditions, Task(), settings))
+        return kind(Training(algo, "scratch", seed, conditions, task or Task(), settings))
 
     return make
 

@@ -9,7 +9,14 @@ from typing import TypeAlias
 
 from agents.statistics import bootstrap_interval, interquartile_mean
 from scripts.studies.documents.markdown import count, table
-from scripts.studies.learning.rows import FIRST_EVENING, FRONT, SECTIONS, THESIS
+from scripts.studies.learning.rows import (
+    ABLATIONS,
+    FIRST_EVENING,
+    FRONT,
+    LEARNED,
+    SECTIONS,
+    THESIS,
+)
 from scripts.studies.learning.trials import Figures, Result, Row
 
 #: The results of each row's seeds.
@@ -23,8 +30,11 @@ NONE = "-"
 #: Columns of every table, after those that name the policy.
 FIGURES = (
     *("seeds that walk", "starts that walk", "gap to the optimum", "CoT", "speed (m/s)"),
-    *("falls", "slips", "minutes of one core", "steps"),
+    *("falls", "slips"),
 )
+
+#: More columns of tables in which rows were trained in different ways.
+EFFORT = ("minutes of one core", "steps")
 
 #: One more where the optimum costs next to nothing, and a gap in percent says little.
 ABOVE = "CoT above the optimum"
@@ -38,7 +48,8 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
         if rows:
             commanded = section in (FRONT, FIRST_EVENING)
             names = ("learner", "commanded") if commanded else ("policy",)
-            head = [*names, *FIGURES, *([ABOVE] if section == THESIS else [])]
+            effort = EFFORT if section in (LEARNED, ABLATIONS, THESIS) else ()
+            head = [*names, *FIGURES, *effort, *([ABOVE] if section == THESIS else [])]
             lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
             found[section] = table(head, [line[: len(head)] for line in lines])
     return found

@@ -177,7 +177,7 @@ def test_the_best_policy_of_its_checks_is_kept_and_not_the_last(tmp_path, monkey
         return CleanWalking(next(shares, 0.6), 0.1, 0.5)
 
     monkeypatch.setattr(ScreenedPpo, "_checked", check)
-    result = trained(tmp_path)
+    result = trained(tmp_path, timesteps=2000)
     assert len(checked) > 3
     np.testing.assert_allclose(weights(result.last), checked[1], rtol=1e-6)
 
