@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from agents.cli.commandline import Parser, more_than_zero, whole
 from scripts.studies.benchmarks.cases import CASES
 from scripts.studies.benchmarks.driver import measure_all
 from scripts.studies.benchmarks.machine import machine
 from scripts.studies.benchmarks.page import page
 from scripts.studies.benchmarks.quote import quoted
+from scripts.studies.commandline import Parser, more_than_zero, whole
 from trajopt.provenance import provenance
 
 #: Where virtual environments, recordings and compiled code are kept for the next run.

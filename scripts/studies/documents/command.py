@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.commandline import Parser
+from scripts.studies.commandline import Parser
 from scripts.studies.documents import plots
 from scripts.studies.documents.contents import DOCUMENTS, FIGURES, figures, numbers
 from scripts.studies.documents.tables import filled, tables

@@ -14,8 +14,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import INTERRUPTED
+from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
 from scripts.studies.documents import marked
 from scripts.studies.episode_returns import page
 from scripts.studies.episode_returns.measure import EPISODES, everybody, renewed, returns

@@ -13,8 +13,8 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, more_than_zero, whole
+from agents.cli.main import INTERRUPTED
+from scripts.studies.commandline import Parser, more_than_zero, whole
 from scripts.studies.fuzzing.campaign import Extent, campaign
 
 STEPS = 20_000_000

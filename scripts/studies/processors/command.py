@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from agents.cli.commandline import Parser
+from scripts.studies.commandline import Parser
 from scripts.studies.processors.imitated import PROCESSORS, Processor, kernels
 
 
