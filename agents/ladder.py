@@ -28,7 +28,7 @@ from trajopt.feedback.joined import NEAR
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.held.clock import held_speeds
+from trajopt.gaits.held_stride import held_speeds
 
 #: Distance from its gait up to which a law is in reach on the way to another speed, in standard
 #: deviations of the gait's own motion. It is well within `NEAR`, where laws act themselves and not

@@ -177,7 +177,7 @@ def _row(w: Walker, result: Evaluation, gap: bool, no_gap: bool) -> dict[str, An
     """
     from agents.gaps import gap_to_optimum
     from rimless_gym.hybrid import CONTROL_PERIOD
-    from trajopt.gaits.shipped import shipped
+    from trajopt.gaits.library import shipped
 
     quick = any(gait.params == w.params for gait in shipped())
     wanted = w.period == CONTROL_PERIOD and not no_gap and (gap or quick)

@@ -100,7 +100,7 @@ def catalog() -> int:
     from agents.policy_files import PRETRAINED
     from rimless_gym.presets import PRESETS
     from trajopt.feedback import laws
-    from trajopt.gaits.shipped import shipped
+    from trajopt.gaits.library import shipped
 
     for title, names in (
         ("policies", PRETRAINED),

@@ -68,8 +68,8 @@ def train(
     from agents.conditions import Conditions
     from agents.imitation import Cloning
     from agents.train import train as trained
+    from rimless_gym.envs.arguments import as_task
     from rimless_gym.envs.disturbances import as_disturbances, as_ranges
-    from rimless_gym.envs.task import as_task
 
     params_, learner = machine(preset, params), learners.learner(algo)
     with of_option("--ranges"):

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr
 from types import FrameType
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import tyro
 
@@ -155,7 +155,11 @@ def _parsed(
     Raises:
         SystemExit: help was printed, 0, or the arguments are refused, 2.
     """
-    settings = {"args": words, "prog": program, "config": (tyro.conf.FlagCreatePairsOff,)}
+    settings: dict[str, Any] = {
+        "args": words,
+        "prog": program,
+        "config": (tyro.conf.FlagCreatePairsOff,),
+    }
     complaints = io.StringIO()
     try:
         with redirect_stderr(complaints):
@@ -186,13 +190,17 @@ def _later(function: Callable[..., int]) -> Callable[..., Callable[[], int]]:
 
 
 def _complaint(box: str) -> str:
-    """What tyro prints in a box about refused arguments, in one line."""
-    lines = [line.strip("│ ") for line in box.splitlines() if not re.match(r"[╭╰]", line)]
-    rules = [number for number, line in enumerate(lines) if line.startswith("──")]
-    first = " ".join(lines[: rules[0]] if rules else lines).removeprefix("Error parsing ")
-    if "Perhaps you meant:" in lines:
-        options = (line.split()[0].rstrip(",") for line in lines if line.startswith("--"))
-        first += f"; did you mean {' or '.join(dict.fromkeys(options))}?"
+    """What tyro prints in a box about refused arguments, in one line.
+
+    A title and a rule stand above the message, and another rule below it.
+    """
+    lines = [line.strip("│ ") for line in box.splitlines()][1:]
+    sections = "\n".join("" if re.fullmatch("[─-]{2,}|", line) else line for line in lines)
+    message, *rest = re.split(r"\n{2,}|^\n", sections.strip())
+    first = " ".join(message.split()).removeprefix("Error parsing ")
+    near = re.search(r"^--[\w-]+", "\n".join(rest), re.MULTILINE)
+    if near and any(section.startswith("Perhaps you meant:") for section in rest):
+        first += f"; did you mean {near[0]}?"
     return first
 
 

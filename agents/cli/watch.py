@@ -77,9 +77,8 @@ def watch(
         out: a .gif or .mp4 to write instead of showing a window
         size: of the picture, in pixels
     """
-    from rimless_gym.rendering.video import ffmpeg
-
     from agents.race import MOST
+    from rimless_gym.rendering.display import ffmpeg
 
     films = {GIF: _gif, VIDEO: _video}
     kind = out and out.suffix.lower()
@@ -147,7 +146,7 @@ def _race(
     from rimless_gym import BUILDABLE
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import Solution, periodic_gait
-    from trajopt.gaits.shipped import shipped
+    from trajopt.gaits.library import shipped
 
     saved = {name: Solution.load(name) for name in names if name.lower().endswith(GAIT)}
 
@@ -217,7 +216,7 @@ def _require_near(params: WheelParams, speed: float) -> None:
         ValueError: a search there would take minutes, and most likely find nothing.
     """
     from rimless_gym.presets import machine_name
-    from trajopt.gaits.shipped import shipped
+    from trajopt.gaits.library import shipped
 
     known = [gait.speed for gait in shipped() if gait.params == params]
     if known and not min(known) <= speed <= max(known):
@@ -251,7 +250,7 @@ def _gif(race: Race, path: Path) -> None:
 
 def _video(race: Race, path: Path) -> None:
     """Write the walks as a video."""
-    from rimless_gym.rendering.video import save_mp4
+    from rimless_gym.rendering.display import save_mp4
 
     save_mp4(_frames(race, VIDEO_FPS, "video"), path, VIDEO_FPS)
 

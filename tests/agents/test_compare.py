@@ -17,7 +17,7 @@ from rimless_gym import BUILDABLE, Task
 from trajopt.feedback import laws
 from trajopt.feedback.catch import catch
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 STUDY = {"seed": 0}
 

@@ -129,9 +129,9 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     from agents.protocol import PROTOCOL
     from agents.rollout import Rollout, draw_starts
     from trajopt.feedback import laws
-    from trajopt.gaits.shipped import nearest
+    from trajopt.gaits.library import nearest
 
-    gait = nearest(PARAMS, SPEED, STEPS)[0]
+    gait = nearest(PARAMS, SPEED, STEPS)[0].load()
     expert = controller_policy(PARAMS, laws.design("lqr", gait))
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:

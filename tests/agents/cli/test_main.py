@@ -259,8 +259,13 @@ def test_it_ends_quietly_if_nobody_reads_what_it_prints(arguments: list[str]) ->
 def test_a_command_names_the_extra_that_it_lacks() -> None:
     code = """
 import sys
-for name in ("torch", "stable_baselines3", "minari"):
-    sys.modules[name] = None
+
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name in ("torch", "stable_baselines3", "minari"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Without())
 from agents.cli.main import main
 print(main(["train", "--out", "/dev/null/x"]), main(["data", "idle", "--out", "/dev/null/x"]))
 """

@@ -17,7 +17,7 @@ from rimless_gym.envs.speed import SPEEDS
 from scripts.studies.episode_returns import bounds, command, page
 from scripts.studies.episode_returns.measure import COMMANDED, FRONT, WHEEL, measured
 from trajopt.feedback import laws
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 DOCS = Path(__file__).parents[3] / "docs"
 RECORDED: dict[str, Any] = json.loads((DOCS / "returns.json").read_text())

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from trajopt.ocp.solving.guesses import straight_lines
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.textbook import cart_pole
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.transcription import Transcription
 
 from .. import cartpole
 from ..protocol import Measure, serve
