@@ -88,7 +88,7 @@ def cheapest(
                     **_QUICK,
                 )
             )
-    good = [each for each in found if each.succeeded and not each.breaches]
+    good = [each for each in found if each.succeeded and not each.violations]
     reason = "no start led to a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
         gait = refined(case, each)

@@ -28,7 +28,7 @@ from scripts.studies.commandline import (
     terminated_like_ctrl_c,
     whole,
 )
-from scripts.studies.documents.plots import save
+from scripts.studies.documents.drawings import save
 from scripts.studies.fronts import page
 from scripts.studies.fronts.board import Board
 from scripts.studies.fronts.campaign import searched
