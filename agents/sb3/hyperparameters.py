@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping
@@ -17,7 +18,7 @@ from torch import nn
 from agents.learner import NO_CHANGES, SCRATCH, Settings, Training, require_known
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
 from agents.sb3.wrappers import HeldActions, Wrapping
-from rimless_gym.checks import integer, positive
+from rimless_gym.checks import flag, integer, positive, real
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
 
@@ -38,6 +39,14 @@ NOT_OURS = (
     *("replay_buffer_class", "replay_buffer_kwargs", "rollout_buffer_class"),
     *("rollout_buffer_kwargs", "stats_window_size"),
 )
+
+#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
+#: writes -1 where a number follows from others.
+PLAIN: dict[Any, Callable[[str, Any], Any]] = {
+    int: functools.partial(integer, least=-1),
+    float: real,
+    bool: flag,
+}
 
 #: What `env_wrapper` and `callback` may list.
 _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
@@ -100,8 +109,12 @@ def hyperparameters(
         TypeError: a number is of the wrong kind.
         ValueError: there is no such hyperparameter, or it is not written as rl-zoo3 writes it.
     """
-    taken = [name for name in inspect.signature(algorithm).parameters if name not in NOT_OURS]
+    signature = inspect.signature(algorithm).parameters
+    taken = {name: value for name, value in signature.items() if name not in NOT_OURS}
     require_known(changes, [*ENVIRONMENTS, *taken])
+    for name, value in changes.items():
+        if name in taken and taken[name].annotation in PLAIN:
+            PLAIN[taken[name].annotation](name, value)
     entries = yaml.safe_load((FOLDER / file).read_text())
     written = entries["RimlessWheel-v0" + "-imitation" * (init != SCRATCH)] | dict(changes)
     values = copy.deepcopy(written)

@@ -53,6 +53,7 @@ def test_a_learning_rate_falls_linearly_to_0_at_the_end():
     [
         ({"gama": 0.5}, ValueError, "'gama' is not known; choose from"),
         ({"n_envs": "x"}, TypeError, "n_envs = 'x': must be an integer of at least 1"),
+        ({"gamma": "x"}, TypeError, "gamma = 'x': must be a real number"),
         ({"learning_rate": -1.0}, ValueError, r"learning_rate = -1\.0: must be"),
         ({"learning_rate": "cos_1"}, ValueError, "learning_rate = 'cos_1': write lin_"),
         ({"callback": ["gym.Other"]}, ValueError, r"callback: lists \['gym.Other'\]"),
