@@ -1,4 +1,4 @@
-"""What the kernel books besides energies, and what the environment makes of it."""
+"""What the kernel accounts besides energies, and what the environment makes of it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def clearances(states: np.ndarray, params: WheelParams) -> np.ndarray:
 def test_impulses_demand_the_same_friction_in_kernel_and_reference(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(8)
     demands = []
-    for start in random_states(params, rng, 8):
+    for start in random_states(params, rng, 4):
         volts, state = rng.uniform(-15, 15, 20), start.copy()
         reference = simulate(params, start[:4], volts, 0.2)
         rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
@@ -58,41 +58,42 @@ def test_impulses_demand_the_same_friction_in_kernel_and_reference(name: str) ->
         assert demand == pytest.approx(reference.impulse_friction_demand, rel=1e-6)
         demands.append(demand)
     if params.impact_law == "plastic":  # under the other law the impulse is vertical
-        assert np.count_nonzero(demands) > 2
+        assert np.count_nonzero(demands) > 0
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_the_booked_clearance_is_the_least_of_the_interval(name: str) -> None:
+def test_the_clearance_is_the_least_of_the_interval(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(9)
     before = random_states(params, rng, 300)
     after = before.copy()
-    booked = advance(params, after, rng.uniform(-15, 15, 300), pull=math.inf)[:, ROW.clearance]
+    reported = advance(params, after, rng.uniform(-15, 15, 300), pull=math.inf)[:, ROW.clearance]
     ends = np.minimum(clearances(before, params), clearances(after, params))
-    assert np.all(booked <= ends + 1e-15)
-    assert np.ptp(booked) > 2 * params.pendulum_length
+    assert np.all(reported <= ends + 1e-15)
+    assert np.ptp(reported) > 2 * params.pendulum_length
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-def test_the_booked_clearance_is_that_of_the_reference(name: str) -> None:
+def test_the_clearance_is_that_of_the_reference(name: str) -> None:
     params, rng = MACHINES[name], np.random.default_rng(10)
-    for start in random_states(params, rng, 5):
+    for start in random_states(params, rng, 3):
         volts, state = rng.uniform(-15, 15, 20), start.copy()
         reference = simulate(params, start[:4], volts, 0.2)
         rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
-        booked = min(out[ROW.clearance] for out in rows)
+        reported = min(out[ROW.clearance] for out in rows)
         lowest = clearances(reference.state(np.linspace(0, 0.2, 801)), params).min()
-        assert booked >= min(lowest, reference.clearance) - 1e-4  # up to sampling
-        assert booked == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
+        assert reported >= min(lowest, reference.clearance) - 1e-4  # up to sampling
+        assert reported == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
 
 
-@pytest.mark.parametrize("pull", [0.0, math.inf])
-@pytest.mark.parametrize("n_legs", [3, 4, 5])  # with few legs, touchdowns end on two feet
+@pytest.mark.parametrize(  # with few legs, touchdowns end on two feet
+    ("n_legs", "pull"), [(3, 0.0), (5, math.inf)]
+)
 def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
     n_legs: int, pull: float
 ) -> None:
     params, rng = THESIS_PHYSICAL.replace(n_legs=n_legs), np.random.default_rng(14)
     at_once = after_touchdown = 0
-    for mode, start in enumerate(random_states(params, rng, 200)):
+    for mode, start in enumerate(random_states(params, rng, 150)):
         mode %= 2
         start[3], start[4] = rng.uniform(-3, 3), mode
         if mode == equations.DOUBLE:
@@ -110,13 +111,12 @@ def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
         kinds = [event.kind for event in reference.events]
         at_once += kinds[:1] == ["lift_off"] and reference.events[0].time == 0.0
         after_touchdown += kinds[:2] == ["touchdown", "lift_off"]
-    assert at_once > 5
+    assert at_once > 2
     assert after_touchdown > 0 or n_legs > 3
 
 
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
-@pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
-@pytest.mark.parametrize("motor_constant", [0.0, 0.0048])
+@pytest.mark.parametrize(("damping", "motor_constant"), [(0.0, 0.0048), (3.0, 0.0), (0.02, 0.0048)])
 def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
     mount: str, damping: float, motor_constant: float
 ) -> None:
@@ -125,7 +125,7 @@ def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
     )
     p = params.constants
     free = params.replace(hub_damping=0.0, motor_constant=0.0).constants
-    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (4000, 2)).T
+    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (2000, 2)).T
     braked, coasting = (
         arrays.relative_rate(*arrays.single_stance(phi, theta, 0.5, 2.0, 0.0, c), c)
         for c in (p, free)
@@ -143,7 +143,7 @@ def test_the_drag_pole_is_a_tight_bound_on_how_fast_the_air_brakes(
     params = THESIS_PHYSICAL.replace(motor_mount=mount, rotor_inertia=rotor_inertia, drag=1.0)
     p, without = params.constants, params.replace(drag=0.0).constants
     dphi, nudge = 2.0, 1e-6
-    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (4000, 2)).T
+    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (2000, 2)).T
     slopes = [
         np.subtract(*(arrays.single_stance(phi, theta, v, 0.0, 0.0, c)[0] for v in at)) / nudge
         for c, at in ((without, (dphi + nudge, dphi)), (p, (dphi + nudge, dphi)))
@@ -162,33 +162,10 @@ def test_energy_balances_with_stiff_hub_friction() -> None:
         assert np.abs(terms.sum(axis=0)).max() < 1e-8 * max(1.0, np.abs(terms).max())
 
 
-def test_a_step_slips_exactly_when_the_reference_slips() -> None:
-    params = THESIS_PHYSICAL.replace(friction=0.3)
-    env, rng = RimlessWheelEnv(params), np.random.default_rng(12)
-    env.reset(seed=5)
-    verdicts = []
-    for _ in range(150):
-        start, action = env.state, rng.uniform(-1, 1, 1).astype(np.float32)
-        mode, volts = equations.MODE_NAMES[int(start[4])], 20.0 * float(action[0])
-        _, _, ended, _, info = env.step(action)
-        assert info["slips"] is (
-            max(info["friction_demand"], info["impulse_friction_demand"]) > params.friction
-        )
-        if ended:
-            env.reset()
-            continue
-        reference = simulate(params, start[:4], [volts], 0.01, mode=mode, pull=0.0)
-        demand = max(reference.friction_demand, reference.impulse_friction_demand)
-        if abs(demand - params.friction) > 0.02:  # the reference samples stance at other times
-            assert info["slips"] is reference.slips
-            verdicts.append(info["slips"])
-    assert 10 < verdicts.count(True) < len(verdicts) - 10
-
-
 def test_impulses_and_forces_make_a_step_slip_but_not_on_rougher_ground() -> None:
     params, rng, seen = THESIS_PHYSICAL, np.random.default_rng(13), set()
     env = RimlessWheelEnv()
-    for start in random_states(params, rng, 600):
+    for start in random_states(params, rng, 150):
         start[0] = params.constants.b - 0.01
         if starts.normal_force(params, start) <= 0:
             continue

@@ -1,7 +1,8 @@
-"""Wheels side by side in tiles: none affects another."""
+"""Tiles: no wheel affects its neighbours; the order of the integration step."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -11,6 +12,10 @@ from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import CONTACT_LOST, OK, TOO_MANY_EVENTS
+from rimless_gym.kernel import tile as slot
+from rimless_gym.kernel.accounting import measure, open_interval
+from rimless_gym.kernel.attempt import check_attempt, plan
+from rimless_gym.kernel.integration import quintic, rk8, smooth_states, upward_root, value
 from rimless_gym.kernel.stepping import (
     MODE,
     STATE_SIZE,
@@ -18,7 +23,10 @@ from rimless_gym.kernel.stepping import (
     advance_batch,
     machine_arrays,
     scratch,
+    share_machine,
 )
+from rimless_gym.kernel.tile import LANES, TILE_SIZE
+from rimless_gym.trigonometry import MAX_TURN
 
 MACHINES = (
     THESIS_PHYSICAL,
@@ -43,7 +51,7 @@ def restless_states(count: int, seed: int) -> np.ndarray:
 def run(
     machines: list[WheelParams], states: np.ndarray, volts: np.ndarray, intervals: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States after some intervals, and what was booked in the last one."""
+    """States after some intervals, and the totals of the last one."""
     states, out, work = states.copy(), np.empty((len(ROW), states.shape[1])), scratch()
     arrays = machine_arrays(machines)
     for k in range(intervals):
@@ -75,9 +83,9 @@ def test_different_machines_in_a_tile_move_as_each_does_among_equal_ones():
     mixed, rows = run([MACHINES[k] for k in which], states, volts)
     for k, machine in enumerate(MACHINES):
         here = which == k
-        own, own_rows = run([machine], states[:, here].copy(), volts[:, here])
-        assert np.array_equal(mixed[:, here], own)
-        assert np.array_equal(rows[:, here], own_rows)
+        alone, alone_rows = run([machine], states[:, here].copy(), volts[:, here])
+        assert np.array_equal(mixed[:, here], alone)
+        assert np.array_equal(rows[:, here], alone_rows)
 
 
 def test_advancing_some_columns_gives_the_same_and_leaves_the_others_alone():
@@ -109,26 +117,18 @@ def test_no_machine_of_an_earlier_call_is_left_in_the_work_space():
     assert np.array_equal(*results)
 
 
-def test_the_time_of_the_last_touchdown_is_booked():
+def test_the_time_of_the_last_touchdown_is_reported():
     p = THESIS_PHYSICAL.constants
     start = np.array([[p.b - 0.004, 0.0, 1.0, 0.0, 0, 0]])
     whole = start.copy()
     rows = advance(THESIS_PHYSICAL, whole, np.zeros(1))[0]
     assert rows[ROW.touchdowns] == 1
     before = start.copy()
-    assert (
-        advance(THESIS_PHYSICAL, before, np.zeros(1), rows[ROW.touchdown_time] * (1 - 1e-9))[
-            0, ROW.touchdowns
-        ]
-        == 0
-    )
-    assert before[0, 0] == pytest.approx(p.b, abs=1e-9)
-    assert (
-        advance(THESIS_PHYSICAL, np.array([[1.5, 0.0, 0.0, 0.0, 0, 0]]), np.zeros(1))[
-            0, ROW.touchdown_time
-        ]
-        == -1
-    )
+    shorter = advance(THESIS_PHYSICAL, before, np.zeros(1), rows[ROW.touchdown_time] * (1 - 1e-9))
+    assert shorter[0, ROW.touchdowns] == 0
+    assert before[0, 0] == pytest.approx(p.b, abs=1e-8)
+    upright = np.array([[1.5, 0.0, 0.0, 0.0, 0, 0]])
+    assert advance(THESIS_PHYSICAL, upright, np.zeros(1))[0, ROW.touchdown_time] == -1
 
 
 def test_a_wheel_that_rolls_over_hundreds_of_legs_in_an_interval_is_an_error():
@@ -138,3 +138,59 @@ def test_a_wheel_that_rolls_over_hundreds_of_legs_in_an_interval_is_an_error():
     assert rows[ROW.failure] == TOO_MANY_EVENTS
     assert rows[ROW.touchdowns] == 201
     assert 0 < rows[ROW.elapsed] < 0.01
+
+
+START, VOLTS = (1.3, 0.8, 2.0, -4.0), 7.0
+
+
+def stepped(duration: float, steps: int) -> np.ndarray:
+    *_, end = smooth_states(THESIS_PHYSICAL, START, VOLTS, duration, steps)
+    return np.array(end)
+
+
+def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
+    exact = stepped(0.4, 128)
+    errors = [np.abs(stepped(0.4, n) - exact).max() for n in (6, 12, 24)]
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
+    assert min(orders) > 7.8
+    assert errors[-1] < 1e-10
+
+
+def test_the_interpolating_quintic_is_exact_for_quintics_and_of_sixth_order() -> None:
+    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -0.7, 0.1])
+    rate, acceleration = polynomial.deriv(), polynomial.deriv(2)
+    h = 0.8
+    c = quintic(*(f(t) for t in (0.0, h) for f in (polynomial, rate, acceleration)), h)
+    s = np.linspace(0, 1, 11)
+    assert np.abs(value(c, s) - polynomial(h * s)).max() < 1e-14
+
+    def error(h: float) -> float:
+        c = quintic(0.0, 1.0, 0.0, math.sin(h), math.cos(h), -math.sin(h), h)
+        return float(np.abs(value(c, s) - np.sin(h * s)).max())
+
+    assert math.log2(error(0.4) / error(0.2)) > 5.8
+
+
+def test_a_root_at_the_start_is_skipped_if_the_polynomial_falls_there() -> None:
+    assert upward_root((0.0, 1.0, 0.0, 0.0, 0.0, 0.0), 1.0) == 0.0
+    assert upward_root((0.0, -0.5, 1.0, 0.0, 0.0, 0.0), 1.0) == 0.5
+    assert abs(upward_root((0.0, 0.0, -0.25, 1.0, 0.0, 0.0), 1.0) - 0.25) < 1e-15
+    assert abs(upward_root((-0.125, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0) - 0.5) < 1e-15
+
+
+def test_an_attempt_in_which_an_angle_turns_too_far_is_halved() -> None:
+    """These functions are compiled where they are used; here they run as plain Python."""
+    work, p = scratch(), THESIS_PHYSICAL
+    tile, lanes = work[:TILE_SIZE], work[:TILE_SIZE].reshape(-1, LANES)
+    lanes[slot.STATE // LANES :][:4] = np.array([1.5, 0.0, 0.3, 8.0])[:, None]
+    share_machine(work, p.constants_array[:, None].copy(), np.array([p.motor_pole]))
+    open_interval(tile, 0.1, 0.0)
+    for length, kept in ((0.1, False), (0.05, False), (0.025, True)):
+        lanes[slot.ATTEMPT // LANES] = length  # the first two are longer than a planned step
+        plan(tile)
+        rk8(tile)
+        _, _, flagged = measure(tile, 0.0)
+        if flagged:
+            assert check_attempt(tile, 0, 0.0) is kept
+        assert kept or lanes[slot.ATTEMPT // LANES, 0] == length / 2
+    assert 0.5 * MAX_TURN < lanes[slot.NEXT // LANES + 1, 0] < MAX_TURN
