@@ -28,7 +28,7 @@ from agents.cli.commandline import (
     whole,
 )
 from rimless_gym.params import WheelParams
-from scripts.studies.documents.plots import save
+from scripts.studies.documents.drawings import save
 from scripts.studies.fronts import page
 from scripts.studies.fronts.board import Board
 from scripts.studies.fronts.campaign import searched

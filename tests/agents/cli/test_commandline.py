@@ -28,10 +28,10 @@ from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
-    "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
+    "benchmark": ("scripts.studies.benchmark.run", "measure_all"),
     "compare": ("agents.cli.compare", "Comparison.run"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
-    "figures": ("scripts.studies.documents.command", "numbers"),
+    "figures": ("scripts.studies.documents.figures", "numbers"),
     "processors": ("scripts.studies.processors", "subprocess.run"),
     "publish": ("scripts.studies.publish", "shutil.copyfile"),
     "solve_gait": ("agents.cli.solve_gait", "periodic_gait"),
@@ -346,7 +346,7 @@ def test_a_law_about_a_gait_of_another_machine_is_refused(
 def test_a_law_is_measured_beside_policies(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
 ) -> None:
-    monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
+    monkeypatch.setattr("trajopt.feedback.startup.COUNTS", (7, 9, 8, 17))  # a coarse plan
     short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
     brief = partial(evaluate, protocol=short)
     monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
