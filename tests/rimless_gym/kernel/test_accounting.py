@@ -93,7 +93,7 @@ def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
 ) -> None:
     params, rng = THESIS_PHYSICAL.replace(n_legs=n_legs), np.random.default_rng(14)
     at_once = after_touchdown = 0
-    for mode, start in enumerate(random_states(params, rng, 150)):
+    for mode, start in enumerate(random_states(params, rng, 200)):
         mode %= 2
         start[3], start[4] = rng.uniform(-3, 3), mode
         if mode == equations.DOUBLE:

@@ -169,13 +169,14 @@ def test_grazing_touchdowns_are_hit_or_missed_as_in_the_reference(excess: float)
     pushing = np.full(30, -12.0)  # turns the wheel back on its way forward
 
     def top(rate: float) -> float:
-        """The leg's largest angle, where its rate changes sign, or at the end."""
+        """The leg's largest angle: where its rate changes sign, if it does."""
         free = params.replace(n_legs=3)  # no touchdown until far beyond b of five legs
         motion = simulate(free, [1.9, -1.0, rate, 0.0], pushing, 0.3)
         times = np.linspace(0.0, motion.t[-1], 301)
-        k = int(np.argmax(motion.state(times)[:, 0]))
-        if 0 < k < 300:
-            turn = brentq(lambda t: motion.state(t)[2], *times[[k - 1, k + 1]], xtol=1e-15)
+        k = min(max(int(np.argmax(motion.state(times)[:, 0])), 1), 299)
+        around = times[[k - 1, k + 1]]
+        if np.prod(motion.state(around)[:, 2]) < 0:
+            turn = brentq(lambda t: motion.state(t)[2], *around, xtol=1e-15)
             return float(motion.state(turn)[0])
         return float(motion.state(times[k])[0])
 

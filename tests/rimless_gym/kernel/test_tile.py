@@ -12,6 +12,7 @@ from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE
 from rimless_gym.hybrid import CONTACT_LOST, OK, TOO_MANY_EVENTS
+from rimless_gym.kernel import integration
 from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.accounting import measure, open_interval
 from rimless_gym.kernel.attempt import check_attempt, plan
@@ -148,9 +149,14 @@ def stepped(duration: float, steps: int) -> np.ndarray:
     return np.array(end)
 
 
-def test_halving_the_step_divides_the_error_by_two_to_the_eighth() -> None:
-    exact = stepped(0.4, 128)
-    errors = [np.abs(stepped(0.4, n) - exact).max() for n in (6, 12, 24)]
+def test_halving_the_step_divides_the_error_by_two_to_the_eighth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As plain Python, because compiling it takes longer; the empty lanes divide by zero."""
+    monkeypatch.setattr(integration, "_smooth_step", integration._smooth_step.py_func)
+    with np.errstate(all="ignore"):
+        exact = stepped(0.4, 64)
+        errors = [np.abs(stepped(0.4, n) - exact).max() for n in (6, 12, 24)]
     orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 7.8
     assert errors[-1] < 1e-10
