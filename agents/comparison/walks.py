@@ -1,26 +1,36 @@
-"""Return maps: how fast the leg comes down, step after step, after small pushes.
+"""Walks beside the optimal cycle: their deviations from it, and their return maps.
 
-A walk repeats itself where the points meet the diagonal. The multipliers tell how fast it comes
-back after a push: the factors by which small deviations grow or shrink in a step, in the loop that
-the policy and its clock close.
+A return map plots how fast the leg comes down, step after step, after small pushes. A walk repeats
+itself where the points meet the diagonal. The multipliers are the factors by which small deviations
+grow or shrink in a step, in the loop that the policy and its clock close.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.conditions import Conditions
 from agents.policies import Policy
-from agents.reports.charts import Axis, Chart, Series
+from agents.reports import Axis, Chart, Series
 from agents.rollout import Interval, Rollout
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, THETA, advance
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
+from trajopt.gaits.solution import Solution
+
+#: The coordinates of the plots of deviations: name, unit, and how many of the unit are 1 rad or
+#: 1 rad/s.
+COORDINATES = (
+    ("leg angle phi", "mrad", 1e3),
+    ("pendulum angle theta", "mrad", 1e3),
+    ("leg rate phi'", "mrad/s", 1e3),
+    ("pendulum rate theta'", "mrad/s", 1e3),
+)
 
 #: Walks that are pushed, the size of a push in standard deviations of the walk, and steps drawn.
 PUSHED, PUSH, STEPS = 24, 0.01, 10
@@ -217,25 +227,24 @@ def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = 
         free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
     """
     before, after = found.rates[:, :-1].ravel(), found.rates[:, 1:].ravel()
-    notes = [f"step {n + 1} after the push" for n in range(STEPS - 1)] * len(found.rates)
-    at = found.steady
+    steady = found.steady
     reach = 1.05 * found.spread
     ends = np.array([-1.0, 1.0]) * reach
-    series = [Series("the same again", at + ends, at + ends, colour="faint", line="dashed")]
+    series = [Series("unchanged", steady + ends, steady + ends, colour="faint", line="--")]
     first = (found.multipliers or [])[:2]
-    lines = [("slope of a multiplier", each.sign * each.size, "solid") for each in first]
+    lines = [("slope of a multiplier", each.sign * each.size, "-") for each in first]
     if free is not None:
-        lines.append((f"slope {free:.1f}, without feedback", free, "dashed"))
+        lines.append((f"slope {free:.1f}, without feedback", free, "--"))
     for title, slope, line in lines:
         reached = ends / max(1.0, abs(slope))
-        y = at + slope * reached
+        y = steady + slope * reached
         if slope:
-            series.append(Series(title, at + reached, y, colour="ink", line=line, width=1.0))
+            series.append(Series(title, steady + reached, y, colour="ink", line=line, width=1.0))
     series += [
-        Series(name, before, after, colour=colour, line="none", marks=True, notes=notes),
-        Series("steady walk", [at], [at], colour="ink", line="none", marks=True),
+        Series(name, before, after, colour=colour, line="none", marker="o"),
+        Series("steady walk", [steady], [steady], colour="ink", line="none", marker="o"),
     ]
-    limits = at - reach, at + reach
+    limits = steady - reach, steady + reach
     x = Axis("leg rate at a touchdown (rad/s)", limits=limits)
     y_axis = Axis("at the next one (rad/s)", limits=limits)
     return Chart(f"{name}: {multipliers_text(first)}" if first else name, x, y_axis, series)
@@ -243,6 +252,92 @@ def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = 
 
 def multipliers_text(found: Sequence[Multiplier]) -> str:
     """Multipliers in words."""
-    sizes = [f"{each.sign or 1:+d}"[0].replace("+", "") + f"{each.size:.2f}" for each in found]
-    turning = [" (turning)" if each.sign == 0 else "" for each in found]
-    return "multipliers " + ", ".join(map("".join, zip(sizes, turning, strict=True)))
+    texts = [
+        f"{each.size:.2f} (turning)" if each.sign == 0 else f"{each.sign * each.size:.2f}"
+        for each in found
+    ]
+    return "multipliers " + ", ".join(texts)
+
+
+class WalkedStep(NamedTuple):
+    """A walk from one touchdown to the next, or its deviation from the step of a gait.
+
+    Attributes:
+        phases: shares of the step's time at the ticks of the control within it, (K,).
+        states: there, (K, 4).
+    """
+
+    phases: Floats
+    states: Floats
+
+
+def steps_of(walk: Iterable[Interval]) -> list[WalkedStep]:
+    """The steps of the first of some walks, from its first touchdown to its last."""
+    steps: list[WalkedStep] = []
+    begin, times, states = None, list[float](), list[Floats]()
+    for k, interval in enumerate(walk):
+        if len(interval.running) == 0 or interval.running[0] != 0:
+            break
+        times.append(k * CONTROL_PERIOD)
+        states.append(interval.states[0, :MODE])
+        if interval.info["steps"][0] <= 0:
+            continue
+        end = times[-1] + float(interval.info["touchdown_time"][0])
+        if begin is not None:
+            phases = (np.array(times) - begin) / (end - begin)
+            steps.append(WalkedStep(phases, np.array(states)))
+        begin, times, states = end, [], []
+    return steps
+
+
+def deviations(steps: Sequence[WalkedStep], gait: Solution) -> list[WalkedStep]:
+    """Deviations of consecutive steps from those of a gait, at equal shares of a step's time.
+
+    Where the gait has several steps in a stride, the walk's first step is compared with the one
+    that makes its deviations the smallest.
+    """
+    scale = gait.state(np.linspace(0.0, gait.duration, 200)).std(axis=0)
+    candidates = [_deviations_from(steps, gait, first) for first in range(gait.steps)]
+
+    def size(candidate: list[WalkedStep]) -> float:
+        return sum(float(np.sum((each.states / scale) ** 2)) for each in candidate)
+
+    return min(candidates, key=size)
+
+
+def _deviations_from(steps: Sequence[WalkedStep], gait: Solution, first: int) -> list[WalkedStep]:
+    deviations_ = []
+    for i, step in enumerate(steps):
+        phase = gait.phases[(first + i) % gait.steps]
+        difference = step.states - phase.state(step.phases * phase.duration)
+        whole_turns = np.round(difference[:, THETA] / (2 * np.pi))
+        difference[:, THETA] -= 2 * np.pi * whole_turns
+        deviations_.append(WalkedStep(step.phases, difference))
+    return deviations_
+
+
+def deviation_charts(
+    walks: Mapping[str, tuple[Sequence[WalkedStep], str]], where: str
+) -> list[Chart]:
+    """A chart for each coordinate.
+
+    Args:
+        walks: name of a walk -> its deviations, and a colour.
+        where: which optimum they deviate from, for the titles.
+    """
+    charts = []
+    for i, (name, unit, scale) in enumerate(COORDINATES):
+        series = [
+            Series(walk, *_joined(steps, i, scale), colour=colour, width=1.0)
+            for walk, (steps, colour) in walks.items()
+        ]
+        title = f"{name}, {where}"
+        charts.append(Chart(title, Axis("share of the step"), Axis(f"deviation ({unit})"), series))
+    return charts
+
+
+def _joined(steps: Sequence[WalkedStep], coordinate: int, scale: float) -> tuple[Floats, Floats]:
+    """All steps as one line that is interrupted between them."""
+    x = [np.append(step.phases, np.nan) for step in steps]
+    y = [np.append(scale * step.states[:, coordinate], np.nan) for step in steps]
+    return np.concatenate(x), np.concatenate(y)
