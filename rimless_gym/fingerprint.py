@@ -12,17 +12,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-#: Not counted: what the command line runs, in which nothing is compiled.
-COMMANDS = Path(__file__).parent / "commands"
-
 
 def _digest(folders: Iterable[Path]) -> int:
-    sources = [
-        source
-        for folder in folders
-        for source in sorted(folder.rglob("*.py"))
-        if COMMANDS not in source.parents
-    ]
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
     return int.from_bytes(digest[:7], "big")
 

@@ -74,7 +74,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 5 | 1 while resting on two feet, else 0 | 1 |
 
     ## Rewards
-    In metres: `r = value_of_distance * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
+    In metres: `r = distance_weight * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
     early end. A `target_speed` limits the travel dx that is paid. The prices are fields of `task`.
     The terms are in `info`; summed in this order they give the reward exactly.
 

@@ -69,7 +69,7 @@ Memory = record(
 MEMORY = places(Memory)
 
 #: The rows of the prices in a memory.
-PRICES = slice(MEMORY.value_of_distance, MEMORY.value_of_distance + len(Prices._fields))
+PRICES = slice(MEMORY.distance_weight, MEMORY.distance_weight + len(Prices._fields))
 
 #: The results of an interval: the kernel's rows, the energies that the environment adds, the travel
 #: that is paid, the rewards, and a last row whose bytes are laid out by `MARK`.

@@ -26,7 +26,7 @@ PERIOD = 0.04
 
 #: Distance is worth more than what a first clumsy walk costs, about 1: at a lower price, standing
 #: still is the optimum of every policy that has not learned yet. Falls are cheap, so that it dares.
-TASK = Task(value_of_distance=5.0, fall_distance=0.5, slip_speed=1.0)
+TASK = Task(distance_weight=5.0, fall_penalty=0.5, slip_penalty=1.0)
 
 
 @completed
@@ -52,7 +52,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     Sensor noise does not change these two.
 
     ## Rewards
-    In metres: `r = value_of_distance * paid - E+ / ((m1+m2) g)`, less charges for slipping and for
+    In metres: `r = distance_weight * paid - E+ / ((m1+m2) g)`, less charges for slipping and for
     an early end.
 
     {terms}

@@ -23,10 +23,10 @@ class Task:
     """The prices of distance, slipping and an early end; every reward is in metres.
 
     Attributes:
-        value_of_distance: reward per metre of travel; it selects the speed on the CoT front.
-        fall_distance: travel forfeited when an episode ends early (m). It is more than a wheel
+        distance_weight: reward per metre of travel; it selects the speed on the CoT front.
+        fall_penalty: travel forfeited when an episode ends early (m). It is more than a wheel
             gains by the lunge that makes it fall, so that such a lunge does not pay.
-        slip_speed: travel forfeited per second of control intervals in which the foot would slip
+        slip_penalty: travel forfeited per second of control intervals in which the foot would slip
             (m/s), as though it slid back at this speed. The travel of such an interval is not paid
             for either, so that a moment that slips is worth less than one at rest.
         horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
@@ -45,9 +45,9 @@ class Task:
             infinite, but not 0.
     """
 
-    value_of_distance: float = 0.5
-    fall_distance: float = 2.0
-    slip_speed: float = 2.0
+    distance_weight: float = 0.5
+    fall_penalty: float = 2.0
+    slip_penalty: float = 2.0
     horizon: float = EPISODE_STEPS * CONTROL_PERIOD
     target_speed: float = math.inf
 
@@ -79,11 +79,11 @@ def settled(distance: Any, elapsed: Any, credit: Any, limit: Any, target_speed: 
 
 
 def distance(interval: Any, machine: Any, task: Any) -> Any:
-    """`value_of_distance * paid`: the hub's travel dx along the ground, downhill positive.
+    """`distance_weight * paid`: the hub's travel dx along the ground, downhill positive.
 
     With a `target_speed`, no more is paid than the credit that is left.
     """
-    return task.value_of_distance * interval.paid
+    return task.distance_weight * interval.paid
 
 
 def energy(interval: Any, machine: Any, task: Any) -> Any:
@@ -92,7 +92,7 @@ def energy(interval: Any, machine: Any, task: Any) -> Any:
 
 
 def slip(interval: Any, machine: Any, task: Any) -> Any:
-    """`-value_of_distance * (max(paid, 0) + slip_speed * elapsed)`, where the foot would slip.
+    """`-distance_weight * (max(paid, 0) + slip_penalty * elapsed)`, where the foot would slip.
 
     That is where a force in stance or a touchdown's impulse needs more friction than there is.
     The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
@@ -100,17 +100,17 @@ def slip(interval: Any, machine: Any, task: Any) -> Any:
     """
     slips = exceeds(interval.friction_demand, machine.friction)
     slips = slips | exceeds(interval.impulse_friction_demand, machine.friction)
-    back = np.maximum(interval.paid, 0.0) + task.slip_speed * interval.elapsed
-    return 0.0 - slips * (task.value_of_distance * back)
+    back = np.maximum(interval.paid, 0.0) + task.slip_penalty * interval.elapsed
+    return 0.0 - slips * (task.distance_weight * back)
 
 
 def end(interval: Any, machine: Any, task: Any) -> Any:
-    """`-(value_of_distance * fall_distance + horizon * idle_power / ((m1+m2) g))` at an early end.
+    """`-(distance_weight * fall_penalty + horizon * idle_power / ((m1+m2) g))` at an early end.
 
     Resting costs only idle power. Where the wheel can rest, ending early is never better.
     """
     idle = machine.idle_power * task.horizon / machine.weight
-    return 0.0 - interval.failed * (task.value_of_distance * task.fall_distance + idle)
+    return 0.0 - interval.failed * (task.distance_weight * task.fall_penalty + idle)
 
 
 #: The terms in the order in which they are summed.

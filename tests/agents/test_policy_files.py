@@ -271,7 +271,7 @@ def test_a_record_that_is_not_an_object_is_refused(tmp_path, saved, text):
         {"params": None},
         {"params": []},
         {"task": None},
-        {"task": {"value_of_distance": "much"}},
+        {"task": {"distance_weight": "much"}},
         {"task": {"price": 1.0}},
     ],
 )

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 def run(*path: Path, words: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
     """The command and words after it, with folders before everything else on the path."""
     settings = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [*path, ROOT]))}
-    code = "from rimless_gym.command import main; exit(main())"
+    code = "from agents.cli.command import main; exit(main())"
     command = [sys.executable, "-c", code, *words]
     return subprocess.run(
         command, env=settings, capture_output=True, text=True, check=False, cwd="/"
@@ -65,7 +65,7 @@ def test_a_package_called_scripts_which_others_ship_too_is_no_matter(tmp_path):
 
 def test_the_installed_command_is_the_one_that_checks():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["scripts"] == {"rimless": "rimless_gym.command:main"}
+    assert project["scripts"] == {"rimless": "agents.cli.command:main"}
 
 
 def test_what_is_installed_has_no_package_scripts():

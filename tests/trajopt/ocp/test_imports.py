@@ -25,7 +25,7 @@ FLOORS = (
 TEXTBOOK = "textbook"
 
 #: Modules of trajopt beside the engine that it may use, because they know nothing of it.
-BESIDE = ("trajopt.files", "trajopt.processes", "trajopt.provenance")
+BESIDE = tuple(f"trajopt.{name}" for name in ("files", "pool", "processes", "provenance", "store"))
 
 FOREIGN = ("rimless_gym", "numba", "gymnasium", "agents", "trajopt.gaits")
 
