@@ -444,8 +444,10 @@ def write_dataset(
             RECIPE: dict(recipe),
         }
     )
-    names = ("seed", "options", "observations", "actions", "rewards", "terminations")
-    names += ("truncations", "infos")
+    names = (
+        *("seed", "options", "observations", "actions", "rewards"),
+        *("terminations", "truncations", "infos"),
+    )
     storage.update_episodes(
         EpisodeBuffer(**{name: getattr(episode, name) for name in names})
         for episode in walks.episodes

@@ -43,7 +43,8 @@ from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback.law import Floats
-from trajopt.files import jsonable
+from trajopt.store import jsonable
+
 
 @dataclasses.dataclass(frozen=True)
 class Protocol:
@@ -90,8 +91,8 @@ PROTOCOL = Protocol()
 #: With fewer starts and shorter walks, for policies that are changed or disturbed in many ways.
 SHORT_PROTOCOL = Protocol(starts=48, seed=20150502, duration=20.0, window=10.0, alive=5.0)
 
-#: For selecting the best of many checkpoints during training. The walks are as long as the published
-#: ones: a gait can last 20 s from every start, and 50 s from none.
+#: For selecting the best of many checkpoints during training. The walks are as long as the
+#: published ones: a gait can last 20 s from every start, and 50 s from none.
 TRAINING_PROTOCOL = Protocol(starts=48, seed=20150502, duration=50.0, window=10.0, alive=5.0)
 
 #: Speed and cost of transport of a start that does not walk.

@@ -1,4 +1,4 @@
-"""What walks amount to over the measured window: sums, extremes, periods, and which of them count."""
+"""What walks amount to over the measured window: sums, extremes, periods, which of them count."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ from rimless_gym.envs.control import USUAL
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.javascript.simulator import simulator
 from rimless_gym.params import WheelParams
-from trajopt.files import write_text
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.solution import Solution
+from trajopt.store import write_text
 
 #: The page's own program, in order; the simulator comes before it.
 SCRIPTS = (

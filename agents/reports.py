@@ -1,6 +1,6 @@
 """Reports: one HTML file with tables that can be sorted, and charts.
 
-Matplotlib draws the charts: for print with `draw`, and as SVG in a report with `figures`. A report
+Matplotlib draws the charts: for print with `draw`, and as SVG in a report with `embedded`. A report
 loads nothing, and every text in it is escaped.
 """
 
@@ -190,7 +190,7 @@ def save(figure: Figure, path: Path, dpi: int = 150) -> None:
     plt.close(figure)
 
 
-def figures(charts: Sequence[Chart]) -> str:
+def embedded(charts: Sequence[Chart]) -> str:
     """Charts side by side, as HTML."""
     return f'<div class="plots">{"".join(map(_figure, charts))}</div>'
 
@@ -318,7 +318,8 @@ def document(title: str, lead: str, parts: Sequence[str], page: str | None = Non
     program = (static / "tables.js").read_text(encoding="utf-8")
     link = ""
     if page is not None:
-        link = f'<p><a class="button" href="{escape(page)}">See it walk, and drive it yourself</a></p>\n'
+        words = "See it walk, and drive it yourself"
+        link = f'<p><a class="button" href="{escape(page)}">{words}</a></p>\n'
     body, made = "\n".join(parts), escape(json.dumps(provenance()))
     return f"""<!doctype html>
 <html lang="en">

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import Evaluation, Protocol, evaluate
 from agents.film import film
 from agents.folder import BEST, CLONING, LAST, STATE
 from agents.gaps import gap_to_continuous_optimum
@@ -22,7 +22,6 @@ from agents.logs import EventLog
 from agents.milestones import Milestone
 from agents.policies import learned_policy
 from agents.policy_files import save_policy
-from agents.protocol import Protocol
 from agents.recording import record
 from agents.rollout import Rollout, at_rest
 from agents.training import INITS, Training

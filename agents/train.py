@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from agents import learners
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation
+from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol
 from agents.folder import BEST, CLONE, CLONING, LAST, NOTES, STATE, claim, sole_user
 from agents.imitation import Cloning
 from agents.interrupts import requests
@@ -30,7 +30,6 @@ from agents.policy_files import (
     read_record,
     save_policy,
 )
-from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.scores import economy
 from agents.session import Plan, Session, Standing
 from agents.stopwatch import timed

@@ -3,9 +3,9 @@
 Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
 latter with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO and
 evolution from scratch, and measures them all in the same way. Writes results.json, table.md, plots,
-an animation, and report.html, in which tables can be sorted and plots hovered. Stages that need
-nothing of each other run side by side. However it was stopped, the same command goes on, and ends
-with the same table.
+an animation, and report.html, in which tables can be sorted. Methods that need nothing of each
+other run side by side. However it was stopped, the same command continues it and ends with the same
+table.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from pathlib import Path
 
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import Parser, more_than_zero, terminated_like_ctrl_c, whole
-from agents.comparison.compare import Comparison
-from agents.comparison.report import format_table
+from agents.comparison.compare import compare
 from agents.comparison.study import Study
+from agents.comparison.table import format_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="speeds of the optimal front (m/s)",
     )
     parser.add_argument(
-        "--workers", type=whole(1), default=os.cpu_count(), help="processes that stages share"
+        "--workers", type=whole(1), default=os.cpu_count(), help="processes that the methods share"
     )
     parsed = parser.parse_args(arguments)
     parser.machine(parsed)
@@ -88,13 +88,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(out):
             study = Study(changes=options.pop("params"), **options)
-            results = Comparison(study, out, workers=workers).run()
+            rows = compare(study, out, workers=workers)
     except KeyboardInterrupt:
         print(
-            f"\ninterrupted: what was finished is kept in {out}; the same command goes on",
+            f"\ninterrupted: what is finished is in {out}; the same command continues it",
             file=sys.stderr,
         )
         return INTERRUPTED
-    print(format_table(results["table"]))
+    print(format_table(rows))
     print(f"\nresults, plots and the animation are in {out}; open {out / 'report.html'}")
     return 0

@@ -15,9 +15,7 @@ from tqdm import tqdm
 
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import Parser, more_than_zero, terminated_like_ctrl_c, whole
-from agents.data.files import CARD
-from agents.data.walks import OPTIMAL, standard
-from agents.data.write import Wanted, require_free, write
+from agents.datasets import CARD, OPTIMAL, DatasetConfig, missing, standard, write
 from agents.folder import sole_user
 
 
@@ -25,9 +23,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 when all datasets are there, 130 after Ctrl-C or SIGTERM."""
     parser = Parser(__doc__)
     parser.add_argument(
-        "walkers",
+        "policies",
         nargs="*",
-        metavar="WALKER",
+        metavar="POLICY",
         default=standard(),
         help=f"{OPTIMAL}: an episode on each of several gaits; idle; random; a feedback law; a "
         "policy that comes with the package; or a policy's file",
@@ -35,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("runs/data"), help="folder, Minari's MINARI_DATASETS_PATH"
     )
-    parser.add_argument("--episodes", type=whole(1, 10_000), default=100, help="of every walker")
+    parser.add_argument("--episodes", type=whole(1, 10_000), default=100, help="of every policy")
     parser.add_argument(
         "--seed", type=whole(0), default=0, help="of the first episode, and of random voltages"
     )
@@ -46,8 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     params = parser.machine(options) if options.preset or options.params else None
     parser.require_folder(options.out)
-    names = tuple(dict.fromkeys(options.walkers))
-    wanted = Wanted(params, options.episodes, options.seed, options.speed)
+    names = tuple(dict.fromkeys(options.policies))
+    config = DatasetConfig(params, options.episodes, options.seed, options.speed)
     try:
         with (
             terminated_like_ctrl_c(),
@@ -55,12 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.out_of_room(options.out),
             sole_user(options.out),
         ):
-            missing = require_free(options.out, names, wanted)
-            with tqdm(total=len(names), initial=len(names) - len(missing), desc="data") as bar:
-                for name in missing:
+            todo = missing(options.out, names, config)
+            with tqdm(total=len(names), initial=len(names) - len(todo), desc="data") as bar:
+                for name in todo:
                     bar.set_postfix_str(name)
-                    id_, found = write(options.out, name, wanted)
-                    bar.write(f"{id_}: {found['steps']:,} steps, return {found['mean']:.2f} m")
+                    id_, summary = write(options.out, name, config)
+                    bar.write(f"{id_}: {summary['steps']:,} steps, return {summary['mean']:.2f} m")
                     bar.update()
     except KeyboardInterrupt:
         print("\ninterrupted: the same command writes what is missing", file=sys.stderr)

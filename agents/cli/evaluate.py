@@ -27,11 +27,9 @@ from agents.cli.commandline import (
 )
 from agents.commanded import STEP, commands_within
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import bootstrap_interval, evaluate, interquartile_mean
 from agents.gaps import gap_to_optimum
-from agents.policy_files import PRETRAINED
-from agents.statistics import bootstrap_interval, interquartile_mean
-from agents.walkers import Walker, walker
+from agents.policy_files import PRETRAINED, NamedPolicy, named_policy
 from rimless_gym.envs.control import as_speeds
 from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -99,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     params = parser.machine(options) if options.preset or options.params else None
     with parser.refusing():  # all of them, before the first is measured
-        walkers = [w for name in options.policies for w in walkers_of(name, params, options)]
-        commanded = any(w.command is not None for w in walkers)
+        policies = [p for name in options.policies for p in policies_of(name, params, options)]
+        commanded = any(p.command is not None for p in policies)
         if options.seeds and commanded:
             parser.error("--seeds: policies that are commanded a speed are not summarised")
         if options.commands and not commanded:
@@ -108,38 +106,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.commands:
             as_speeds("--commands", options.commands, len(options.commands))
         conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
-        for w in walkers:
-            Conditions.of(w.params, **conditions)
+        for p in policies:
+            Conditions.of(p.params, **conditions)
     evaluations = [
         evaluate(
-            w.policy,
-            w.params,
-            task=w.task,
-            command=w.command,
-            control_period=w.period,
+            p.policy,
+            p.params,
+            task=p.task,
+            command=p.command,
+            control_period=p.period,
             progress=True,
             **conditions,
         )
-        for w in walkers
+        for p in policies
     ]
-    names = [w.name for w in walkers]
+    names = [p.name for p in policies]
     wanted = [
-        w.period == CONTROL_PERIOD  # as often as the optimum may change its voltage
-        and (has_gaits(w.params) if options.gap is None else options.gap)
-        for w in walkers
+        p.period == CONTROL_PERIOD  # as often as the optimum may change its voltage
+        and (has_gaits(p.params) if options.gap is None else options.gap)
+        for p in policies
     ]
     figures = [
         {
             **e.to_dict(),
-            "gap": gap_to_optimum(w.params, e.cot, e.speed, progress=True) if asked else None,
-            "command": w.command,
-            "control_period": w.period,
+            "gap": gap_to_optimum(p.params, e.cot, e.speed, progress=True) if asked else None,
+            "command": p.command,
+            "control_period": p.period,
         }
-        for e, w, asked in zip(evaluations, walkers, wanted, strict=True)
+        for e, p, asked in zip(evaluations, policies, wanted, strict=True)
     ]
     summary = over_seeds(figures) if options.seeds else {}
     if options.json:
-        of = Conditions.of(walkers[0].params, **conditions).to_dict()
+        of = Conditions.of(policies[0].params, **conditions).to_dict()
         for own in ("params", "speeds", "control_period"):  # each policy has its own
             del of[own]
         results = dict(zip(names, figures, strict=True))
@@ -150,7 +148,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespace) -> list[Walker]:
+def policies_of(
+    name: str, params: WheelParams | None, options: argparse.Namespace
+) -> list[NamedPolicy]:
     """The feedback law of this name about the gait in the options, or the policy in a file.
 
     A policy that is commanded a speed walks at each of several.
@@ -165,7 +165,7 @@ def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespac
             return Solution.load(options.gait)
         return periodic_gait(machine, options.speed, options.steps, progress=True)
 
-    found = walker(name, gait_for, params, trust_pickle=options.trust_pickle)
+    found = named_policy(name, gait_for, params, trust_pickle=options.trust_pickle)
     speeds = found.conditions.control.speeds
     if speeds is None:
         return [found]
@@ -204,10 +204,10 @@ def print_table(names: list[str], rows: list[dict[str, Any]], summary: dict[str,
             cells = [_cell(column, summary.get(column, {}).get(key)) for column, _ in COLUMNS]
             print(f"{title:{width}}" + "".join(cells))
     for name, row in zip(names, rows, strict=True):
-        if row["faults"]:
-            faults, starts = row["faults"], row["protocol"]["starts"]
-            told = ", ".join(f"{count} {verdict}" for verdict, count in faults.items())
-            print(f"{name}: {sum(faults.values())} of {starts} starts do not count ({told})")
+        if row["failures"]:
+            failures, starts = row["failures"], row["protocol"]["starts"]
+            told = ", ".join(f"{count} {outcome}" for outcome, count in failures.items())
+            print(f"{name}: {sum(failures.values())} of {starts} starts do not count ({told})")
 
 
 def _cell(column: str, figure: float | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.cli.commandline import Parser
-from agents.page.write import write_page
+from agents.page import write_page
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

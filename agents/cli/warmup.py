@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 
 from agents.cli.commandline import Parser
-from agents.evaluate import evaluate
-from agents.protocol import Protocol
+from agents.evaluate import Protocol, evaluate
 from rimless_gym import BUILDABLE, simulate
 
 

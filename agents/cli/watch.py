@@ -18,11 +18,9 @@ from tqdm import tqdm
 
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import Parser, more_than_zero, whole
-from agents.film import times
-from agents.policy_files import PRETRAINED
-from agents.race import GHOST, MOST, SIZE, Race, ghost
-from agents.recording import Recording, record_gait, record_walker
-from agents.walkers import walker
+from agents.film import GHOST, MOST, SIZE, Race, ghost, times
+from agents.policy_files import PRETRAINED, named_policy
+from agents.recording import Recording, record_gait, record_policy
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
@@ -144,7 +142,7 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
     gaits = {name: as_held(gait) for name, gait in saved.items()}
     named = [name for name in options.names if name != GHOST and name not in gaits]
     trust = options.trust_pickle
-    found = {name: walker(name, gait_for, given, trust_pickle=trust) for name in named}
+    found = {name: named_policy(name, gait_for, given, trust_pickle=trust) for name in named}
     own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
     params = given or next(iter(own), BUILDABLE)
     for name, gait in gaits.items():
@@ -165,7 +163,7 @@ def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
             walks.append(record_gait(name, gaits[name], options.seconds))
         elif name != GHOST:
             command = options.speed if found[name].conditions.commanded else None
-            walks.append(record_walker(found[name], options.seconds, command))
+            walks.append(record_policy(found[name], options.seconds, command))
         elif walks:
             walks.append(ghost(gait_for(params), walks[0]))
         else:

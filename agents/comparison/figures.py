@@ -31,7 +31,7 @@ from agents.reports import (
     Series,
     document,
     draw,
-    figures,
+    embedded,
     paragraph,
     save,
     section,
@@ -110,10 +110,10 @@ def write_figures(
     listed = [dataclasses.asdict(row) for row in distinct(rows)]
     parts = [
         section("Learned against optimal", table(COLUMNS, listed), paragraph(NOTES)),
-        section("On the front", figures(speeds)),
-        section("Beside the optimal cycle", paragraph(ABOUT_DEVIATIONS), figures(cycles)),
-        section("From step to step", paragraph(ABOUT_RETURNS), figures(returns)),
-        section("How they learned", figures(learning)),
+        section("On the front", embedded(speeds)),
+        section("Beside the optimal cycle", paragraph(ABOUT_DEVIATIONS), embedded(cycles)),
+        section("From step to step", paragraph(ABOUT_RETURNS), embedded(returns)),
+        section("How they learned", embedded(learning)),
     ]
     lead = LEAD.format(machine=machine_name(setting.params))
     text = document("Learned against optimal walking", lead, parts, _page(out))
@@ -139,7 +139,8 @@ def speed_charts(front: CotFront, held: CotFront, rows: Iterable[Row]) -> list[C
     shown = [
         row
         for row in rows
-        if row.cot is not None and (row.walking_share or (row.walking_share is None and not _near(row)))
+        if row.cot is not None
+        and (row.walking_share or (row.walking_share is None and not _near(row)))
     ]
     optima = [
         Series(name, [g.speed for g in of.envelope], [g.cot for g in of.envelope], line=line)
@@ -157,7 +158,9 @@ def speed_charts(front: CotFront, held: CotFront, rows: Iterable[Row]) -> list[C
     costs = [*optima, *_points(shown, "cot", 1.0)]
     speed = Axis("speed (m/s)")
     return [
-        Chart("Cost of transport over speed (E+, no regeneration)", speed, Axis("CoT", "log"), costs),
+        Chart(
+            "Cost of transport over speed (E+, no regeneration)", speed, Axis("CoT", "log"), costs
+        ),
         Chart("Gaps of those near to the optimum", speed, Axis("gap (%)"), gaps),
     ]
 
@@ -174,7 +177,8 @@ def _points(rows: Sequence[Row], figure: str, scale: float) -> list[Series]:
         colour = "faint" if own[0].walking_share is None else colour_of_policy(title)
         marker = MARKERS[used.get(colour, 0) % len(MARKERS)]
         used[colour] = used.get(colour, 0) + 1
-        x, y = [row.speed for row in own], [scale * getattr(row, figure) for row in own]
+        x = np.array([row.speed for row in own], dtype=float)
+        y = scale * np.array([getattr(row, figure) for row in own], dtype=float)
         line = "-" if title == FRONT_POLICY else "none"
         series.append(Series(title, x, y, colour=colour, line=line, width=1.0, marker=marker))
     return series

@@ -423,10 +423,10 @@ class ShippedMethod:
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """A row for every speed."""
         study_speeds = {setting.study.on_tick(speed): speed for speed in setting.study.speeds}
-        speeds = [study_speeds.get(command, command) for command in self.commands] or [None]
+        speeds: list[float | None] = [study_speeds.get(c, c) for c in self.commands]
         return [
             _policy_row(setting, self.title, evaluation, speed)
-            for speed, evaluation in zip(speeds, result["evaluations"], strict=True)
+            for speed, evaluation in zip(speeds or [None], result["evaluations"], strict=True)
         ]
 
 

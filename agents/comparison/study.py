@@ -21,8 +21,11 @@ from trajopt.gaits.power import lacks_power
 from trajopt.ocp.solving.ties import tied
 from trajopt.store import Store
 
-_COUNTS = ("seed", "timesteps", "further_timesteps", "scratch_timesteps", "evolution_timesteps")
-_COUNTS += ("starts",)
+#: The fields that are counts.
+_COUNTS = (
+    *("seed", "starts", "timesteps", "further_timesteps"),
+    *("scratch_timesteps", "evolution_timesteps"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +84,8 @@ class Study:
             integer(name, getattr(self, name), 0)
         if len(self.front) != 2 or self.front[0] > self.front[1] or not self.front_steps:
             raise ValueError(
-                f"front = {self.front}, front_steps = {self.front_steps}: must be the least and the "
-                "greatest speed (m/s), and one or more numbers of steps"
+                f"front = {self.front}, front_steps = {self.front_steps}: must be the least "
+                "and the greatest speed (m/s), and one or more numbers of steps"
             )
         _ = self.front_speeds  # refused here if it is out of range
         if len({self.on_tick(speed) for speed in self.speeds}) < len(self.speeds):

@@ -96,7 +96,7 @@ def gait_row(title: str, gait: Solution, gap: float | None, study_speed: float |
         title,
         study_speed,
         gait.cot,
-        (Task().value_of_distance - gait.cot) * gait.speed,
+        (Task().distance_weight - gait.cot) * gait.speed,
         gait.speed,
         gap,
         None,

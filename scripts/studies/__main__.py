@@ -17,7 +17,6 @@ STUDIES = {
     "learning": "learning.command",
     "processors": "processors.command",
     "publish": "publish",
-    "publish_policy": "publish_policy",
     "returns": "episode_returns.command",
     "textbook": "textbook",
     "thesis": "thesis.command",

@@ -7,9 +7,9 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import learners
+from agents.evaluate import Protocol
 from agents.imitation import Cloning
 from agents.policy_files import load_policy
-from agents.protocol import Protocol
 from agents.train import train
 
 BRIEF = Protocol(starts=4, seed=1, duration=0.5, window=0.25, alive=0.25)

@@ -8,9 +8,8 @@ import pytest
 from agents import load_policy
 from agents.commanded import COMMANDS, SLIPS, commands_within, evaluate_commanded, walk_through
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import learned_policy
-from agents.protocol import Protocol
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.envs.speed import SPEEDS, TASK

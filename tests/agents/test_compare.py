@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 
 import pytest
-
-from agents.comparison.arena import Arena
-from agents.comparison.compare import Comparison
-from agents.comparison.entrants import entrants
-from agents.comparison.report import by_speed, format_table, gait_row, policy_row
 from agents.comparison.stages import read_stage, write_stage
-from agents.comparison.study import Study
+
+from agents.comparison.compare import Comparison
+from agents.comparison.methods import methods
+from agents.comparison.study import Setting, Study
+from agents.comparison.table import by_speed, format_table, gait_row, policy_row
 from rimless_gym import BUILDABLE, Task
 from trajopt.feedback import laws
 from trajopt.feedback.catch import catch

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
 from agents.policy_files import read_record
-from agents.protocol import Protocol
 from agents.rollout import Rollout, draw_starts, measured
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from tests.agents.runs import run, weights

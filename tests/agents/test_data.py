@@ -8,14 +8,21 @@ import minari
 import numpy as np
 import pytest
 
-from agents.baselines import BASELINES
 from agents.conditions import Conditions
-from agents.data.figures import figures
-from agents.data.files import CARD, dataset_id, recipe_of, write_dataset
-from agents.data.walks import KEPT, optimal_walks
-from agents.data.write import Wanted, require_free, write
-from agents.episodes import episodes
-from agents.policy_files import load_policy
+from agents.datasets import (
+    CARD,
+    KEPT,
+    DatasetConfig,
+    dataset_id,
+    figures,
+    missing,
+    optimal_walks,
+    recipe_of,
+    write,
+    write_dataset,
+)
+from agents.policy_files import BASELINES, load_policy
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE, PROTOTYPE
 
 FEW = Wanted(None, 3, 11, 0.56)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.comparison.deviations import Step, deviation_charts, deviations, steps_of
+from agents.comparison.walks import Step, deviation_charts, deviations, steps_of
 from agents.conditions import Conditions
 from agents.rollout import Rollout
 from rimless_gym import BUILDABLE, WheelParams

@@ -6,9 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.baselines import BASELINES, walker_or_baseline
 from agents.conditions import Conditions
-from agents.episodes import episodes
+from agents.policy_files import BASELINES, named_policy
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE, PROTOTYPE
 
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
-from agents.periods import steps_per_period
+from agents.evaluate import PROTOCOL, Evaluation, Protocol, evaluate
+from agents.outcomes import OUTCOMES, steps_per_period
 from agents.policies import controller_policy
-from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
-from agents.verdicts import VERDICTS
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 

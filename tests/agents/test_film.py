@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agents.film import film, times
-from agents.recording import record_walker
-from agents.walkers import walker
+from agents.policy_files import named_policy
+from agents.recording import record_policy
 
 
 @pytest.fixture(scope="module")

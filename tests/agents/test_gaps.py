@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import Evaluation, Protocol, evaluate
 from agents.gaps import (
     best_held,
     gap_to_continuous_optimum,
@@ -18,7 +18,6 @@ from agents.gaps import (
     gap_to_optimum,
     ticks_around,
 )
-from agents.protocol import Protocol
 from rimless_gym import BUILDABLE, PROTOTYPE
 from trajopt import periodic_gait
 from trajopt.gaits.fronts import CotFront, shipped_front

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from agents.comparison import html_report
-from agents.comparison.arena import Arena
-from agents.comparison.charts import learning_charts, speed_charts
-from agents.comparison.study import Study
-from agents.reports.charts import Axis, Chart, Series
+from agents.comparison.figures import learning_charts, speed_charts
+from agents.comparison.study import Setting, Study
+from agents.reports import Axis, Chart, Series
 from rimless_gym import BUILDABLE
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt.gaits.fronts import CotFront, NoFrontError

@@ -12,10 +12,9 @@ from agents import session
 from agents.comparison import arena, compare, learned
 from agents.comparison.compare import Comparison
 from agents.comparison.study import Study
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.imitation import Cloning
 from agents.policy_files import load_policy
-from agents.protocol import Protocol
 from agents.train import train
 from agents.training import IMITATION
 from tests.agents.runs import small

@@ -7,9 +7,8 @@ import itertools
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.text import Text
-
 from agents.comparison.labels import Named, spread, write_names
+from matplotlib.text import Text
 
 
 def test_names_that_have_room_stay_at_their_points() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agents.law_names import TITLES, law_title
+from agents.policies import TITLES, law_title
 from trajopt.feedback import laws
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.comparison.learned import Learned, learning_curve
-from agents.comparison.learning_curves import gap, plot_learning_curves
+from agents.comparison.figures import gap, plot_learning_curves
+from agents.comparison.methods import LearnedMethod, learning_curve
 from rimless_gym import BUILDABLE
 from tests.agents.runs import run
 from trajopt.gaits.fronts import CotFront

@@ -10,9 +10,8 @@ import pytest
 from agents import learners
 from agents.cli import evaluate as evaluate_script
 from agents.cli import train as train_script
-from agents.comparison.arena import Arena
-from agents.comparison.learned import Learned
-from agents.comparison.study import Study
+from agents.comparison.methods import LearnedMethod
+from agents.comparison.study import Setting, Study
 from agents.evaluate import evaluate
 from agents.policies import learned_policy
 from agents.policy_files import FORMAT, CheckpointError, load_policy

@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.energies import chapters, drawn_between, spent_between
-from agents.race import AHEAD, MOST, Race, ghost
-from agents.recording import record_walker
-from agents.walkers import walker
+from agents.film import AHEAD, MOST, Race, chapters, drawn_between, ghost, spent_between
+from agents.policy_files import named_policy
+from agents.recording import record_policy
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import LOSSES
 from rimless_gym.rendering.colours import OPTIMUM

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from agents.recording import STEPS, record, record_gait, record_walker
+from agents.policy_files import named_policy
+from agents.recording import STEPS, record, record_gait, record_policy
 from agents.rollout import Rollout, at_rest
-from agents.walkers import walker
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE
 from rimless_gym.kernel.stepping import FOOT, PHI

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.comparison.return_maps import (
+from agents.comparison.walks import (
     STEPS,
     Multiplier,
     ReturnMap,

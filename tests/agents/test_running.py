@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from agents.comparison.arena import Arena
-from agents.comparison.entrants import entrants
 from agents.comparison.running import completed, most_urgent_first
-from agents.comparison.study import Study
+
+from agents.comparison.methods import methods
+from agents.comparison.study import Setting, Study
 from trajopt.processes import KilledError
 
 

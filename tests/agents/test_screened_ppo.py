@@ -9,7 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution import policy
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
@@ -17,7 +17,6 @@ from agents.evolution.walks import Duration
 from agents.learners import screened_ppo
 from agents.pacing import CleanWalking
 from agents.policy_files import load_policy
-from agents.protocol import SHORT_PROTOCOL
 from agents.sb3 import stages
 from agents.sb3.hard_starts import HardStarts
 from agents.sb3.layers import layer_of

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from agents.comparison.labels import Named
 
 from agents.comparison import shipped as shipped_policy
 from agents.comparison import speed_figure
-from agents.comparison.arena import Arena
-from agents.comparison.charts import speed_charts
-from agents.comparison.labels import Named
-from agents.comparison.shipped import FILE, SCREENED, TITLE, for_the_front, from_screened
-from agents.comparison.study import Study
+from agents.comparison.figures import speed_charts
+from agents.comparison.methods import FILE, FRONT_POLICY, SCREENED_PPO, for_the_front, from_screened
+from agents.comparison.study import Setting, Study
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE
 from trajopt.gaits.fronts import CotFront

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from agents.comparison.shown import DRAWN, cycle_charts, is_steady, return_charts, walk_from_rest
-from agents.reports.paper import printed
+from agents.comparison.figures import DRAWN, cycle_charts, is_steady, return_charts, walk_from_rest
+from agents.reports import draw
 from agents.rollout import Interval
 from rimless_gym import BUILDABLE
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agents.statistics import bootstrap_interval, interquartile_mean
+from agents.evaluate import bootstrap_interval, interquartile_mean
 
 
 def test_the_interquartile_mean_ignores_the_outer_quarters():

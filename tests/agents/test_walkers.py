@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.policy_files import PRETRAINED, CheckpointError
+from agents.policy_files import PRETRAINED, CheckpointError, named_policy
 from agents.rollout import at_rest
-from agents.walkers import walker
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.envs.control import USUAL
 from trajopt.gaits.shipped import FOLDER

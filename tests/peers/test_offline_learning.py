@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.baselines import idle
 from agents.conditions import Conditions
-from agents.data.files import dataset_id
-from agents.data.write import Wanted, write
-from agents.episodes import episodes
+from agents.datasets import DatasetConfig, dataset_id, write
+from agents.policy_files import idle
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE
 
 pytestmark = pytest.mark.peers

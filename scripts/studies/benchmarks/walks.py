@@ -125,8 +125,8 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     """
     # Workers that find recorded walks need none of these.
     from agents.conditions import Conditions
+    from agents.evaluate import PROTOCOL
     from agents.policies import controller_policy
-    from agents.protocol import PROTOCOL
     from agents.rollout import Rollout, draw_starts
     from trajopt.feedback import laws
     from trajopt.gaits.shipped import nearest

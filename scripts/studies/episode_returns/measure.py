@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.baselines import BASELINES, walker_or_baseline
 from agents.conditions import Conditions
-from agents.episodes import episodes
 from agents.policies import Policy
-from agents.policy_files import PRETRAINED
+from agents.policy_files import BASELINES, PRETRAINED, named_policy
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.observation import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS
@@ -110,7 +109,7 @@ def measured(policy: Policy, conditions: Conditions, count: int) -> Row:
 
 def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
     """The rows of a walker, each with its environment; baselines are in both."""
-    found = walker_or_baseline(name, _gait)
+    found = named_policy(name, _gait)
     row = {"name": name} | measured(found.policy, found.conditions, count)
     if found.conditions.commanded:
         yield COMMANDED, row | {"speeds": found.conditions.control.speeds, "period": found.period}

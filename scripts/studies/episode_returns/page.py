@@ -7,7 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.baselines import BASELINES
+from agents.policy_files import BASELINES
 from scripts.studies.documents import marked
 from scripts.studies.documents.markdown import table
 from scripts.studies.episode_returns.measure import COMMANDED, FRONT, WHEEL

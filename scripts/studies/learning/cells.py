@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from agents.protocol import PROTOCOL, Protocol
+from agents.evaluate import PROTOCOL, Protocol
 from agents.stopwatch import minutes
 from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams

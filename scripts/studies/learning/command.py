@@ -20,7 +20,8 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
-from scripts.studies.documents import headline
+from scripts.studies import publish
+from scripts.studies.documents import marked
 from scripts.studies.learning import page
 from scripts.studies.learning.rows import ROWS
 from scripts.studies.learning.study import Study, run
@@ -60,8 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.headline:
         if not options.docs:
             parser.error(f"--headline {options.headline}: tells what --docs does; add --docs")
-        marks = headline.MARKS[headline.HEADLINE]
-        parser.require_page(options.headline, marks, headline.WANTED)
+        marks = publish.MARKS["headline"]
+        parser.require_page(options.headline, marks, marked.wanted("compare", ("headline",)))
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
             found = run(study, options.rows, folder, options.workers)
@@ -80,5 +81,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{cell}: {failure}", file=sys.stderr)
     if options.headline:
         with parser.refusing():
-            headline.refresh_gaps(options.headline, options.docs)
+            publish.refresh_headline(options.headline, options.docs)
     return 1 if found.failures else 0

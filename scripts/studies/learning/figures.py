@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.commanded import SLIPS, Stretch
 from agents.evaluate import Evaluation
-from agents.verdicts import FALLS
+from agents.outcomes import FALLS
 from trajopt.files import jsonable
 
 
@@ -33,11 +33,11 @@ class Figures:
     @classmethod
     def of(cls, evaluation: Evaluation) -> Figures:
         """The figures of an evaluation."""
-        faults, starts = evaluation.faults, len(evaluation.verdicts)
+        failures, starts = evaluation.failures, len(evaluation.outcomes)
         return cls(
             share=evaluation.walking_share,
-            falls=faults.get(FALLS, 0) / starts,
-            slips=sum(faults.get(verdict, 0) for verdict in SLIPS) / starts,
+            falls=failures.get(FALLS, 0) / starts,
+            slips=sum(failures.get(outcome, 0) for outcome in SLIPS) / starts,
             cot=jsonable(evaluation.cot),
             speed=jsonable(evaluation.speed),
         )

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from agents.evaluate import PROTOCOL, SHORT_PROTOCOL, Protocol
 from agents.folder import sole_user
-from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name, preset

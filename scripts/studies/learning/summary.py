@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean, median
 
-from agents.statistics import bootstrap_interval, interquartile_mean
+from agents.evaluate import bootstrap_interval, interquartile_mean
 from scripts.studies.learning.cells import Cell, Result
 from scripts.studies.learning.figures import Figures
 from scripts.studies.learning.row import Row

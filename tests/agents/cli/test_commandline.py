@@ -17,8 +17,7 @@ import pytest
 from agents.cli import evaluate as command
 from agents.cli import solve_gait
 from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
-from agents.evaluate import evaluate
-from agents.protocol import Protocol
+from agents.evaluate import Protocol, evaluate
 from agents.train import train
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution

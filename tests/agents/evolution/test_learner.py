@@ -7,11 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution.policy import SIZE
 from agents.evolution.settings import EvolutionSettings
 from agents.policy_files import FORMAT, load_policy
-from agents.protocol import SHORT_PROTOCOL
 from agents.session import Session
 from agents.train import train
 from tests.agents.runs import BRIEF, SETTLED, STEPS, scalars, small

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.page.write import page
+from agents.page import page
 from rimless_gym import BUILDABLE
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE

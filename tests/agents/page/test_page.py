@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.page.gaits import COLUMNS, front_data
-from agents.page.network import network_data
-from agents.page.write import page, write_page
+from agents.page import COLUMNS, front_data, network_data, page, write_page
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.envs.observation import observe

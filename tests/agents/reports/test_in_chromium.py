@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.reports.charts import Axis, Chart, Series
-from agents.reports.document import document, section
-from agents.reports.plots import plots
-from agents.reports.tables import Column, table
+from agents.reports import Axis, Chart, Column, Series, document, figures, section, table
 from tests.agents.chromium import NEEDS_CHROMIUM, in_chromium
 
 pytestmark = NEEDS_CHROMIUM

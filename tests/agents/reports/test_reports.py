@@ -13,12 +13,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.reports.charts import Axis, Chart, Series
-from agents.reports.colours import DARK, LIGHT, style_sheet
-from agents.reports.document import document, listed, paragraph, section, subsection
-from agents.reports.paper import printed, save
-from agents.reports.plots import plots
-from agents.reports.tables import NONE, Column, table
+from agents.reports import (
+    DARK,
+    LIGHT,
+    NONE,
+    Axis,
+    Chart,
+    Column,
+    Series,
+    document,
+    draw,
+    figures,
+    listed,
+    paragraph,
+    save,
+    section,
+    style_sheet,
+    subsection,
+    table,
+)
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 
 NASTY = """</script><img src=x onerror="alert('1')"> & <!--"""

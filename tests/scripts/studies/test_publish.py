@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.comparison.entrants import entrants
-from agents.comparison.headline import SHOWN
-from agents.comparison.learned import Learned
+from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
+from agents.comparison.table import HEADLINE
 from agents.policy_files import PRETRAINED
 from scripts.studies import publish
 from scripts.studies.documents.over_seeds import STUDIED, over_seeds

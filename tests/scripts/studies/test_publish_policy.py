@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import PROTOCOL, evaluate
 from agents.policy_files import PRETRAINED
-from agents.protocol import PROTOCOL
 from agents.train import train
 from scripts.studies import publish_policy as command
 

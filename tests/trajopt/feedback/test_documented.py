@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.policies import controller_policy
-from agents.protocol import SHORT_PROTOCOL
 from rimless_gym.presets import preset
 from scripts.studies.feedback_laws.columns.changes import on_the_gait
 from trajopt import Solution, periodic_gait

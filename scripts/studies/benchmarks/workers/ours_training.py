@@ -14,8 +14,8 @@ from typing import Any
 
 from agents import learners
 from agents.conditions import Conditions
+from agents.evaluate import SHORT_PROTOCOL
 from agents.interrupts import StopRequest
-from agents.protocol import SHORT_PROTOCOL
 from agents.sb3.callbacks import LogWalking
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.training_env import Offer

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.reports.paper import printed, save
+from agents import reports
 from scripts.studies.documents import markdown
 from scripts.studies.thesis.experiments import figures
 from scripts.studies.thesis.experiments.solved import Solved
@@ -61,8 +61,8 @@ def refresh(page: Path, solutions: Sequence[Solved]) -> None:
         for solution in solutions:
             if solution.key == key:
                 for suffix, draw in DRAWN.items():
-                    drawn = printed(draw(solution), across=1, size=SIZE, own_legends=True)
-                    save(drawn, folder / f"{name}{suffix}.png", dpi=100)
+                    drawn = reports.draw(draw(solution), across=1, size=SIZE, legends=True)
+                    reports.save(drawn, folder / f"{name}{suffix}.png", dpi=100)
     page.write_text(filled(page.read_text(), rows))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from agents.reports.charts import Axis, Chart, Series
+from agents.reports import Axis, Chart, Series
 from scripts.studies.thesis.experiments.power import powers
 from scripts.studies.thesis.experiments.replay import Replay, sampled_times
 from scripts.studies.thesis.experiments.solved import Solved
@@ -43,8 +43,8 @@ def trajectories(solved: Solved) -> list[Chart]:
 def verification(solved: Solved) -> list[Chart]:
     """States simulated: solid with the control itself, dashed at 1 kHz as the thesis did."""
     runs: tuple[tuple[Replay, str, str], ...] = (
-        (solved.simulated, "solid", ""),
-        (solved.resampled, "dashed", ", 1 kHz"),
+        (solved.simulated, "-", ""),
+        (solved.resampled, "--", ", 1 kHz"),
     )
     errors = (
         f"off by {solved.simulated.state_error:.1e}, at 1 kHz by {solved.resampled.state_error:.1e}"
@@ -55,7 +55,7 @@ def verification(solved: Solved) -> list[Chart]:
         for run, line, suffix in runs:
             times, states = _split_at_events(*_thinned(run.times, run.states))
             for i, colour in zip(columns, COLOURS, strict=True):
-                own = colour if line == "solid" else "ink"
+                own = colour if line == "-" else "ink"
                 y = states[:, i] / math.pi
                 lines.append(Series(STATES[i] + suffix, times, y, colour=own, line=line, width=1.2))
         charts.append(Chart(f"{title}, simulated: {errors}", TIME, Axis(unit), lines))
@@ -70,7 +70,7 @@ def power(solved: Solved) -> list[Chart]:
         for name, parts in lines.items():
             times, values = _thinned(begin + drawn.times, getattr(drawn, name))
             parts.append((times, values))
-    styles = (("teal", "solid"), ("orange", "solid"), ("ink", "dashed"))
+    styles = (("teal", "-"), ("orange", "-"), ("ink", "--"))
     series = [
         Series(name, *_end_to_end(parts), colour=colour, line=line, width=1.2)
         for (name, parts), (colour, line) in zip(lines.items(), styles, strict=True)

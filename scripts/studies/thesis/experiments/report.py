@@ -6,10 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.page.write import write_page
-from agents.reports.document import document, listed, paragraph, section, subsection
-from agents.reports.plots import plots
-from agents.reports.tables import Column, table
+from agents.page import write_page
+from agents.reports import Column, document, embedded, listed, paragraph, section, subsection, table
 from rimless_gym.extras import MissingExtraError
 from scripts.studies.thesis.experiments import figures
 from scripts.studies.thesis.experiments.findings import FINDINGS
@@ -20,8 +18,7 @@ TITLE = "The thesis's experiments, solved"
 
 LEAD = (
     "B. T. Mihevc's six experiments (RIT, 2015) as optimal control problems, from many starts, "
-    "simulated again by an independent simulator. Click a heading to sort; point at a plot, or "
-    "touch it, to read its values."
+    "simulated again by an independent simulator. Click a heading to sort."
 )
 
 COLUMNS = (
@@ -98,6 +95,6 @@ def _case(solution: Solved, anchor: str) -> str:
             f"Local optima, with how many of {solution.case.effort.starts} starts came to them: "
             f"{optima}; {solution.failed} failed{chosen}. {solution.seconds:.1f} s."
         ),
-        plots([chart for draw in drawn for chart in draw(solution)]),
+        embedded([chart for draw in drawn for chart in draw(solution)]),
         anchor=anchor,
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from agents.protocol import PROTOCOL
+from agents.evaluate import PROTOCOL
 from rimless_gym import THESIS_PHYSICAL
 from scripts.studies.learning.cells import RESULT, kept
 from scripts.studies.learning.running import completed

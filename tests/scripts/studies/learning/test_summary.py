@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.statistics import interquartile_mean
+from agents.evaluate import interquartile_mean
 from scripts.studies.learning import page
 from scripts.studies.learning.running import completed
 from scripts.studies.learning.summary import lines, one_by_one

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from agents import learners
+from agents.evaluate import PROTOCOL
 from agents.folder import BEST, CLONE, LAST
 from agents.imitation import Cloning
 from agents.policy_files import PRETRAINED, read_record
-from agents.protocol import PROTOCOL
 from agents.train import EXPERT, TrainResult, train
 from agents.training import IMITATION, SCRATCH
 from rimless_gym import BUILDABLE

@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from agents.protocol import PROTOCOL
+from agents.evaluate import PROTOCOL
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning.cells import Cell
