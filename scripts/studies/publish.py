@@ -224,7 +224,6 @@ def card(
         facts["commands"] = f"{speeds[0]:g} to {speeds[1]:g} m/s, a decision every {period:g} ms"
     facts["made by"] = f"revision {str(record['git_revision'])[:10]} with {versions}"
     facts["licence"] = "MIT, as the rest of the package"
-    lines = [[f"{row.study_speed or 0:g} m/s", *_figures(row).values()] for row in rows]
     origins = ORIGINS if speeds is None else COMMANDED_ORIGINS
     origin = (text for known, text in origins.items() if init.startswith(known))
     return CARD.format(
@@ -232,10 +231,17 @@ def card(
         title=rows[0].title,
         origin=next(origin, f"It began as: {init}."),
         facts="\n".join(f"| {name} | {value} |" for name, value in facts.items()),
-        figures="" if speeds is None else table(["commanded", *_figures(rows[0])], lines) + "\n\n",
+        figures="" if speeds is None else _commanded_table(rows) + "\n\n",
         under="" if speeds is None else ", under one command each",
         again=again,
     )
+
+
+def _commanded_table(rows: Sequence[Row]) -> str:
+    """A line for each commanded speed."""
+    shown = [name for name in _figures(rows[0]) if name != "return"]
+    lines = [[f"{row.study_speed or 0.0:g} m/s", *map(_figures(row).get, shown)] for row in rows]
+    return table(["commanded", *shown], lines)
 
 
 def _figures(row: Row) -> dict[str, str]:
@@ -244,8 +250,8 @@ def _figures(row: Row) -> dict[str, str]:
     return {
         "starts that walk": value_text(row.walking_share, ".0%"),
         "CoT": value_text(row.cot, ".4f"),
-        "return (m/s)": value_text(row.objective, ".3f"),
-        "speed (m/s)": value_text(row.speed, ".3f"),
+        "return": value_text(row.objective, ".3f") + " m/s" * (row.objective is not None),
+        "speed": value_text(row.speed, ".3f") + " m/s" * (row.speed is not None),
         "gap to the optimum at this speed": value_text(row.gap, "+.1%"),
         "friction demand, least Fy / weight": f"{value_text(demand, '.2f')}, "
         + value_text(force, ".2f"),

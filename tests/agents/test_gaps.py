@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, Protocol, evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.gaps import (
+    FRONT_STEPS,
     best_held,
     gap_to_continuous_optimum,
     gap_to_front,
@@ -36,6 +37,24 @@ def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() ->
     assert gap_to_front(None, None, front) is None
 
 
+def test_the_optimum_is_of_gaits_of_one_to_three_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def front(params, speeds, steps, **settings):
+        asked.append((tuple(speeds), tuple(steps), settings.get("hold")))
+        return shipped_front(BUILDABLE)
+
+    front_of_one = dataclasses.replace(shipped_front(BUILDABLE))
+    one = CotFront((next(g for g in front_of_one.envelope if g.steps == 2),))
+    monkeypatch.setattr("agents.gaps.cot_front", lambda *a, **k: front(*a, **k) and one)
+    best_held(BUILDABLE, 70, tmp_path)
+    speed = BUILDABLE.step_length / 0.7
+    assert FRONT_STEPS == (1, 2, 3)
+    assert asked == [((speed,), (1, 2, 3), None), ((speed,), (2,), 0.01)]
+
+
 @pytest.mark.slow
 def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> None:
     best = periodic_gait("THESIS_PHYSICAL", 0.5, 1, hold=0.01)
@@ -43,46 +62,35 @@ def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> Non
     assert found == pytest.approx(0.1, abs=2e-3)
 
 
-def test_there_is_no_gap_where_nothing_walks() -> None:
-    assert gap_to_optimum(BUILDABLE, math.nan, math.nan) is None
-
-
-@pytest.mark.parametrize("ticks", [1, 2000])
-def test_there_is_no_optimum_where_a_step_is_too_short_or_too_long_to_solve(
-    ticks: int, tmp_path: Path
+def test_there_is_no_gap_where_nothing_walks_and_no_optimum_where_a_step_is_out_of_range(
+    tmp_path: Path,
 ) -> None:
-    assert best_held(BUILDABLE, ticks, tmp_path) is None
+    assert gap_to_optimum(BUILDABLE, math.nan, math.nan) is None
+    for ticks in (1, 2000):
+        assert best_held(BUILDABLE, ticks, tmp_path) is None
 
 
 def test_a_speed_lies_between_those_of_the_steps_around_it() -> None:
     fewer, more = ticks_around(BUILDABLE, 0.57)
     assert BUILDABLE.step_length / (0.01 * more) < 0.57 < BUILDABLE.step_length / (0.01 * fewer)
+    for ticks in range(40, 120):  # a gait's own speed, rounded either way
+        speed = BUILDABLE.step_length / (0.01 * ticks)
+        for near in (np.nextafter(speed, 0.0), speed, np.nextafter(speed, 1.0)):
+            assert ticks_around(BUILDABLE, near) == (ticks, ticks + 1)
     assert (ticks_around(BUILDABLE, None), ticks_around(BUILDABLE, -0.1)) == ((), ())
 
 
-@pytest.fixture(scope="module")
-def standing() -> Evaluation:
+def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_where_there_are_any() -> None:
     brief = Protocol(starts=1, duration=1.0, window=0.5, alive=0.5)
-    return evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
-
-
-def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_at_the_same_speed(
-    standing: Evaluation,
-) -> None:
+    standing = evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
     usual = Conditions(BUILDABLE)
     slow, fast = (gait for gait in shipped_front(BUILDABLE).envelope if 0.52 < gait.speed < 0.61)
     halfway = {"speed": (slow.speed + fast.speed) / 2, "cot": 1.1 * (slow.cot + fast.cot) / 2}
     walks = dataclasses.replace(standing, **halfway)
     assert gap_to_continuous_optimum(walks, usual) == pytest.approx(0.1)
-
-
-def test_where_no_such_optimum_is_known_there_is_no_gap(standing: Evaluation) -> None:
-    walks = dataclasses.replace(standing, speed=0.57, cot=0.06)
     drawn = Conditions.of(BUILDABLE, {"hub_friction": (0.01, 0.03)}, None)
     commanded = Conditions.of(BUILDABLE, None, None, (0.4, 0.6))
     for conditions in (Conditions(PROTOTYPE), drawn, commanded):
         assert math.isnan(gap_to_continuous_optimum(walks, conditions))
-    usual = Conditions(BUILDABLE)
-    running = dataclasses.replace(walks, speed=9.0)
-    for evaluation in (standing, running):
+    for evaluation in (standing, dataclasses.replace(walks, speed=9.0)):
         assert math.isnan(gap_to_continuous_optimum(evaluation, usual))

@@ -115,9 +115,9 @@ def test_the_command_lines_know_it(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_it_enters_the_comparison_with_one_entry(tmp_path):
-    entrant = Learned(
+    method = LearnedMethod(
         "cem", "scratch", {"cross-entropy": "best.zip"}, algo="cem", budget="timesteps"
     )
-    result = entrant.compete(Arena(Study(timesteps=1000), tmp_path, progress=False))
+    result = method.compute(Setting(Study(timesteps=1000), tmp_path))
     assert result["timesteps"] == 1000
-    assert "walking_share" in result["evaluation"]
+    assert "walking_share" in result["evaluations"][0]

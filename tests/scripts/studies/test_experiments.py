@@ -21,7 +21,7 @@ from scripts.studies.thesis.experiments.solve import solved
 from scripts.studies.thesis.experiments.starts import WaypointStarts
 from scripts.studies.thesis.experiments.steps import steps
 from scripts.studies.thesis.experiments.tables import COST_4_5, TABLE_4_4
-from tests.agents.reports.checks import assert_loads_nothing, assert_valid
+from tests.agents.html import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
 from trajopt.gaits.playback import played
 from trajopt.ocp.search.multi_start import multi_start

@@ -21,7 +21,7 @@ from rimless_gym.javascript.simulator import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
 from trajopt.gaits.fronts import NoFrontError, shipped_front
 
-STATIC = Path(page.__code__.co_filename).parent / "static"
+STATIC = Path(page.__code__.co_filename).parent / "static" / "page"
 
 
 @pytest.fixture(scope="module")
