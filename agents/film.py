@@ -11,12 +11,9 @@ import numpy as np
 from agents.recording import DRAWN, STEPS, Recording, Touchdown, record_gait
 from rimless_gym.equations import LOSSES
 from rimless_gym.kernel.stepping import DPHI, PHI
-from rimless_gym.rendering.colours import FIRST, OPTIMUM, OTHERS, STANCE, Colour
-from rimless_gym.rendering.phase_plane import PhasePlane
-from rimless_gym.rendering.scene import Point
-from rimless_gym.rendering.several import Shown, draw_several
-from rimless_gym.rendering.spending import draw_spending
-from rimless_gym.rendering.wheel import Frame, draw
+from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, STANCE, Colour, Frame
+from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
+from rimless_gym.rendering.wheel import Point, draw
 from trajopt.gaits.solution import Solution
 
 #: Over what speed and cost are averaged, in words.

@@ -18,13 +18,13 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
 from rimless_gym.params import WheelParams
-from rimless_gym.rules import BREACHES, Extremes, breaches
+from rimless_gym.rules import VIOLATIONS, Extremes, violations
 from trajopt.feedback.law import Floats
 
 #: Outcomes of a start: it walks; it falls; it takes no steps at the end; or its walk violates a
-#: rule, of which the first in the order of `rimless_gym.rules.BREACHES` is named.
+#: rule, of which the first in the order of `rimless_gym.rules.VIOLATIONS` is named.
 WALKS, FALLS, STOPS = "walks", "falls", "stops"
-OUTCOMES = (WALKS, FALLS, STOPS, *BREACHES)
+OUTCOMES = (WALKS, FALLS, STOPS, *VIOLATIONS)
 
 #: Longest period that is detected (steps).
 MAX_PERIOD = 6
@@ -62,7 +62,7 @@ def outcomes(
         elif not stepping[i]:
             found.append(STOPS)
         else:
-            found.append((*breaches(params, window.extremes_of(i)), WALKS)[0])
+            found.append((*violations(params, window.extremes_of(i)), WALKS)[0])
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from agents.policy_files import Checkpoint, load_policy
 from rimless_gym.envs.control import USUAL
 from rimless_gym.equations import LOSSES, equations
-from rimless_gym.javascript.simulator import simulator
+from rimless_gym.javascript import simulator
 from rimless_gym.params import WheelParams
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.solution import Solution

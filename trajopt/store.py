@@ -249,6 +249,8 @@ def read_arrays(
         Exception: `error`, see above.
     """
     path = Path(path)
+    if path.is_dir():
+        raise error(f"{path}: a folder; give the .npz file in it")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:

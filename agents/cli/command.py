@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import NamedTuple
 
-from rimless_gym.extras import MissingExtraError
-from rimless_gym.shadowing import ShadowedError, require_ours
+from rimless_gym.checks import MissingExtraError
 
 #: The exit status that shells give a command ended by Ctrl-C.
 INTERRUPTED = 130
@@ -72,11 +71,10 @@ def run(module: str, arguments: Sequence[str] | None = None) -> int:
         The exit status: its own, 2 if what it needs is not installed, 130 after Ctrl-C.
     """
     try:
-        require_ours()
         main = import_module(module).main
         with unread_quietly():
             return int(main(arguments))
-    except (MissingExtraError, ShadowedError) as error:
+    except MissingExtraError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -25,8 +25,7 @@ from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
-from rimless_gym.rendering.display import Window, has_display, save_gif
-from rimless_gym.rendering.video import ffmpeg, save_mp4
+from rimless_gym.rendering.display import Window, ffmpeg, has_display, save_gif, save_mp4
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.files import write_bytes

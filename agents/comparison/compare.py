@@ -27,7 +27,7 @@ from agents.film import Race, ghost, times
 from agents.policy_files import load_policy
 from agents.recording import record
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.rendering.wheel import save_gif
+from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
 from trajopt.provenance import provenance
 from trajopt.store import Store, jsonable, write_text

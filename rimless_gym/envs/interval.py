@@ -26,7 +26,7 @@ from rimless_gym.envs.observation import NO_ERRORS, observe_row
 from rimless_gym.envs.perturbation import machine_at
 from rimless_gym.envs.task import TERM_NAMES, TERMS, settled
 from rimless_gym.hybrid import motor_current, motor_voltage, relative_rate
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import advance_batch
 from rimless_gym.rules import exceeds
 
@@ -168,7 +168,7 @@ def step(memory, constants, poles, course, begin, end, block, observations, work
     return unusual
 
 
-@kept()
+@cached()
 def take_actions(actions, ignored, memory):
     """Copy the actions (N, 1) to `memory`, unless some that count are NaN; returns how many."""
     wrong = 0

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.constants import Constants
 from rimless_gym.energy import Row
 from rimless_gym.envs.task import TERM_NAMES, Task
+from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTACT_LOST, RATE_EXCEEDED
 from rimless_gym.jit import inner, written
 from rimless_gym.kernel.stepping import HybridState
-from rimless_gym.records import places, record
+from rimless_gym.params import Constants
 
 
 class Machine(NamedTuple):

@@ -6,8 +6,17 @@ import dataclasses
 import math
 
 from rimless_gym import hybrid
-from rimless_gym.constants import (
+from rimless_gym.envs.layout import Machine, reader, set_machine
+from rimless_gym.envs.randomness import between
+from rimless_gym.equations import record
+from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.jit import cached, inner
+from rimless_gym.kernel.stepping import MAX_POLE
+from rimless_gym.params import (
+    CHOICES,
+    LEAST_REGULARITY,
     Constants,
+    WheelParams,
     constants_of,
     leg_angle_of,
     reach_of,
@@ -15,13 +24,6 @@ from rimless_gym.constants import (
     step_length_of,
     weight_of,
 )
-from rimless_gym.envs.layout import Machine, reader, set_machine
-from rimless_gym.envs.randomness import between
-from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.jit import inner, kept
-from rimless_gym.kernel.stepping import MAX_POLE
-from rimless_gym.params import CHOICES, LEAST_REGULARITY, WheelParams
-from rimless_gym.records import record
 
 #: The parameters that are numbers, in the order of the arrays `numbers` (len(NUMBERS), N).
 Numbers = record(
@@ -76,7 +78,7 @@ def _pole(limit, p):
     return 2 * MAX_POLE
 
 
-@kept()
+@cached()
 def draw_machines(rows, ranged, bounds, numbers, constants, poles, memory, streams):
     """Draw the parameters `ranged` of each machine of `rows` between `bounds`.
 
@@ -99,7 +101,7 @@ def draw_machines(rows, ranged, bounds, numbers, constants, poles, memory, strea
     return failed
 
 
-@kept()
+@cached()
 def set_terms(numbers, memory):
     """Write what the task needs to know about each row's machine into `memory`."""
     for i in range(numbers.shape[1]):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.envs.layout import MEMORY
 from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.trigonometry import cos, sin
@@ -89,7 +89,7 @@ def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.floa
     return observations
 
 
-@kept()
+@cached()
 def _observe(states, leg_scale, observations):
     for x, seen in zip(states, observations):  # noqa: B905  numba knows no strict
         values = observation(x[PHI], x[THETA], x[DPHI], x[DTHETA], x[MODE], leg_scale)

@@ -11,14 +11,14 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.envs.control import Control
 from rimless_gym.envs.interval import Course, step
 from rimless_gym.envs.layout import BLOCK, MEMORY
+from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import ENVIRONMENT, kept
+from rimless_gym.jit import ENVIRONMENT, cached
 from rimless_gym.kernel.stepping import SCRATCH_SIZE
-from rimless_gym.records import places, record
+from rimless_gym.params import N_CONSTANTS
 
 #: Addresses of arrays; number of columns of memory and block; number of machines, 1 or one per
 #: row; greatest number of intervals; length of an interval in units of 10 ms, whether an action is
@@ -48,7 +48,7 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-@kept(ENVIRONMENT, nogil=True)
+@cached(ENVIRONMENT, nogil=True)
 def step_rows(address):
     """`interval.step` with the orders at that address.
 

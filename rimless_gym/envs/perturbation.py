@@ -11,7 +11,7 @@ from rimless_gym.envs.observation import observe_row
 from rimless_gym.envs.randomness import between, next_uniform, normal
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import kinetic_energy, push
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 
 
 class Settings(NamedTuple):
@@ -80,7 +80,7 @@ def _push(memory, impulse, p, i):
     memory[MEMORY.push_shift, i] = shift
 
 
-@kept(nogil=True)
+@cached(nogil=True)
 def disturb_rows(memory, constants, streams, held, settings, first, last):
     """Before the interval: delay the actions, and push.
 
@@ -97,7 +97,7 @@ def disturb_rows(memory, constants, streams, held, settings, first, last):
                 _push(memory, impulse, machine_at(constants, i), i)
 
 
-@kept(nogil=True)
+@cached(nogil=True)
 def observe_noisily(observations, width, memory, streams, noise, first, last):
     """After the interval: observe again with the sensors' errors, still within bounds."""
     for i in range(first, last):

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.envs.control import Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.layout import MEMORY, columns
 from rimless_gym.envs.machines import NUMBERS
 from rimless_gym.envs.start_shares import Starts
 from rimless_gym.envs.task import Task
-from rimless_gym.params import WheelParams
+from rimless_gym.params import N_CONSTANTS, WheelParams
 
 #: The arrays that a fleet's snapshot copies; its other parts are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")

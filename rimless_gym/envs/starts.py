@@ -12,16 +12,15 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
-from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.envs.layout import MEMORY
 from rimless_gym.envs.observation import COMMANDED_SIZE, NO_ERRORS, OBSERVATION_SIZE, observe_row
 from rimless_gym.envs.perturbation import errors, machine_at
 from rimless_gym.envs.randomness import between, next_uniform
 from rimless_gym.envs.start_shares import USUAL_STARTS, Starts
 from rimless_gym.equations import DOUBLE, SINGLE
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
-from rimless_gym.params import WheelParams
+from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 
@@ -100,7 +99,7 @@ def draw_start(
     return state
 
 
-@kept()
+@cached()
 def _draw(constants, slope, weight, limit, bounds, streams, state):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
@@ -114,7 +113,7 @@ def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float =
     return _force(params.constants_array, state, limit)
 
 
-@kept()
+@cached()
 def _force(constants, x, limit):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     return greatest_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], limit, p)
@@ -144,7 +143,7 @@ def _set_state(kind, given, k, bounds, p, memory, streams, i):
     return pressed
 
 
-@kept()
+@cached()
 def start_rows(
     observations, rows, kind, given, bounds, commands, memory, streams, held, constants, settings
 ):

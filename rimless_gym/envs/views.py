@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rimless_gym.envs.fleet import Fleet
 from rimless_gym.envs.layout import MEMORY
-from rimless_gym.rendering.wheel import Frame, Scene, draw
+from rimless_gym.rendering.canvas import Frame
+from rimless_gym.rendering.wheel import Scene, draw
 
 
 def frame_of(fleet: Fleet, i: int) -> Frame:

@@ -112,12 +112,16 @@ def publish_study(study: Path) -> None:
     """Publish a finished comparison.
 
     Raises:
-        ValueError: a page lacks its marks, or a line over many seeds.
-        OSError: the comparison is not finished, or a file cannot be written.
+        ValueError: the comparison is not finished, or a page lacks its marks or a line over seeds.
+        OSError: a file cannot be written.
     """
     for name, page in PAGES.items():
         if not MARKS[name].search((ROOT / page).read_text()):
             raise ValueError(f"{page}: has no {marked.wanted('compare', (name,))}")
+    notes = [str(Path(source).with_name("train.json")) for source in POLICIES.values()]
+    for source in ("results.json", "table.md", *PICTURES, *POLICIES.values(), *notes):
+        if not (study / source).is_file():
+            raise ValueError(f"{study / source}: is missing; run make compare to its end first")
     many = over_seeds((ROOT / LEARNING).read_text())
     results = json.loads((study / "results.json").read_text())
     rows = [Row(**row) for row in results["table"]]

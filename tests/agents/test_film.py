@@ -10,25 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.film import (
-    AHEAD,
-    MOST,
-    Race,
-    drawn_between,
-    film,
-    ghost,
-    parts,
-    spent_between,
-    times,
-)
+from agents.film import AHEAD, MOST, Race, drawn_between, film, ghost, parts, spent_between, times
 from agents.policy_files import NamedPolicy, named_policy
 from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, LOSSES
 from rimless_gym.kernel.stepping import FOOT, PHI
-from rimless_gym.rendering.colours import OPTIMUM
-from rimless_gym.rendering.spending import draw_spending
+from rimless_gym.rendering.canvas import OPTIMUM
+from rimless_gym.rendering.panels import draw_spending
 from trajopt import periodic_gait
 from trajopt.gaits.solution import Solution
 

@@ -17,7 +17,7 @@ from agents.page import COLUMNS, front_data, network_data, page, write_page
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.envs.observation import observe
-from rimless_gym.javascript.simulator import simulator
+from rimless_gym.javascript import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
 from trajopt.gaits.fronts import NoFrontError, shipped_front
 

@@ -43,7 +43,7 @@ except that peers' vector environments reset their rows within a step."""
 _LANES = """\
 ## What eight lanes buy over one
 
-The kernel computes eight wheels side by side (`rimless_gym/kernel/lanes.py`). The same package with
+The kernel computes eight wheels side by side (`rimless_gym/kernel/tile.py`). The same package with
 one lane, compiled and measured in the same way, walks the same; ratios are within a round."""
 
 _TRAINING = """\

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rimless_gym import BUILDABLE, WheelParams
 from rimless_gym.envs.observation import observe
 from rimless_gym.envs.starts import normal_force
-from rimless_gym.fingerprint import SOURCE_FINGERPRINT
+from rimless_gym.jit import fingerprint
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 
 Floats = NDArray[np.float64]
@@ -101,7 +101,7 @@ class Walks:
 
 def load_walks(folder: Path) -> Walks:
     """The walks for this version of the sources, which are recorded if the folder has none."""
-    path = folder / f"walks-{SOURCE_FINGERPRINT:x}.npz"
+    path = folder / f"walks-{fingerprint('rimless_gym')}.npz"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(".part.npz")

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import WheelParams
-from rimless_gym.constants import Constants
 from rimless_gym.energy import balance
 from rimless_gym.envs.observation import OBSERVATION_BOUND
 from rimless_gym.envs.task import TERM_NAMES
@@ -17,6 +16,7 @@ from rimless_gym.equations import DOUBLE, LOSSES, equations
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 from rimless_gym.kernel.attempt import LEAST_PEAK, peak
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, THETA
+from rimless_gym.params import Constants
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from typing import Any
 
 from agents.evaluate import PROTOCOL, Protocol
 from agents.stopwatch import minutes
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.learning.figures import Figures

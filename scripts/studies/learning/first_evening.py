@@ -11,8 +11,8 @@ from agents import Sb3VecEnv, protocol
 from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 from agents.stopwatch import forget, timed
+from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD
-from rimless_gym.extras import extra
 from rimless_gym.params import WheelParams
 from scripts.studies.learning.figures import Figures
 from trajopt.feedback.law import Floats

@@ -332,7 +332,7 @@ def test_a_page_that_is_missing_or_not_text_is_refused(
 
 def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> None:
     (tmp_path / "table.md").write_text("| table |\n")
-    assert "cot_against_speed.png is missing" in refused("publish", "--study", tmp_path)
+    assert "results.json: is missing" in refused("publish", "--study", tmp_path)
 
 
 @pytest.fixture

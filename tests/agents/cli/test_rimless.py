@@ -17,9 +17,9 @@ from PIL import Image
 from agents.cli import command as rimless
 from agents.cli import play, warmup, watch
 from agents.policy_files import PRETRAINED
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from rimless_gym.presets import BUILDABLE
-from scripts.studies import publish_policy
+from scripts.studies import publish
 from trajopt import Solution, periodic_gait
 from trajopt.gaits.shipped import nearest
 
@@ -244,7 +244,7 @@ def test_a_card_is_not_written_over_one_of_the_comparison(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        publish_policy.main([name, str(PRETRAINED["evolution"]), "a title"])
+        publish.main(["--policy", str(PRETRAINED["evolution"]), "--name", name])
     assert "must be a plain name" in capsys.readouterr().err
 
 

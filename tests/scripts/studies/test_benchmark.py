@@ -334,8 +334,8 @@ def test_recorded_walks_touch_down_and_are_checked(walks: Walks) -> None:
 
 def test_a_copy_of_the_package_has_the_lanes_asked_for_and_is_kept(tmp_path: Path) -> None:
     home = copied(PACKAGE, 4, tmp_path)
-    lanes = (home / "rimless_gym" / "kernel" / "lanes.py").read_text()
-    assert lanes == (PACKAGE / "kernel" / "lanes.py").read_text().replace("LANES = 8", "LANES = 4")
+    lanes = (home / "rimless_gym" / "kernel" / "tile.py").read_text()
+    assert lanes == (PACKAGE / "kernel" / "tile.py").read_text().replace("LANES = 8", "LANES = 4")
     made = home.stat().st_ino
     assert copied(PACKAGE, 4, tmp_path) == home
     assert home.stat().st_ino == made
@@ -344,7 +344,7 @@ def test_a_copy_of_the_package_has_the_lanes_asked_for_and_is_kept(tmp_path: Pat
 
 def test_a_package_whose_number_of_lanes_is_not_found_is_refused(tmp_path: Path) -> None:
     (tmp_path / "kernel").mkdir()
-    (tmp_path / "kernel" / "lanes.py").write_text("LANES = 16\n")
+    (tmp_path / "kernel" / "tile.py").write_text("LANES = 16\n")
     with pytest.raises(RuntimeError, match="has 0 lines 'LANES = 8' to replace, not 1"):
         copied(tmp_path, 1, tmp_path / "copies")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from scripts.studies.thesis.experiments import document, report
 from scripts.studies.thesis.experiments.cases import (
     EXPERIMENTS,

@@ -6,9 +6,9 @@ The motions are the same: with 1, 8 and 16 lanes to the last bit.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import os
-import runpy
 import shutil
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ from ..protocol import Measure, serve
 PACKAGE = Path(__file__).resolve().parents[3]
 
 #: The file with the number, and its line there.
-FILE, LINE = Path("kernel", "lanes.py"), "\nLANES = 8\n"
+FILE, LINE = Path("kernel", "tile.py"), "\nLANES = 8\n"
 
 
 def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
@@ -30,7 +30,7 @@ def setup(settings: dict[str, Any]) -> tuple[Measure, dict[str, Any]]:
     """
     sys.path.insert(0, str(copied(PACKAGE, settings["lanes"], Path(settings["folder"]))))
     worker = importlib.import_module(f"{__package__}.{settings['worker']}")
-    lanes = importlib.import_module("rimless_gym.kernel.lanes")
+    lanes = importlib.import_module("rimless_gym.kernel.tile")
     if settings["lanes"] != lanes.LANES:
         raise RuntimeError(f"{lanes.__file__} was imported, with {lanes.LANES} lanes")
     measure, about = worker.setup(settings)
@@ -56,9 +56,8 @@ def copied(package: Path, lanes: int, folder: Path) -> Path:
             f"{package / FILE}: has {text.count(LINE)} lines {LINE.strip()!r} to replace, not 1; "
             f"change LINE in {__file__}"
         )
-    # Importing the fingerprint would import the package.
-    fingerprint = runpy.run_path(str(package / "fingerprint.py"))["SOURCE_FINGERPRINT"]
-    home = folder / f"lanes-{lanes}-{fingerprint:x}"
+    sources = b"".join(file.read_bytes() for file in sorted(package.rglob("*.py")))
+    home = folder / f"lanes-{lanes}-{hashlib.sha256(sources).hexdigest()[:14]}"
     if not home.exists():
         part = home.with_suffix(f".{os.getpid()}")
         ignored = shutil.ignore_patterns("__pycache__", "commands")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from agents.page import write_page
 from agents.reports import Column, document, embedded, listed, paragraph, section, subsection, table
-from rimless_gym.extras import MissingExtraError
+from rimless_gym.checks import MissingExtraError
 from scripts.studies.thesis.experiments import figures
 from scripts.studies.thesis.experiments.findings import FINDINGS
 from scripts.studies.thesis.experiments.solved import Solved
