@@ -11,6 +11,7 @@ import argparse
 import dataclasses
 import json
 import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -104,7 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             publish_policy(options.policy, options.name, options.title)
     except (OSError, ValueError) as error:
-        parser.error(str(error))
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     return 0
 
 

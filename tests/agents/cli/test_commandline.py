@@ -28,12 +28,11 @@ from trajopt.processes import KilledError
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
     "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
-    "compare": ("agents.cli.compare", "Comparison.run"),
+    "compare": ("agents.cli.compare", "compare"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
     "figures": ("scripts.studies.documents.command", "numbers"),
     "fuzz": ("scripts.studies.fuzzing.command", "campaign"),
     "processors": ("scripts.studies.processors.command", "subprocess.run"),
-    "publish": ("scripts.studies.publish", "shutil.copyfile"),
     "solve_gait": ("agents.cli.solve_gait", "periodic_gait"),
     "textbook": ("scripts.studies.textbook", "solve"),
     "thesis": ("scripts.studies.thesis.command", "experiments.campaign"),
@@ -257,7 +256,6 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("evaluate", ["--disturbances", "3", "x.zip"], "'3': must be a JSON object"),
         ("evaluate", ["--ranges", '{"gravity": [3, 2]}', "imitation"], "the least first"),
         ("evaluate", ["--ranges", '{"gravity": [-1, 2]}', "imitation"], "gravity"),
-        ("publish", ["--study", "nowhere"], "run make compare"),
     ],
 )
 def test_invalid_options_are_refused_by_name(
@@ -328,11 +326,6 @@ def test_a_page_that_is_missing_or_not_text_is_refused(
     elif content is not None:
         page.write_bytes(content)
     assert "page.md" in refused("thesis", "--out", tmp_path / "out", "--docs", page)
-
-
-def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> None:
-    (tmp_path / "table.md").write_text("| table |\n")
-    assert "results.json: is missing" in refused("publish", "--study", tmp_path)
 
 
 @pytest.fixture
@@ -423,10 +416,10 @@ def test_a_gait_for_which_the_disk_has_no_room_is_reported_all_the_same(
 def test_a_killed_worker_is_told_of_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def run(comparison: Any) -> None:
+    def run(*arguments: Any, **settings: Any) -> None:
         raise KilledError("evolution: its process was killed")
 
-    monkeypatch.setattr("agents.cli.compare.Comparison.run", run)
+    monkeypatch.setattr("agents.cli.compare.compare", run)
     with pytest.raises(SystemExit) as ended:
         importlib.import_module("agents.cli.compare").main(["--out", str(tmp_path)])
     assert ended.value.code == 2

@@ -16,10 +16,8 @@ from PIL import Image
 
 from agents.cli import command as rimless
 from agents.cli import play, warmup, watch
-from agents.policy_files import PRETRAINED
 from rimless_gym.checks import MissingExtraError
 from rimless_gym.presets import BUILDABLE
-from scripts.studies import publish
 from trajopt import Solution, periodic_gait
 from trajopt.gaits.shipped import nearest
 
@@ -237,15 +235,6 @@ def test_without_a_display_the_remedy_is_named(
             command.main([])
         (line,) = capsys.readouterr().err.splitlines()
         assert remedy in line
-
-
-@pytest.mark.parametrize("name", ["imitation", "../x", "a b"])
-def test_a_card_is_not_written_over_one_of_the_comparison(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        publish.main(["--policy", str(PRETRAINED["evolution"]), "--name", name])
-    assert "must be a plain name" in capsys.readouterr().err
 
 
 def test_ctrl_c_ends_a_command_in_one_line(

@@ -128,6 +128,13 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
     assert contents(root) == once
 
 
+def test_an_unfinished_comparison_is_not_published(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert publish.main(["--study", str(tmp_path)]) == 2
+    assert "results.json: is missing; run make compare" in capsys.readouterr().err
+
+
 def test_nothing_is_published_into_pages_without_marks_or_without_a_line_over_seeds(
     study: Path, root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,8 +145,7 @@ def test_nothing_is_published_into_pages_without_marks_or_without_a_line_over_se
         original = (root / page).read_text()
         (root / page).write_text(text)
         before = contents(root)
-        with pytest.raises(SystemExit):
-            publish.main(["--study", str(study)])
+        assert publish.main(["--study", str(study)]) == 2
         assert message in capsys.readouterr().err
         assert contents(root) == before
         (root / page).write_text(original)
@@ -294,7 +300,8 @@ def test_another_policy_is_copied_with_a_card_of_its_figures_if_it_walks(
         assert "| gap to the optimum at this speed | +12.3% |" in text
         assert (publish.PRETRAINED / "found.zip").read_bytes() == policy.read_bytes()
     else:
-        with pytest.raises(SystemExit):
-            publish.main(arguments)
+        assert publish.main(arguments) == 2
         assert "walks from no start" in capsys.readouterr().err
+        assert publish.main([*arguments[:2], "--name", "imitation"]) == 2
+        assert "must be a plain name" in capsys.readouterr().err
         assert not list(publish.PRETRAINED.iterdir())
