@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from rimless_gym.envs.observation import OBSERVATION_SIZE, observe
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.presets import Machine, as_params
-from trajopt.feedback.law import Controller, Floats
-from trajopt.feedback.requirements import require_machine
+from trajopt.feedback.law import Controller, Floats, require_machine
 
 #: Titles of feedback laws that are not simply their names with spaces.
 LAW_TITLES = {"input_output": "input-output", "lqr": "LQR", "pid": "PD"}

@@ -25,9 +25,8 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.gaits.front_files import front_file
-from trajopt.gaits.fronts import CotFront, cot_front
-from trajopt.gaits.shipped import leads_for
+from trajopt.gaits.fronts import CotFront, cot_front, front_file
+from trajopt.gaits.library import warm_starts
 from trajopt.pool import cores
 from trajopt.store import jsonable
 
@@ -178,7 +177,7 @@ def swinging_gait(setting: Setting) -> Solution | str:
     """The best gait whose pendulum does not whirl, where one is shipped to start from."""
     study = setting.study
     speed = study.on_tick(study.speed)
-    known = leads_for(setting.params, speed, study.steps)
+    known = warm_starts(setting.params, speed, study.steps)
     swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == setting.params]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"

@@ -16,9 +16,9 @@ from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.held.clock import held_speed, held_speeds
-from trajopt.gaits.power import lacks_power
-from trajopt.ocp.solving.ties import tied
+from trajopt.gaits.held_stride import held_speed, held_speeds
+from trajopt.gaits.problem import lacks_power
+from trajopt.ocp.ranking import tied
 from trajopt.store import Store
 
 #: The fields that are counts.

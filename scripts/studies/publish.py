@@ -29,8 +29,7 @@ from rimless_gym.envs import speed
 from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
-from scripts.studies.documents import marked
-from scripts.studies.documents.markdown import table
+from scripts.studies.documents import markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PRETRAINED = ROOT / "agents" / "pretrained"
@@ -47,7 +46,7 @@ POLICIES = {
 
 #: Sections that are written, and their pages; the page with the tables over many seeds.
 PAGES, LEARNING = {"headline": "README.md", "table": "docs/comparison.md"}, "docs/learning.md"
-MARKS = marked.marks("compare", tuple(PAGES))
+MARKS = markdown.marks("compare", tuple(PAGES))
 
 #: Row of the comparison -> the cells with which its line in a table over many seeds begins.
 STUDIED: Mapping[str, tuple[str, ...]] = {
@@ -119,7 +118,7 @@ def publish_study(study: Path) -> None:
     """
     for name, page in PAGES.items():
         if not MARKS[name].search((ROOT / page).read_text()):
-            raise ValueError(f"{page}: has no {marked.wanted('compare', (name,))}")
+            raise ValueError(f"{page}: has no {markdown.wanted('compare', (name,))}")
     notes = [str(Path(source).with_name("train.json")) for source in POLICIES.values()]
     for source in ("results.json", "table.md", *PICTURES, *POLICIES.values(), *notes):
         if not (study / source).is_file():
@@ -138,7 +137,7 @@ def publish_study(study: Path) -> None:
         "table": (study / "table.md").read_text(),
     }
     for name, page in PAGES.items():
-        marked.refresh(ROOT / page, MARKS, {name: sections[name]})
+        markdown.refresh(ROOT / page, MARKS, {name: sections[name]})
 
 
 def _card_of(study: Path, name: str, source: str) -> str:
@@ -247,7 +246,7 @@ def _commanded_table(rows: Sequence[Row]) -> str:
     """A line for each commanded speed."""
     shown = [name for name in _figures(rows[0]) if name != "return"]
     lines = [[f"{row.study_speed or 0.0:g} m/s", *map(_figures(row).get, shown)] for row in rows]
-    return table(["commanded", *shown], lines)
+    return markdown.table(["commanded", *shown], lines)
 
 
 def _figures(row: Row) -> dict[str, str]:
@@ -279,7 +278,7 @@ def refresh_headline(page: Path, learning: Path) -> None:
     """
     section = MARKS["headline"].search(page.read_text())
     if section is None:
-        raise ValueError(f"{page}: has no {marked.wanted('compare', ('headline',))}")
+        raise ValueError(f"{page}: has no {markdown.wanted('compare', ('headline',))}")
     many = over_seeds(learning.read_text())
     last = {meaning: many.get(title, NONE) for title, meaning in HEADLINE.items()}
     lines = []
@@ -288,7 +287,7 @@ def refresh_headline(page: Path, learning: Path) -> None:
         if cells[0] in last:
             line = "| " + " | ".join([*cells[:-1], last[cells[0]]]) + " |"
         lines.append(line)
-    marked.refresh(page, MARKS, {"headline": "\n".join(lines) + "\n"})
+    markdown.refresh(page, MARKS, {"headline": "\n".join(lines) + "\n"})
 
 
 def over_seeds(page: str) -> dict[str, str]:

@@ -21,7 +21,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 from agents.cli.command import INTERRUPTED
 from agents.cli.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
 from scripts.studies import publish
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.learning import page
 from scripts.studies.learning.rows import ROWS
 from scripts.studies.learning.study import Study, run
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not options.docs:
             parser.error(f"--headline {options.headline}: tells what --docs does; add --docs")
         marks = publish.MARKS["headline"]
-        parser.require_page(options.headline, marks, marked.wanted("compare", ("headline",)))
+        parser.require_page(options.headline, marks, markdown.wanted("compare", ("headline",)))
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
             found = run(study, options.rows, folder, options.workers)

@@ -25,7 +25,7 @@ from agents.rollout import Interval
 from rimless_gym import BUILDABLE
 from tests.agents.html import assert_loads_nothing, assert_valid
 from trajopt.gaits.fronts import CotFront, NoFrontError
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 ROWS = [
     Row("LQR about the optimum", 0.56, 0.05, 0.2, 0.55, 0.01, 1.0, 0.6, 0.2),

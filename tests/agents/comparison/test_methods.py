@@ -31,10 +31,9 @@ from agents.comparison.table import (
 )
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, Task
-from trajopt.feedback import laws
-from trajopt.feedback.catch import catch
+from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 EVALUATION = {
     "cot": 0.05,
@@ -68,7 +67,7 @@ def test_every_feedback_law_is_a_method_by_its_file(setting: Setting, monkeypatc
         "def design(solution):\n"
         "    return Law(solution.params, nothing, lqr.design(solution).data)\n"
     )
-    monkeypatch.setattr(catch, "catch_for", lambda *args: lambda x, mode: 0 * x[:, 0])
+    monkeypatch.setattr(startup, "startup_for", lambda *args: lambda x, mode: 0 * x[:, 0])
     before = {method.name for method in methods(Study())}
     monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(setting.out)])
     now = {method.name: method for method in methods(Study())}

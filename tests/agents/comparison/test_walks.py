@@ -26,8 +26,8 @@ from agents.rollout import Interval, Rollout
 from rimless_gym import BUILDABLE
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
-from trajopt.gaits.passive import passive_wheel_rate
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
+from trajopt.gaits.problem import passive_wheel_rate
 from trajopt.gaits.solution import Solution
 
 LEGS, SLOPE = 8, 0.12
