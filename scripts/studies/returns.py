@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.policies import Policy
-from agents.policy_files import BASELINES, PRETRAINED
+from agents.policy_files import BASELINES, PRETRAINED, named_policy
 from agents.rollout import episodes
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.observation import MIDDLE_SPEED, SPEED_SCALE
