@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from agents import learners
-from agents.cli import evaluate as evaluate_script
-from agents.cli import train as train_script
+from agents.cli.main import main
 from agents.comparison.methods import LearnedMethod
 from agents.comparison.study import Setting, Study
 from agents.evaluate import evaluate
@@ -105,11 +104,11 @@ def test_its_policy_without_weights_is_refused(tmp_path):
 
 
 def test_the_command_lines_know_it(tmp_path, monkeypatch, capsys):
-    assert train_script.main(["--algo", "cem", "--out", str(tmp_path), "--timesteps", "1000"]) == 0
+    assert main(["train", "--algo", "cem", "--out", str(tmp_path), "--timesteps", "1000"]) == 0
     monkeypatch.setattr(
-        evaluate_script, "evaluate", lambda *args, **kw: evaluate(*args, BRIEF, **kw)
+        "agents.evaluate.evaluate", lambda *args, **kw: evaluate(*args, BRIEF, **kw)
     )
-    assert evaluate_script.main([str(tmp_path / "last.zip"), "--no-gap"]) == 0
+    assert main(["evaluate", str(tmp_path / "last.zip"), "--no-gap"]) == 0
     assert "last.zip" in capsys.readouterr().out
 
 

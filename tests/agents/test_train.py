@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from agents import learners
-from agents.cli import train as command
+from agents.cli.main import main
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
@@ -206,7 +206,7 @@ def test_the_command_line_trains_for_the_prices_of_the_environment_with_commands
     task = {"distance_weight": 0.8}
     train("ppo", out=tmp_path / "a", task=task, speeds=(0.4, 0.6), timesteps=0, progress=False)
     line = ["--task", json.dumps(task), "--speeds", "0.4", "0.6", "--timesteps", "0"]
-    assert command.main([*line, "--out", str(tmp_path / "b")]) == 0
+    assert main(["train", *line, "--out", str(tmp_path / "b")]) == 0
     one, other = (read_record(tmp_path / name / "last.zip")["task"] for name in "ab")
     assert one == other
     assert one["fall_penalty"] == 0.5

@@ -18,9 +18,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import INTERRUPTED
 from scripts.studies import publish
+from scripts.studies.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
 from scripts.studies.documents import markdown
 from scripts.studies.learning import page
 from scripts.studies.learning.rows import ROWS

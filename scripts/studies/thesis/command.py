@@ -12,8 +12,8 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import INTERRUPTED
+from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
 from scripts.studies.thesis.experiments import campaign as experiments
 from scripts.studies.thesis.experiments import document
 from scripts.studies.thesis.experiments.cases import EXPERIMENTS
