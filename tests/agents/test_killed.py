@@ -1,7 +1,6 @@
 """After a kill at a random moment, the same command goes on and ends with the same result."""
 
 import functools
-import json
 import time
 from multiprocessing import get_context
 
@@ -9,17 +8,13 @@ import numpy as np
 import pytest
 
 from agents import session
-from agents.comparison import arena, compare, learned
-from agents.comparison.compare import Comparison
-from agents.comparison.study import Study
-from agents.evaluate import Protocol, evaluate
+from agents.evaluate import Protocol
 from agents.imitation import Cloning
 from agents.policy_files import load_policy
 from agents.train import train
-from agents.training import IMITATION
 from tests.agents.runs import small
 
-KILLS = {"training": 20, "comparison": 5}  # at least; one of a comparison takes a minute
+KILLS = 20  # at least
 BRIEF = Protocol(starts=8, seed=1, duration=2.0, window=1.0, alive=1.0)
 QUICK = Cloning(rounds=2, expert_starts=10, seconds=0.5, gradient_steps=50, gait_labels=50)
 
@@ -67,44 +62,8 @@ def test_a_training_killed_at_random_moments_ends_with_the_same_policies(tmp_pat
 
     longest = 0.6 * duration(lambda: work(tmp_path / "whole"))
     rng, kills = np.random.default_rng(0), 0
-    while kills < KILLS["training"]:
+    while kills < KILLS:
         out = tmp_path / f"after_{kills}"
         kills += killed_until_done(functools.partial(work, out), rng, longest)
         for mine, theirs in zip(weights(out), weights(tmp_path / "whole"), strict=True):
             np.testing.assert_array_equal(mine, theirs)
-
-
-@pytest.mark.slow
-def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(tmp_path, monkeypatch):
-    def brief(algo, init, *arguments, **settings):
-        cloning = QUICK if init == IMITATION else None
-        changed = {"settings": small(algo, init), "cloning": cloning}
-        return train(algo, init, *arguments, **settings | changed)
-
-    monkeypatch.setattr(arena, "evaluate", functools.partial(evaluate, protocol=BRIEF))
-    monkeypatch.setattr(learned, "train", brief)
-    monkeypatch.setattr(compare, "save_gif", lambda *args, **kw: None)
-    monkeypatch.setattr(compare, "ANIMATED", 0.1)
-    study = Study(
-        timesteps=512,
-        scratch_timesteps=512,
-        evolution_timesteps=0,
-        starts=0,
-        further=(0.55,),
-        front_steps=(1,),
-    )
-
-    def work(out):
-        Comparison(study, out, progress=False).run()
-
-    longest = 0.3 * duration(lambda: work(tmp_path / "whole"))
-    rng, kills = np.random.default_rng(0), 0
-    while kills < KILLS["comparison"]:
-        out = tmp_path / f"after_{kills}"
-        kills += killed_until_done(functools.partial(work, out), rng, longest)
-        assert (out / "table.md").read_text() == (tmp_path / "whole" / "table.md").read_text()
-        tables = [
-            json.loads((folder / "results.json").read_text())["table"]
-            for folder in (out, tmp_path / "whole")
-        ]
-        assert tables[0] == tables[1]
