@@ -22,6 +22,7 @@ from agents.comparison.walks import (
     steps_of,
 )
 from agents.conditions import Conditions
+from agents.experts import EXPERT
 from agents.page import write_page
 from agents.policies import Policy, controller_policy, law_title
 from agents.policy_files import load_policy
@@ -38,7 +39,6 @@ from agents.reports import (
     table,
 )
 from agents.rollout import Interval, Rollout, at_rest
-from agents.train import EXPERT
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
@@ -63,7 +63,7 @@ ACROSS = (
 #: Seconds of a walk that is plotted, and those at its end in which it is steady.
 WALK, STEADY = 20.0, 10.0
 
-#: Milestones of a training as plain values, in order.
+#: Milestones of a training (`agents.training.Milestone`) as plain values, in order.
 Curve: TypeAlias = Sequence[Mapping[str, Any]]
 
 LEAD = (

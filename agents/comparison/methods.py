@@ -15,11 +15,11 @@ from typing import Any, Protocol, TypeAlias
 from agents.commanded import evaluate_commanded
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
-from agents.folder import BEST, CLONE, LAST
+from agents.experts import EXPERT
+from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title
 from agents.policy_files import PRETRAINED, load_policy
-from agents.train import EXPERT, train
-from agents.training import IMITATION, INITS, SCRATCH
+from agents.training import TrainingConfig, train
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
@@ -324,18 +324,15 @@ class LearnedMethod:
 
     def compute(self, setting: Setting) -> Result:
         """Train and evaluate it."""
-        trained = train(
+        config = TrainingConfig(
             self.algo,
-            self.init if self.init in INITS else setting.out / self.init,
+            self.init if self.init in INITS else str(setting.out / self.init),
             setting.study.seed,
-            setting.out / self.name,
             timesteps=0 if self.budget is None else getattr(setting.study, self.budget),
             params=setting.params,
             expert=self._expert(setting),
-            progress=setting.progress,
         )
-        if trained.interrupted:
-            raise KeyboardInterrupt
+        trained = train(config, setting.out / self.name, progress=setting.progress)
         files = [f"{self.name}/{file}" for file in self.shown.values()]
         return {
             "evaluations": [

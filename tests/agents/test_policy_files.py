@@ -23,8 +23,9 @@ from agents.policy_files import (
     save_policy,
 )
 from agents.rollout import at_rest
-from agents.sb3.networks import architecture
+from agents.sb3.learner import architecture
 from agents.sb3.vec_env import Sb3VecEnv
+from agents.training import read_state
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.presets import PRESETS
@@ -164,6 +165,9 @@ def test_a_pickle_within_a_policy_is_not_run(tmp_path, part):
             np.savez(file, allow_pickle=True, **entries)
     with pytest.raises(CheckpointError, match=r"trap\.zip"):
         load_policy(path)
+    if part == "whole":
+        with pytest.raises(pickle.UnpicklingError):
+            read_state(path)
     assert not mark.exists()
 
 

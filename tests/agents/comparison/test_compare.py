@@ -23,9 +23,10 @@ from agents.comparison.compare import compare, complete, longest_chains_first
 from agents.comparison.methods import methods
 from agents.comparison.study import Setting, Study
 from agents.evaluate import Protocol, evaluate
+from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from tests.agents.runs import QUICK, small
+from tests.agents.runs import QUICK, SMALL
 from trajopt.pool import KilledError
 from trajopt.store import Store
 
@@ -148,10 +149,13 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     brief = Protocol(starts=8, seed=1, duration=2.0, window=1.0, alive=1.0)
     train = listed.train
 
-    def short(algo: str, init: Any, *arguments: Any, **settings: Any) -> Any:
-        cloning = QUICK if init == "imitation" else None
-        quick = {"settings": small(algo, init), "cloning": cloning}
-        return train(algo, init, *arguments, **settings | quick)
+    def short(config: TrainingConfig, *arguments: Any, **settings: Any) -> Any:
+        quick = dataclasses.replace(
+            config,
+            hyperparameters=SMALL[config.algo],
+            cloning=QUICK if config.init == "imitation" else None,
+        )
+        return train(quick, *arguments, **settings)
 
     monkeypatch.setattr(shared, "evaluate", functools.partial(evaluate, protocol=brief))
     monkeypatch.setattr(listed, "train", short)
