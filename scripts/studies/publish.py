@@ -11,12 +11,12 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.cli.commandline import Parser
 from agents.comparison.entrants import entrants
 from agents.comparison.headline import headline
 from agents.comparison.learned import Learned
 from agents.comparison.study import Study
 from agents.policy_files import read_record
+from scripts.studies.commandline import Parser
 from scripts.studies.documents.cards import card
 from scripts.studies.documents.headline import COMMAND, HEADLINE
 from scripts.studies.documents.markdown import marks, refresh, wanted

@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.cli.commandline import Parser
 from agents.commanded import commands_within
 from agents.comparison.report import policy_row
 from agents.evaluate import evaluate
@@ -18,6 +17,7 @@ from agents.policy_files import load_policy, read_record
 from rimless_gym.envs.control import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
+from scripts.studies.commandline import Parser
 from scripts.studies.documents.cards import card, commanded_card
 from scripts.studies.publish import POLICIES, PRETRAINED
 
