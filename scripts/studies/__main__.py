@@ -20,7 +20,7 @@ STUDIES = {
     "publish": "publish",
     "returns": "returns",
     "textbook": "textbook",
-    "thesis": "thesis.command",
+    "thesis": "thesis.experiments",
 }
 
 

@@ -1,8 +1,10 @@
-"""The thesis's steps as phases, joined by its impact laws, and the least that a step needs."""
+"""The thesis's bounds (tables 4.3 to 4.7) and costs (4.3 to 4.12), in SI units and radians."""
 
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
+from math import pi
 from typing import Any
 
 import casadi as ca
@@ -10,11 +12,107 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from scripts.studies.thesis.experiments.tables import Table, Weights
-from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
+from trajopt.gaits.periodic import periodic_gait
+from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases, designed_gait
+from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Bounds, Constraint
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.multi_start import Start
 from trajopt.ocp.problem import Phase, Problem
+
+#: Least phi' at the end of the last step (rad/s), where the thesis asks for more than 0.
+LEAST_TOUCHDOWN_RATE = 0.01
+
+#: Bounds at the start, throughout, and at the end.
+Rows = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
+def symmetric(start: float, along: float, end: float) -> Rows:
+    """[-x, x] for each x: most bounds of the thesis are symmetric."""
+    return (-start, start), (-along, along), (-end, end)
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """Bounds of one of the tables 4.3, 4.4, 4.5 and 4.7.
+
+    Attributes:
+        rate: of phi' (rad/s).
+        swing: of theta' (rad/s).
+        pendulum: largest |theta| (rad).
+        voltage: largest |V| (V).
+        duration: of the whole motion (s).
+    """
+
+    rate: Rows
+    swing: Rows
+    pendulum: float
+    voltage: float
+    duration: tuple[float, float]
+
+    def row(self, where: int) -> dict[str, float | tuple[float, float]]:
+        """Bounds on the rates and theta at the start (0), throughout (1) or at the end (2)."""
+        theta = (-self.pendulum, self.pendulum)
+        return {"theta": theta, "phi'": self.rate[where], "theta'": self.swing[where]}
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """A running cost: weights on the squares of phi, phi', theta, theta' and V."""
+
+    phi: float
+    rate: float
+    theta: float
+    swing: float
+    voltage: float
+
+    def __call__(self, x: Any, u: Any, p: Any) -> Any:
+        """The running cost."""
+        states = self.phi, self.theta, self.rate, self.swing  # in the order of `STATES`
+        return sum(w * x[i] ** 2 for i, w in enumerate(states)) + self.voltage * u[0] ** 2
+
+
+WIDE = (-2 * pi, 4 * pi)
+TABLE_4_3 = Table(
+    rate=((0.0, pi), WIDE, WIDE),
+    swing=symmetric(3 * pi, 3 * pi, 3 * pi),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_4 = Table(
+    rate=((0.0, pi), WIDE, (0.0, 0.0)),
+    swing=symmetric(8 * pi, 8 * pi, 3 * pi),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_5 = Table(
+    rate=((0.5, 2.5), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
+    swing=symmetric(8.0, 8.0, 8.0),
+    pendulum=2 * pi,
+    voltage=20.0,
+    duration=(0.1, 100.0),
+)
+TABLE_4_7 = Table(
+    rate=((0.5, 10.0), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
+    swing=symmetric(15.0, 15.0, 15.0),
+    pendulum=5 * pi,
+    voltage=65.0,
+    duration=(0.1, 12.0),
+)
+
+#: phi, phi', theta, theta', V
+COST_4_3 = Weights(0.0, 0.0, 0.0, 0.0, 1.0)
+COST_4_4 = Weights(0.01, 0.01, 0.01, 0.1, 100.0)
+COST_4_5 = Weights(0.01, 0.01, 0.01, 0.01, 100.0)
+COST_4_6 = Weights(0.1, 1.0, 1.0, 1.0, 1.0)
+COST_4_7 = Weights(0.1, 0.1, 1.0, 1.0, 1.0)
+COST_4_8 = Weights(0.1, 1.0, 0.1, 1.0, 1.0)
+COST_4_9 = Weights(0.1, 1.0, 0.1, 0.1, 1.0)
+COST_4_12 = Weights(1.0, 0.1, 0.1, 0.1, 1.0)
+
 
 #: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
@@ -145,3 +243,61 @@ def towards(problem: Problem, end: Array, duration: float) -> Problem:
 def _changed(problem: Problem, **changes: Any) -> Problem:
     (phase,) = problem.phases
     return dataclasses.replace(problem, phases=(dataclasses.replace(phase, **changes),))
+
+
+#: Of the gaits: m/s, and steps per stride.
+SPEED, STEPS = 0.5, 2
+
+
+def rod_of_mass(params: WheelParams) -> Design:
+    """m2 as a design variable, with the inertia in proportion: a denser rod of the same length."""
+    ratio = params.pendulum_inertia / params.pendulum_mass
+    return Design(("m2",), lambda p: {"pendulum_mass": p[0], "pendulum_inertia": ratio * p[0]})
+
+
+def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) -> Problem:
+    """The problem of a gait of least cost of transport (E+) with m2 to be chosen.
+
+    Args:
+        params: the machine.
+        mass: bounds on m2 (kg).
+        turns: of the pendulum per stride.
+    """
+    duration = STEPS * params.step_length / SPEED
+    return designed_gait(
+        *(params, rod_of_mass(params), {"m2": mass}),
+        steps=STEPS,
+        duration=duration,
+        theta_turns=turns,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class FromGait:
+    """Starts from the cheapest gait of the machine as it is; the first has its m2, others any m2.
+
+    Attributes:
+        params: the machine.
+        mass: bounds on m2 (kg).
+    """
+
+    params: WheelParams
+    mass: tuple[float, float]
+
+    @cached_property
+    def gait(self) -> Solution:
+        """The cheapest gait of the machine as it is."""
+        return periodic_gait(self.params, SPEED, STEPS)
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Start:
+        """Start number `index`."""
+        mass = self.params.pendulum_mass if index == 0 else rng.uniform(*self.mass)
+        return Start(tuple(self.gait.phases), np.array([mass]))
+
+    def problem(self, before: Extremal | None = None) -> Problem:
+        """The problem with the gait's number of turns of the pendulum."""
+        return cheapest_gait(self.params, self.mass, self.gait.theta_turns)
+
+    def itself(self, problem: Problem) -> FromGait:
+        """This family, whatever the problem."""
+        return self
