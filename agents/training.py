@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.experts import EXPERT, expert_policy, fitting_policy
 from agents.gaps import gap_to_continuous_optimum
 from agents.imitation import Cloning
@@ -38,7 +38,6 @@ from agents.learner import (
 )
 from agents.policies import Policy, learned_policy
 from agents.policy_files import CheckpointError, origin, save_policy
-from agents.protocol import TRAINING_PROTOCOL, Protocol
 from agents.reward_weight import economy
 from rimless_gym.checks import extra, integer
 from rimless_gym.envs.arguments import as_task

@@ -18,10 +18,9 @@ STUDIES = {
     "learning": "learning.command",
     "processors": "processors",
     "publish": "publish",
-    "publish_policy": "publish_policy",
     "returns": "returns",
     "textbook": "textbook",
-    "thesis": "thesis.command",
+    "thesis": "thesis.experiments",
 }
 
 

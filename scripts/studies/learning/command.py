@@ -21,12 +21,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+from agents.evaluate import PROTOCOL, SHORT_PROTOCOL, Protocol
 from agents.gaps import best_held, gap_to_gaits, ticks_around
-from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
-from scripts.studies.documents import headline, markdown
+from scripts.studies import publish
+from scripts.studies.documents import markdown
 from scripts.studies.learning.rows import ROWS
 from scripts.studies.learning.tables import Gap, Results, tables
 from scripts.studies.learning.trials import Figures, Result, Row
@@ -89,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         written = {name: table + "\n" for name, table in sections.items() if name in whole}
         markdown.refresh(options.docs, marks, written)
     if options.headline:
-        headline.refresh_gaps(options.headline, options.docs)
+        publish.refresh_headline(options.headline, options.docs)
     for task, failure in failures.items():
         print(f"{task.row.name} {task.seed}: {failure}", file=sys.stderr)
     return 1 if failures else 0

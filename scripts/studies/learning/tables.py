@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean, median
 from typing import TypeAlias
 
-from agents.statistics import bootstrap_interval, interquartile_mean
+from agents.evaluate import bootstrap_interval, interquartile_mean
 from scripts.studies.documents.markdown import count, table
 from scripts.studies.learning.rows import (
     ABLATIONS,

@@ -15,11 +15,11 @@ from agents.evaluate import Evaluation, evaluate
 from agents.experts import EXPERT, EXPERT_STEPS
 from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
+from agents.outcomes import FALLS
 from agents.policies import learned_policy
 from agents.policy_files import load_policy
 from agents.sb3.learner import NetworkPolicy
 from agents.training import TrainingConfig, train
-from agents.verdicts import FALLS
 from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -63,9 +63,9 @@ class Figures(NamedTuple):
         if isinstance(walks, Stretch):
             falls, slips = walks.fallen_share, walks.slipping_share
         else:
-            starts = len(walks.verdicts)
-            falls = walks.faults.get(FALLS, 0) / starts
-            slips = sum(walks.faults.get(verdict, 0) for verdict in SLIPS) / starts
+            starts = len(walks.outcomes)
+            falls = walks.failures.get(FALLS, 0) / starts
+            slips = sum(walks.failures.get(verdict, 0) for verdict in SLIPS) / starts
         return cls(walks.walking_share, falls, slips, walks.cot, walks.speed)
 
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution.search import (
     Answer,
     Candidate,
@@ -21,7 +21,6 @@ from agents.evolution.search import (
 )
 from agents.evolution.walks import SIZE, Duration
 from agents.policy_files import FORMAT, load_policy
-from agents.protocol import SHORT_PROTOCOL
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.training import TrainingConfig, train
 from tests.agents.runs import SETTLED, assert_same_policies, killed_after, run, scalars, weights

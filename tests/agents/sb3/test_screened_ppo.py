@@ -11,12 +11,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution.search import EvolutionSettings
 from agents.evolution.walks import SIZE, Duration, act
 from agents.learner import Training
 from agents.policy_files import load_policy
-from agents.protocol import SHORT_PROTOCOL
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.sb3 import rounds, screened_ppo
 from agents.sb3.rounds import (

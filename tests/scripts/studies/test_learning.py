@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from agents.evaluate import Protocol
 from agents.learner import BEST, IMITATION
 from agents.policy_files import load_policy
-from agents.protocol import Protocol
 from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
