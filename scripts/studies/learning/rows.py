@@ -10,7 +10,7 @@ from agents.folder import BEST, CLONE, LAST
 from agents.training import IMITATION, SCRATCH
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
-from scripts.studies.feedback_laws.columns.changes import NOISE
+from scripts.studies.feedback_laws.measures import NOISE
 from scripts.studies.learning.first_evening import FirstEvening
 from scripts.studies.learning.row import Row
 from scripts.studies.learning.successors import Continued, Distilled, WentOn
