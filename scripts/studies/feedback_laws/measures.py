@@ -12,10 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate import evaluate
+from agents.evaluate import (
+    PROTOCOL,
+    SHORT_PROTOCOL,
+    Protocol,
+    bootstrap_interval,
+    evaluate,
+    interquartile_mean,
+)
 from agents.policies import Policy, controller_policy
-from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
-from agents.statistics import bootstrap_interval, interquartile_mean
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, push

@@ -7,10 +7,9 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from scripts.studies.documents import marked
-from scripts.studies.documents.markdown import table
+from scripts.studies.documents import markdown
 
-MARKS = marked.marks("feedback", ("gaits",))
+MARKS = markdown.marks("feedback", ("gaits",))
 
 #: The columns, and how each is written from the results of a law about a gait.
 COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
@@ -30,7 +29,7 @@ COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 def refresh(page: Path, results: Mapping[str, Any]) -> None:
     """Put the tables between their marks."""
-    marked.refresh(page, MARKS, {"gaits": tables(results) + "\n"})
+    markdown.refresh(page, MARKS, {"gaits": tables(results) + "\n"})
 
 
 def tables(results: Mapping[str, Any]) -> str:
@@ -41,7 +40,7 @@ def tables(results: Mapping[str, Any]) -> str:
             [f"`{law}`", *(_cell(write, row) for write in COLUMNS.values())]
             for law, row in rows.items()
         ]
-        parts.append(f"### {gait}\n\n{table(['law', *COLUMNS], body)}")
+        parts.append(f"### {gait}\n\n{markdown.table(['law', *COLUMNS], body)}")
     return "\n\n".join(parts)
 
 
