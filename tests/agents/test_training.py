@@ -99,6 +99,7 @@ def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, al
 
 
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing):
+    assert sb3.CRITIC_WARM_UP == 0.15
     monkeypatch.setattr(sb3, "CRITIC_WARM_UP", 10.0)
     result = run(tmp_path, init="imitation", expert=swing, cloning=QUICK, timesteps=128)
     cloned, trained = (
