@@ -367,7 +367,7 @@ def _stopped(curve: Curve, begin: float) -> str:
 
 
 def _obstacle(extremal: Extremal, reached: float) -> str:
-    worst = extremal.breaches[0] if extremal.breaches else "no constraint violated"
+    worst = extremal.violations[0] if extremal.violations else "no constraint violated"
     return f"{extremal.status}, {worst}; {reached:.3f} m/s was reached"
 
 

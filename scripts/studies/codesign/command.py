@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.main import run as run_command
-from agents.cli.options import Count, MaybePath
 from matplotlib.figure import Figure
 
+from agents.cli.main import run as run_command
+from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.codesign import gaits, machine
 from scripts.studies.codesign.gaits import (
@@ -30,8 +30,7 @@ from scripts.studies.codesign.gaits import (
     start_up_and_walk,
 )
 from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
-from scripts.studies.documents.markdown import table
-from scripts.studies.documents.marked import marks, refresh
+from scripts.studies.documents.markdown import marks, refresh, table
 from trajopt import pool
 from trajopt.gaits.solution import Solution
 from trajopt.store import Store, jsonable, write_text

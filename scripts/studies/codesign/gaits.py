@@ -11,9 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
-from agents.protocol import Protocol
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
 from rimless_gym.params import WheelParams
 from scripts.studies.codesign.machine import Build, chosen

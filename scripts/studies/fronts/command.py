@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,13 +18,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from agents.cli.main import run as run_command
-from agents.cli.options import Count, Fields, Positive, Preset, machine
 from matplotlib.figure import Figure
 
+from agents.cli.main import run as run_command
+from agents.cli.options import Count, Fields, Positive, Preset, machine
 from rimless_gym.presets import as_params
-from scripts.studies.documents.markdown import table
-from scripts.studies.documents.plots import save
+from scripts.studies.documents.drawings import save
+from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, SearchResults, disagreements
 from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, Search, Sweep
 from scripts.studies.fronts.solving import Polished
@@ -96,7 +95,7 @@ def front(
     text = docs / "front.md"
     if not text.exists():
         write_text(text, f"# The front of {name}\n")
-    refresh(text, found)
+    write_section(text, found)
     save(drawn(found), docs / figure_file(name))
     return 0
 
@@ -233,14 +232,13 @@ def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, An
 # -- page and figure ------------------------------------------------------------------------------
 
 
-def refresh(page: Path, found: dict[str, Any]) -> None:
+def write_section(page: Path, found: dict[str, Any]) -> None:
     """Put a machine's section into a page, between its marks or else at the end."""
-    begin, end = (f"<!-- {mark} of {found['machine']} -->" for mark in ("front", "end of front"))
-    text, new = page.read_text(), f"{begin}\n{section(found)}{end}"
-    if begin not in text:
-        text = f"{text.rstrip()}\n\n{begin}\n{end}\n"
-    around = re.compile(f"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
-    write_text(page, around.sub(lambda _: new, text))
+    name, text = found["machine"], page.read_text()
+    around = marks("front", (name,))
+    if not around[name].search(text):
+        write_text(page, f"{text.rstrip()}\n\n<!-- front: {name} -->\n<!-- end of {name} -->\n")
+    refresh(page, around, {name: section(found)})
 
 
 def figure_file(name: str) -> str:

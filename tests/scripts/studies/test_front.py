@@ -335,7 +335,7 @@ def test_the_record_the_page_and_the_figure_are_written_and_the_gaits_shipped(
     path = tmp_path / "front.md"
     path.write_text("# Fronts\n")
     for _ in range(2):
-        command.refresh(path, text)
+        command.write_section(path, text)
         assert path.read_text().count("the two seeds agree everywhere") == 1
     assert command.drawn(text).axes
     for count in (2, 1):

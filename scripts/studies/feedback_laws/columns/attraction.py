@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 
 from agents.conditions import Conditions
+from agents.outcomes import WALKS, Window, outcomes
 from agents.rollout import Rollout
-from agents.verdicts import WALKS, verdicts
-from agents.window import Window
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from scripts.studies.feedback_laws.sizes import Sizes
 from scripts.studies.feedback_laws.subject import Subject
-from trajopt.feedback.joined import NEAR
+from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 
@@ -47,7 +46,7 @@ def attraction(subject: Subject, sizes: Sizes) -> dict[str, Any]:
         if index >= first:
             window.add(interval)
             late_steps[i] += interval.info["steps"]
-    walking = np.array([v == WALKS for v in verdicts(fallen, late_steps > 0, window)])
+    walking = np.array([v == WALKS for v in outcomes(fallen, late_steps > 0, window)])
     caught = walking & (last_far < CONTROL_PERIOD * first)
     times = [float(t) if there else None for t, there in zip(last_far, caught, strict=True)]
     return {
