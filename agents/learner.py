@@ -210,11 +210,6 @@ class Learner(ABC):
         return dataclasses.replace(cls.default_settings, **changes)
 
     @classmethod
-    def advice(cls, training: Training) -> list[str]:
-        """Why a training cannot lead to walking, each reason with its numbers; usually none."""
-        return []
-
-    @classmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy that a learner of this class took apart, without a training.
 

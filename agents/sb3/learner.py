@@ -28,7 +28,6 @@ from agents.policies import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
     Hyperparameters,
-    advice,
     hyperparameters,
     policy_kwargs,
 )
@@ -152,12 +151,6 @@ class Sb3Learner(learner.Learner):
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         return hyperparameters(cls.algorithm, cls.hyperparameter_file, init, changes)
-
-    @classmethod
-    def advice(cls, training: Training) -> list[str]:
-        """See `agents.sb3.hyperparameters.advice`."""
-        settings = training.settings
-        return advice(training, settings) if isinstance(settings, Hyperparameters) else []
 
     @classmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:

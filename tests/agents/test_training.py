@@ -173,17 +173,6 @@ def test_a_config_that_cannot_work_is_refused(tmp_path, algo, changes, error, me
     assert not (tmp_path / "train.json").exists()
 
 
-def test_hyperparameters_that_cannot_walk_are_warned_of_with_their_numbers(tmp_path):
-    plain = {"vec_env_wrapper": [], "gamma": 0.9}
-    with pytest.warns(UserWarning, match=r"gamma = 0.9: .* 10 ms .* 0.1 s .*lasts 0\.\d+ s"):
-        run(tmp_path / "a", hyperparameters=plain, timesteps=0)
-    with pytest.warns(UserWarning, match=r"weight of distance is 0\.5, .* about 1 per metre"):
-        run(tmp_path / "b", hyperparameters={"callback": []}, timesteps=0)
-    slow = {"vec_env_wrapper": [{"agents.sb3.wrappers.HeldActions": {"intervals": 50}}]}
-    with pytest.warns(UserWarning, match=r"held for 0.5 s, and a step .* lasts 0\.\d+ s"):
-        run(tmp_path / "c", hyperparameters=slow, timesteps=0)
-
-
 def test_a_training_that_diverges_keeps_its_last_good_policy(tmp_path):
     with pytest.raises(ValueError, match=r"has diverged: after \d+ steps .* keeps what they were"):
         run(tmp_path, hyperparameters={"learning_rate": 1e30})

@@ -7,7 +7,7 @@ from typing import Any
 
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH, learner_class
 from rimless_gym.envs.task import USUAL_TASK
-from scripts.studies.feedback_laws.columns.changes import NOISE
+from scripts.studies.feedback_laws.measures import NOISE
 from scripts.studies.learning.trials import Disturbed, Following, Other, PlainPpo, Row, Trained
 
 #: The tables of the page: policies for `RimlessWheel-v0`; ablations of PPO's reward weight, of

@@ -74,7 +74,9 @@ def small():
             {"agents.sb3.wrappers.StartUpPhase": {"intervals": 30}},
             *entry["vec_env_wrapper"][1:],
         ],
-        "callback": [{adaptive: schedule | {"every": 256, "least_share": 0.0, "starts": 8}}],
+        "callback": [
+            {adaptive: schedule | {"every": 256, "least_share": 0.0, "starts": 8, "seconds": 3.0}}
+        ],
     }
 
 
