@@ -23,7 +23,7 @@ from torch import nn
 from agents import learner
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching, clone
-from agents.learner import NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
 from agents.policies import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
@@ -148,7 +148,7 @@ class Sb3Learner(learner.Learner):
         """The part of a model of this algorithm that chooses actions."""
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         return hyperparameters(cls.algorithm, cls.hyperparameter_file, init, changes)
 

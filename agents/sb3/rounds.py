@@ -25,7 +25,7 @@ from agents.sb3.wrappers import ScaledReward, StartUpPhase
 from trajopt.feedback.law import Floats
 
 
-class Round(NamedTuple):
+class PpoRound(NamedTuple):
     """How PPO improves each candidate, for some time, before they are compared.
 
     Attributes:
@@ -48,10 +48,10 @@ class Round(NamedTuple):
 
 #: A trial of all candidates, two rounds of the best, and the best of all to the end.
 ROUNDS = (
-    Round(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
-    Round(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
-    Round(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
-    Round(None, 12, (0.06, 0.02), 0.2, finalists=0),
+    PpoRound(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
+    PpoRound(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
+    PpoRound(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
+    PpoRound(None, 12, (0.06, 0.02), 0.2, finalists=0),
 )
 
 #: Candidates of one family that may go on to the next round.
@@ -88,7 +88,7 @@ def best_of(scores: list[float], families: list[int], most: int) -> list[int]:
 
 
 @dataclasses.dataclass
-class Race:
+class Tournament:
     """Candidates that are improved one after the other, round after round, until one is left.
 
     Attributes:
@@ -105,12 +105,12 @@ class Race:
     gaits: list[CleanWalking] = dataclasses.field(default_factory=list)
 
     @classmethod
-    def last_round(cls, weights: Floats) -> Race:
+    def last_round(cls, weights: Floats) -> Tournament:
         """One in which a single policy (size,) is left."""
         return cls(weights[None], np.zeros(1, dtype=np.int64), len(ROUNDS) - 1)
 
     @property
-    def rules(self) -> Round:
+    def rules(self) -> PpoRound:
         """How policies are improved in this round."""
         return ROUNDS[self.round]
 
@@ -137,7 +137,7 @@ class Race:
         self.round, self.gaits = self.round + 1, []
 
     @classmethod
-    def read(cls, state: Mapping[str, Any]) -> Race:
+    def read(cls, state: Mapping[str, Any]) -> Tournament:
         """The race of which `dataclasses.asdict` made this."""
         gaits = [CleanWalking(*gait) for gait in state["gaits"]]
         return cls(**{**state, "gaits": gaits})

@@ -25,8 +25,16 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents import learner
 from agents.conditions import Conditions, require_usual
 from agents.evolution.search import EvolutionSettings, answered, screen
-from agents.evolution.walks import SIZE, Duration, Objective, Simulator, act, families
-from agents.learner import LAST, NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.evolution.walks import SIZE, Duration, PolicySimulator, WalkReward, act, families
+from agents.learner import (
+    LAST,
+    NO_CHANGES,
+    SCRATCH,
+    Callback,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+)
 from agents.policies import Act, learned_policy
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.rollout import Rollout, draw_starts
@@ -39,7 +47,7 @@ from agents.sb3.rounds import (
     KeepBest,
     NormalizeByPhase,
     Products,
-    Race,
+    Tournament,
     policy_of,
     put_policy,
     score,
@@ -100,19 +108,19 @@ class ScreenedPpo(Sb3Learner):
             )
         self._schedule: WeightSchedule = schedule
         self._backward_penalty = wrapped(self._env, BackwardSteps).penalty
-        self._simulator = Simulator(conditions.params)
-        self._objective = Objective(conditions.params, training.task, SCREENING.rewarded_speed)
-        self._race, self._begun = Race(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
+        self._simulator = PolicySimulator(conditions.params)
+        self._objective = WalkReward(conditions.params, training.task, SCREENING.rewarded_speed)
+        self._race, self._begun = Tournament(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
         self._adaptive = self._new_weight(schedule.first_weight)
         self._kept = KeepBest(self._checked, CHECK_EVERY)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             weights = start.weights["weights"].astype(np.float64).reshape(SIZE)
-            self._race = Race.last_round(weights)
+            self._race = Tournament.last_round(weights)
             self._begin()
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The entry of the file, for every start."""
         settings = super().settings(SCRATCH, changes)
         assert isinstance(settings, Hyperparameters)
@@ -177,7 +185,7 @@ class ScreenedPpo(Sb3Learner):
                 self._race.advance(weights, self._compared(weights))
                 self._begin()
 
-    def _screened(self, callback: Callback) -> Race:
+    def _screened(self, callback: Callback) -> Tournament:
         """A race of the best random policies of each family."""
         callback.on_phase(f"screening {SCREENING.screened} random policies")
         search = screen(SCREENING, self.training.seed)
@@ -196,7 +204,7 @@ class ScreenedPpo(Sb3Learner):
             candidates += [policies[k] for k in order[:CANDIDATES]]
             of_families += [family] * len(order[:CANDIDATES])
         callback.on_phase("")
-        return Race(np.array(candidates), np.array(of_families))
+        return Tournament(np.array(candidates), np.array(of_families))
 
     def _begin(self) -> None:
         """Begin to improve the next candidate, with a new critic."""
@@ -281,7 +289,7 @@ class ScreenedPpo(Sb3Learner):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
-        self._race = Race.read(state["race"])
+        self._race = Tournament.read(state["race"])
         self._begun = int(state["begun"])
         restore_model(self.model, state)
         # Before the first time step, the callback begins at the first weight whatever it restored.

@@ -40,7 +40,7 @@ BRIEF_STEPS = 4096
 BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
-class Figures(NamedTuple):
+class WalkFigures(NamedTuple):
     """How a policy walks.
 
     Attributes:
@@ -58,7 +58,7 @@ class Figures(NamedTuple):
     speed: float
 
     @classmethod
-    def of(cls, walks: Evaluation | Stretch) -> Figures:
+    def of(cls, walks: Evaluation | Stretch) -> WalkFigures:
         """The figures of an evaluation, or of the part of a walk under one command."""
         if isinstance(walks, Stretch):
             falls, slips = walks.fallen_share, walks.slipping_share
@@ -70,10 +70,10 @@ class Figures(NamedTuple):
 
 
 #: What distinguishes a policy from the others of its seed -> how it walks.
-Policies: TypeAlias = dict[str, Figures]
+Policies: TypeAlias = dict[str, WalkFigures]
 
 
-class Result(NamedTuple):
+class SeedResult(NamedTuple):
     """What became of a seed.
 
     Attributes:
@@ -87,7 +87,7 @@ class Result(NamedTuple):
     minutes: float
 
 
-class Trial(Protocol):
+class SeedTrial(Protocol):
     """How one seed is trained and evaluated. It must be picklable."""
 
     @property
@@ -95,7 +95,7 @@ class Trial(Protocol):
         """How long its policies hold an action (s); gaps are to optima that do the same."""
 
     @property
-    def needs(self) -> tuple[Row, ...]:
+    def needs(self) -> tuple[StudyRow, ...]:
         """Rows whose policies it needs, of the same seed."""
 
     def run(
@@ -105,7 +105,7 @@ class Trial(Protocol):
         others: Mapping[str, Path],
         params: WheelParams,
         by: protocol.Protocol,
-    ) -> Result:
+    ) -> SeedResult:
         """Train into a folder, or go on there, and evaluate.
 
         Args:
@@ -116,12 +116,12 @@ class Trial(Protocol):
             by: the protocol of the evaluation.
         """
 
-    def brief(self) -> Trial:
+    def brief(self) -> SeedTrial:
         """A trial that learns nothing, but shows that everything runs."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Row:
+class StudyRow:
     """A way to learn, over several seeds.
 
     Attributes:
@@ -136,15 +136,15 @@ class Row:
     name: str
     title: str
     table: str
-    trial: Trial
+    trial: SeedTrial
     enough: float = 0.95
     preset: str = "BUILDABLE"
 
-    def brief(self) -> Row:
+    def brief(self) -> StudyRow:
         """The same with a trial that shows that everything runs."""
         return dataclasses.replace(self, trial=self.trial.brief())
 
-    def walks(self, policy: Figures) -> bool:
+    def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""
         return policy.share >= self.enough - 1e-9
 
@@ -157,7 +157,7 @@ class Other(NamedTuple):
         file: of the policy, in the folder of the same seed.
     """
 
-    row: Row
+    row: StudyRow
     file: str
 
 
@@ -197,7 +197,7 @@ class Trained:
         return CONTROL_PERIOD
 
     @property
-    def needs(self) -> tuple[Row, ...]:
+    def needs(self) -> tuple[StudyRow, ...]:
         """Rows whose policies it needs."""
         return tuple(each.row for each in (self.start, self.expert) if isinstance(each, Other))
 
@@ -208,7 +208,7 @@ class Trained:
         others: Mapping[str, Path],
         params: WheelParams,
         by: protocol.Protocol,
-    ) -> Result:
+    ) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
         start = self.init
@@ -230,7 +230,7 @@ class Trained:
             config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
         trained = train(config, folder, cache=cache, progress=False)
         policies = self.evaluate(folder, params, by)
-        return Result(policies, trained.timesteps, trained.curve[-1].minutes)
+        return SeedResult(policies, trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
@@ -250,7 +250,7 @@ class Trained:
     def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
         """Every policy by the protocol."""
         return {
-            name: Figures.of(evaluate(load_policy(folder / file, params).policy, params, by))
+            name: WalkFigures.of(evaluate(load_policy(folder / file, params).policy, params, by))
             for name, file in self.files.items()
         }
 
@@ -288,12 +288,12 @@ class Following(Trained):
         (file,) = self.files.values()
         policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
         policies = {
-            f"{each.command:g} m/s": Figures.of(each.evaluation)
+            f"{each.command:g} m/s": WalkFigures.of(each.evaluation)
             for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
         }
         stretches = walk_through(policy, self.changes, params, by, control_period=period)
         for before, stretch in itertools.pairwise(stretches):
-            policies[f"{stretch.command:g} m/s after {before.command:g}"] = Figures.of(stretch)
+            policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
         return policies
 
 
@@ -310,7 +310,7 @@ class Disturbed(Trained):
             policy = load_policy(folder / file, params).policy
             for condition, disturbances in conditions.items():
                 walks = evaluate(policy, params, by, disturbances=disturbances)
-                policies[f"{name}: {condition}"] = Figures.of(walks)
+                policies[f"{name}: {condition}"] = WalkFigures.of(walks)
         return policies
 
 
@@ -329,7 +329,7 @@ class PlainPpo:
     n_envs: int = 8
     timesteps: int = 500_000
     commands: tuple[float, ...] = COMMANDS
-    needs: tuple[Row, ...] = ()
+    needs: tuple[StudyRow, ...] = ()
     period: float = PERIOD
 
     def run(
@@ -339,7 +339,7 @@ class PlainPpo:
         others: Mapping[str, Path],
         params: WheelParams,
         by: protocol.Protocol,
-    ) -> Result:
+    ) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
         envs = make_vec_env(
@@ -353,8 +353,8 @@ class PlainPpo:
         minutes = (time.process_time() - begun) / 60.0
         policy = learned_policy(NetworkPolicy(model))
         walks = evaluate_commanded(policy, self.commands, params, by)
-        policies = {f"{each.command:g} m/s": Figures.of(each.evaluation) for each in walks}
-        return Result(policies, model.num_timesteps, minutes)
+        policies = {f"{each.command:g} m/s": WalkFigures.of(each.evaluation) for each in walks}
+        return SeedResult(policies, model.num_timesteps, minutes)
 
     def brief(self) -> PlainPpo:
         """The same with few steps."""

@@ -23,7 +23,7 @@ from agents.sb3.rounds import (
     Anneal,
     NormalizeByPhase,
     Products,
-    Race,
+    Tournament,
     normalized,
     policy_of,
     put_policy,
@@ -161,7 +161,7 @@ def test_noise_and_learning_rate_reach_their_last_values_at_the_end():
 
 
 def test_resumed_before_the_first_time_step_it_begins_with_the_same_weight(learner):
-    learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
     learner._begin()
     learner._adaptive.weight = 0.7
     again = ScreenedPpo(learner.training)
@@ -189,7 +189,7 @@ def test_only_the_last_candidate_has_a_penalty_for_steps_backward_and_must_walk_
     shares, penalties = [], []
     learner._schedule = dataclasses.replace(learner._schedule, least_share=0.8)
     for number in range(len(rounds.ROUNDS)):
-        learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
+        learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
         learner._begin()
         wrapper = wrapped(learner._env, BackwardSteps)
         learner.model.learn = lambda *_, wrapper=wrapper, **__: penalties.append(wrapper.penalty)
@@ -242,16 +242,16 @@ def end_round(race):
 
 
 def test_the_best_two_of_each_family_go_on_and_the_best_of_all_learns_to_the_end():
-    race = Race(np.arange(6.0)[:, None], np.array([0, 0, 0, -1, -1, 1]))
+    race = Tournament(np.arange(6.0)[:, None], np.array([0, 0, 0, -1, -1, 1]))
     assert end_round(race) == ([1, 0, 4, 5, 3], [0, 0, -1, 1, -1])
     assert end_round(race) == ([1, 0], [0, 0])
     race.advance(np.array([11.0]), GAITS[1])  # it goes on as what it has become
-    race = Race.read(dataclasses.asdict(race))
+    race = Tournament.read(dataclasses.asdict(race))
     assert (race.gaits, race.decided) == ([GAITS[1]], False)
     race.advance(np.array([10.0]), GAITS[0])
     assert (race.candidates.tolist(), race.decided) == ([[11.0]], True)
     assert race.rules == rounds.ROUNDS[-1]
-    assert Race.last_round(np.array([3.0])).decided
+    assert Tournament.last_round(np.array([3.0])).decided
 
 
 class Spreads(BaseCallback):
