@@ -116,7 +116,7 @@ def _act(weights, observations, actions):  # type: ignore[no-untyped-def]
 
 
 class PolicyWalks(NamedTuple):
-    """PolicyWalks of P policies from S starts; every field has the shape (P, S).
+    """Walks of P policies from S starts; every field has the shape (P, S).
 
     All but `lasted` are those of the window, the end of the walk; 0 where it was not reached.
 

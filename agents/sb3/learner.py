@@ -90,6 +90,13 @@ class Actor:
         """The deterministic policy, for NumPy arrays."""
         return NetworkPolicy(self.model)
 
+    def freeze(self, frozen: bool) -> None:
+        """Let learning change only the critic, or the actor too; never the exploration noise."""
+        for parameter in self.noise:
+            parameter.requires_grad_(False)
+        for weight in self.weights:
+            weight.requires_grad_(not frozen)
+
 
 class Sb3Learner(learner.Learner):
     """An algorithm of stable-baselines3 in our vector environment.
@@ -330,14 +337,8 @@ class FreezeActor(BaseCallback):
         super().__init__()
         self._actor, self._until = actor, until
 
-    def _on_training_start(self) -> None:
-        for parameter in self._actor.noise:
-            parameter.requires_grad_(False)
-        self._on_rollout_start()
-
     def _on_rollout_start(self) -> None:
-        for weight in self._actor.weights:
-            weight.requires_grad_(self.num_timesteps >= self._until)
+        self._actor.freeze(self.num_timesteps < self._until)
 
     def _on_step(self) -> bool:
         return True

@@ -241,62 +241,52 @@ def normalized(advantages: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any
     return (centred - centred.mean()) / (centred.std() + 1e-8)
 
 
-class InMetres(BaseCallback):
-    """Divides rewards by the weight of distance: so they keep their size while the weight falls.
+class Improve(BaseCallback):
+    """Improves a candidate: what changes between two roll-outs of a round.
+
+    Rewards are divided by the weight of distance, so that they keep their size while it falls. The
+    actor stays as it is until the critic has learned what it is worth. Then the noise falls
+    geometrically and the learning rate linearly, until the end of the round.
 
     Args:
+        actor: of the model that learns.
+        rules: of the round.
+        rate: of learning, at first.
+        steps: time steps at which the round begins, its actor begins to learn, and it ends.
         env: what scales the rewards.
-        adaptive: the weight.
+        adaptive: the weight of distance.
     """
 
-    def __init__(self, env: ScaledReward, adaptive: AdaptiveRewardWeight) -> None:
+    def __init__(
+        self,
+        actor: Actor,
+        rules: PpoRound,
+        rate: float,
+        steps: tuple[int, int, int],
+        env: ScaledReward,
+        adaptive: AdaptiveRewardWeight,
+    ) -> None:
         super().__init__()
-        self._env, self._adaptive, self._scale = env, adaptive, env.scale
+        self._actor, self._rules, self._rate = actor, rules, rate
+        self._begin, self._actor_begins, self._end = steps
+        self._env, self._scale, self._adaptive = env, env.scale, adaptive
 
     def _on_rollout_start(self) -> None:
         assert self._adaptive.weight is not None
         self._env.scale = self._scale / self._adaptive.weight
+        self._actor.freeze(self.num_timesteps < self._actor_begins)
+        lasting = max(1, self._end - self._begin)
+        share = min(1.0, (self.num_timesteps - self._begin) / lasting)
+        loud, quiet = self._rules.noise
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * self._rate + share * self._rules.last_rate * self._rate
+        self.model.lr_schedule = lambda _: rate
 
     def _on_step(self) -> bool:
         return True
 
     def _on_training_end(self) -> None:
         self._env.scale = self._scale
-
-
-class Anneal(BaseCallback):
-    """Lets noise and learning rate fall between two counts of time steps.
-
-    The noise falls geometrically, the learning rate linearly.
-
-    Args:
-        actor: of the model that learns.
-        noise: standard deviation at first and in the end, in units of the limit.
-        rates: of learning, at first and in the end.
-        begin, end: the time steps.
-    """
-
-    def __init__(
-        self,
-        actor: Actor,
-        noise: tuple[float, float],
-        rates: tuple[float, float],
-        begin: int,
-        end: int,
-    ) -> None:
-        super().__init__()
-        self._actor, self._noise, self._rates = actor, noise, rates
-        self._begin, self._lasting = begin, max(1, end - begin)
-
-    def _on_rollout_start(self) -> None:
-        share = min(1.0, (self.num_timesteps - self._begin) / self._lasting)
-        (loud, quiet), (fast, slow) = self._noise, self._rates
-        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
-        rate = (1.0 - share) * fast + share * slow
-        self.model.lr_schedule = lambda _: rate
-
-    def _on_step(self) -> bool:
-        return True
 
 
 class KeepBest(BaseCallback):

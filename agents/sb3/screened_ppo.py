@@ -20,7 +20,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import learner
 from agents.conditions import Conditions, require_usual
@@ -39,11 +38,10 @@ from agents.policies import Act, learned_policy
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.rollout import Rollout, draw_starts
 from agents.sb3.hyperparameters import Hyperparameters
-from agents.sb3.learner import Actor, FreezeActor, Sb3Learner, model_state, restore_model
+from agents.sb3.learner import Actor, Sb3Learner, model_state, restore_model
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
 from agents.sb3.rounds import (
-    Anneal,
-    InMetres,
+    Improve,
     KeepBest,
     NormalizeByPhase,
     Products,
@@ -241,20 +239,18 @@ class ScreenedPpo(Sb3Learner):
 
     def _improve(self, until: int, ends: int, callback: Callback) -> None:
         model, rules, decided = self.model, self._race.rules, self._race.decided
-        critic_first = self._begun + rules.critic_first * model.n_steps * model.n_envs
-        actor, rate = self.actor(model), float(self._arguments["learning_rate"])
-        rates = rate, rules.last_rate * rate
         wrapped(self._env, BackwardSteps).penalty = self._backward_penalty if decided else 0.0
         assert self._adaptive is not None
-        callbacks: list[BaseCallback] = [
+        improve = Improve(
+            self.actor(model),
+            rules,
+            float(self._arguments["learning_rate"]),
+            (self._begun, self._begun + rules.critic_first * model.n_steps * model.n_envs, ends),
+            wrapped(self._env, ScaledReward),
             self._adaptive,
-            InMetres(wrapped(self._env, ScaledReward), self._adaptive),
-            NormalizeByPhase(wrapped(self._env, StartUpPhase)),
-            FreezeActor(actor, critic_first),
-            Anneal(actor, rules.noise, rates, self._begun, ends),
-        ]
-        if decided:
-            callbacks.append(self._kept)
+        )
+        normalize = NormalizeByPhase(wrapped(self._env, StartUpPhase))
+        callbacks = [self._adaptive, improve, normalize, *([self._kept] if decided else [])]
         self._learn(until, callback, callbacks)
 
     def _compared(self, weights: Floats) -> CleanWalking:

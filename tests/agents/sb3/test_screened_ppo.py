@@ -20,7 +20,7 @@ from agents.reward_weight import NO_WALK, CleanWalking
 from agents.sb3 import rounds, screened_ppo
 from agents.sb3.rounds import (
     LIMIT,
-    Anneal,
+    Improve,
     NormalizeByPhase,
     Products,
     Tournament,
@@ -148,16 +148,24 @@ def test_killed_in_a_round_and_resumed_it_ends_with_the_same_policy(tmp_path, mo
 
 
 def test_noise_and_learning_rate_reach_their_last_values_at_the_end():
-    deviations = []
-    actor = SimpleNamespace(set_noise=lambda log_std: deviations.append(np.exp(log_std)))
-    anneal = Anneal(actor, (0.06, 0.02), (2e-3, 4e-4), 100, 300)
-    anneal.model = SimpleNamespace(num_timesteps=0, logger=None)
+    deviations, frozen = [], []
+    actor = SimpleNamespace(
+        set_noise=lambda log_std: deviations.append(np.exp(log_std)), freeze=frozen.append
+    )
+    rules = rounds.PpoRound(200, 1, (0.06, 0.02), 0.2, 1)
+    env, adaptive = SimpleNamespace(scale=10.0), SimpleNamespace(weight=0.5)
+    improve = Improve(actor, rules, 2e-3, (100, 150, 300), env, adaptive)
+    improve.model = SimpleNamespace(num_timesteps=0, logger=None)
     rates = []
-    for anneal.num_timesteps in (100, 200, 300, 310):
-        anneal.on_rollout_start()
-        rates.append(anneal.model.lr_schedule(0.0))
+    for improve.num_timesteps in (100, 200, 300, 310):
+        improve._on_rollout_start()
+        rates.append(improve.model.lr_schedule(0.0))
     assert deviations == pytest.approx([0.06, (0.06 * 0.02) ** 0.5, 0.02, 0.02])
     assert rates == pytest.approx([2e-3, 1.2e-3, 4e-4, 4e-4])
+    assert frozen == [True, False, False, False]
+    assert env.scale == 20.0
+    improve.on_training_end()
+    assert env.scale == 10.0
 
 
 def test_resumed_before_the_first_time_step_it_begins_with_the_same_weight(learner):
