@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
-from agents import Sb3VecEnv, protocol
+from agents import Sb3VecEnv
 from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
 from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import Protocol as EvaluationProtocol
 from agents.experts import EXPERT, EXPERT_STEPS
 from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
@@ -104,7 +105,7 @@ class SeedTrial(Protocol):
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
+        by: EvaluationProtocol,
     ) -> SeedResult:
         """Train into a folder, or go on there, and evaluate.
 
@@ -207,7 +208,7 @@ class Trained:
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
+        by: EvaluationProtocol,
     ) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
@@ -247,7 +248,7 @@ class Trained:
         front = cot_front(params, [self.expert], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=cache)
         return laws.design(EXPERT, front.envelope[0], cache)
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """Every policy by the protocol."""
         return {
             name: WalkFigures.of(evaluate(load_policy(folder / file, params).policy, params, by))
@@ -283,7 +284,7 @@ class Following(Trained):
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """The policy at every command."""
         (file,) = self.files.values()
         policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
@@ -301,7 +302,7 @@ class Following(Trained):
 class Disturbed(Trained):
     """A training under disturbances, evaluated with them and without."""
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""
         each = {name.replace("_", " "): {name: value} for name, value in self.disturbances.items()}
         conditions = {"undisturbed": {}, **each, "all disturbances": self.disturbances}
@@ -338,7 +339,7 @@ class PlainPpo:
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
+        by: EvaluationProtocol,
     ) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
