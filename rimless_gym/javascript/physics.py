@@ -15,7 +15,7 @@ from typing import Any
 
 from rimless_gym import constants, hybrid
 from rimless_gym.constants import Constants
-from rimless_gym.envs import observation as observing
+from rimless_gym.envs import layout as observing
 from rimless_gym.equations import IMPACT_LAWS, LOSSES, equations
 from rimless_gym.javascript.printing import function_text
 from rimless_gym.javascript.tracing import Graph, retold
