@@ -14,7 +14,7 @@ PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-r
 # Of `make front`: the machine, and the budget of time in minutes.
 PRESET ?= BUILDABLE
 MINUTES ?= 120
-# Of `make test-cpus`: which processors (see scripts/processors.py; all by default), which tests.
+# Of `make test-cpus`: which processors (see scripts/studies/processors; all by default), which tests.
 CPUS ?=
 TESTS ?= tests
 
@@ -59,16 +59,16 @@ compare: $(INSTALLED)
 	$(BIN)/python scripts/compare.py --out runs/compare
 
 study: $(INSTALLED)
-	$(BIN)/python scripts/study.py --docs docs/learning.md --headline README.md
+	$(BIN)/python -m scripts.studies learning --docs docs/learning.md --headline README.md
 
 front: $(INSTALLED)
-	$(BIN)/python scripts/front.py --preset $(PRESET) --minutes $(MINUTES)
+	$(BIN)/python -m scripts.studies front --preset $(PRESET) --minutes $(MINUTES)
 
 page: $(INSTALLED)
-	$(BIN)/python scripts/page.py --out runs/page.html
+	$(BIN)/python -m agents.cli.command page --out runs/page.html
 
 feedback: $(INSTALLED)
-	$(BIN)/python scripts/feedback.py --docs docs/feedback.md
+	$(BIN)/python -m scripts.studies feedback --docs docs/feedback.md
 
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx --fail-on-warning --quiet docs runs/site
@@ -77,6 +77,7 @@ docs: $(INSTALLED)
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache --no-logo
 	$(BIN)/mypy $(CHECKED)
 
 format: $(INSTALLED)
@@ -90,7 +91,7 @@ test-slow: $(INSTALLED)
 	$(PYTEST) -m "slow and not peers"
 
 test-cpus: $(INSTALLED)
-	$(BIN)/python scripts/processors.py $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
+	$(BIN)/python -m scripts.studies processors $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
 
 peers: $(PEERS)
 
@@ -98,10 +99,10 @@ test-peers: peers
 	$(PYTEST) -m peers
 
 fuzz: $(INSTALLED)
-	$(BIN)/python scripts/fuzz.py $(FUZZ)
+	$(BIN)/python -m scripts.studies fuzz $(FUZZ)
 
 bench: $(INSTALLED)
-	$(BIN)/python scripts/benchmark.py --out docs
+	$(BIN)/python -m scripts.studies benchmark --out docs
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

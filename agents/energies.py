@@ -8,9 +8,8 @@ from itertools import accumulate
 
 from agents.recording import DRAWN, Recording
 from rimless_gym.equations import LOSSES
-from rimless_gym.rendering.colours import STANCE, Colour
-from rimless_gym.rendering.spending import draw_spending
-from rimless_gym.rendering.wheel import Frame
+from rimless_gym.rendering.canvas import STANCE, Colour, Frame
+from rimless_gym.rendering.panels import draw_spending
 
 #: Terms that never reach as much energy (J) are left out.
 NOTHING = 1e-6

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from agents.recording import STEPS, Recording
-from rimless_gym.rendering.scene import Point
-from rimless_gym.rendering.wheel import Frame, draw
+from rimless_gym.rendering.canvas import Frame
+from rimless_gym.rendering.wheel import Point, draw
 
 #: Over what speed and cost are averaged, in words.
 AVERAGED = f"over {STEPS} steps"

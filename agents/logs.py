@@ -6,8 +6,9 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from rimless_gym.extras import extra
-from rimless_gym.rendering.display import Frame, save_gif
+from rimless_gym.checks import extra
+from rimless_gym.rendering.canvas import Frame
+from rimless_gym.rendering.display import save_gif
 
 with extra("learn"):
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat

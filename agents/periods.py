@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.rollout import Interval
-from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA

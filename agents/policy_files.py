@@ -20,8 +20,8 @@ from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts
 from agents.policies import Policy, Seeing, learned_policy
 from agents.training import Training
-from rimless_gym.envs.control import USUAL, Control
-from rimless_gym.envs.observation import (
+from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
     MIDDLE_SPEED,
     PENDULUM_RATE_SCALE,

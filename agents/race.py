@@ -11,11 +11,9 @@ from agents.energies import chapters
 from agents.film import AVERAGED, trail_of
 from agents.recording import Recording, Touchdown, record_gait
 from rimless_gym.kernel.stepping import DPHI, PHI
-from rimless_gym.rendering.colours import FIRST, OPTIMUM, OTHERS, Colour
-from rimless_gym.rendering.phase_plane import PhasePlane
-from rimless_gym.rendering.scene import Point
-from rimless_gym.rendering.several import Shown, draw_several
-from rimless_gym.rendering.wheel import Frame
+from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, Colour, Frame
+from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several
+from rimless_gym.rendering.wheel import Point
 from trajopt.gaits.solution import Solution
 
 #: Name of the gait whose ghost is blue, as is its cycle in the phase plane.

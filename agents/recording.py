@@ -17,7 +17,7 @@ from rimless_gym.energy import CHANNELS
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA, hybrid_states
 from rimless_gym.params import WheelParams
-from rimless_gym.rendering.scene import Scene
+from rimless_gym.rendering.wheel import Scene
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 

@@ -27,7 +27,7 @@ from agents.recording import record
 from agents.rollout import Rollout, at_rest
 from agents.training import INITS, Training
 from agents.training_state import write_state
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.arguments import Control
 from trajopt.feedback.law import Floats
 
 #: Seconds between two saved states of a training: as much is lost if it is killed.

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.envs.snapshots import ARRAYS
+from rimless_gym.envs.batch import ARRAYS
 
 
 def state_of(envs: RimlessWheelVectorEnv) -> dict[str, Any]:
     """All that changes while environments are stepped, in copies."""
     snapshot = envs.get_state()
     return {
-        "arrays": {name: snapshot["fleet"][name] for name in ARRAYS},
+        "arrays": {name: snapshot["batch"][name] for name in ARRAYS},
         "generators": snapshot["generators"],
         "seen": snapshot["seen"],
     }
@@ -26,10 +26,10 @@ def restore(envs: RimlessWheelVectorEnv, state: dict[str, Any]) -> None:
         TypeError: a part of it is of the wrong kind.
         ValueError: it is from another number of environments.
     """
-    fleet = envs.get_state()["fleet"]
+    batch = envs.get_state()["batch"]
     envs.set_state(
         {
-            "fleet": fleet | {name: state["arrays"][name] for name in ARRAYS},
+            "batch": batch | {name: state["arrays"][name] for name in ARRAYS},
             "generators": state["generators"],
             "seen": state["seen"],
         }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 
 with extra("learn"):
     import torch

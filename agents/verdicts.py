@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.window import Window
-from rimless_gym.rules import BREACHES, breaches
+from rimless_gym.rules import VIOLATIONS, violations
 
 #: What may be said of a start: it walks; it falls; it takes no steps at the end; or its walk breaks
-#: a rule, of which the first in the order of `rimless_gym.rules.BREACHES` is named.
+#: a rule, of which the first in the order of `rimless_gym.rules.VIOLATIONS` is named.
 WALKS, FALLS, STOPS = "walks", "falls", "stops"
-VERDICTS = (WALKS, FALLS, STOPS, *BREACHES)
+VERDICTS = (WALKS, FALLS, STOPS, *VIOLATIONS)
 
 
 def verdicts(
@@ -34,7 +34,7 @@ def verdicts(
         elif not stepping[i]:
             found.append(STOPS)
         else:
-            found.append((*breaches(machine, window.extremes_of(i)), WALKS)[0])
+            found.append((*violations(machine, window.extremes_of(i)), WALKS)[0])
     return tuple(found)
 
 

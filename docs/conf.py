@@ -16,7 +16,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
-    "rimless_gym.commands.documents.site",
+    "scripts.studies.documents.site",
 ]
 smartquotes_action = "D"  # dashes alone: phi' is a rate
 highlight_language = "text"  # of blocks that name none

@@ -6,7 +6,8 @@ import dataclasses
 import math
 import operator
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -150,3 +151,29 @@ def as_instance(kind: type[Any], name: str, value: Any, default: Any) -> Any:
                 f"{name}: {field!r} is not a field of {kind.__name__}: choose from {known}"
             )
     return kind(**value)
+
+
+class MissingExtraError(ImportError):
+    """A package that comes with an extra of rimless-gym is not installed."""
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Imports of packages that come with an extra.
+
+    Args:
+        name: of the extra in pyproject.toml, such as "learn".
+
+    Raises:
+        MissingExtraError: a package is missing; it says which, and how to install it.
+    """
+    try:
+        yield
+    except MissingExtraError:
+        raise
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"{error.name} is not installed: it comes with pip install 'rimless-gym[{name}]', or "
+            f"in a checkout with pip install -e '.[{name}]'",
+            name=error.name,
+        ) from error

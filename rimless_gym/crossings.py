@@ -58,22 +58,22 @@ def _dips(
     function: Callable[[float], float], times: Array, values: Array
 ) -> list[tuple[float, float]]:
     """Times and values of extrema whose sign may differ from that of the samples on either side."""
-    found = []
+    dips = []
     bend = np.abs(np.diff(values, 2)).max(initial=0.0)  # a dip is at most bend / 8 deeper
     signs = np.where(values[:-1] > 0, 1.0, -1.0)
     nearest = np.minimum(np.abs(values[:-1]), np.abs(values[1:]))
     for i in np.flatnonzero((signs * values[1:] > 0) & (nearest < bend / 4)):
         sign, window = float(signs[i]), (times[i], times[i + 1])
         dip = minimize_scalar(lambda t, sign=sign: sign * function(t), bounds=window)
-        found.append((float(dip.x), sign * float(dip.fun)))
-    return found
+        dips.append((float(dip.x), sign * float(dip.fun)))
+    return dips
 
 
 def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[int, float] | None:
     """The first guard to turn positive within a step, and when; None if none does."""
     times = np.linspace(t0, t1, SAMPLES + 1)
     values = np.array([guards(t, y) for t, y in zip(times, dense(times).T, strict=True)])
-    found: tuple[int, float] | None = None
+    first: tuple[int, float] | None = None
     for kind in range(values.shape[1]):
 
         def guard(time: float, kind: int = kind) -> float:
@@ -87,9 +87,9 @@ def first_crossing(guards: Guards, dense: Any, t0: float, t1: float) -> tuple[in
         while guard(low) >= 0 and high - low > 1e-15:
             low, high = (c, high) if guard(c := 0.5 * (low + high)) < 0 else (low, c)
         root = low if guard(low) >= 0 else float(brentq(guard, low, high, xtol=1e-15))
-        if found is None or root < found[1]:
-            found = (kind, root)
-    return found
+        if first is None or root < first[1]:
+            first = (kind, root)
+    return first
 
 
 def _first_positive(

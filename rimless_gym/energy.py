@@ -11,16 +11,17 @@ the stance foot. `Ledger.residual` is what is left over.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import operator
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.equations import LOSSES, Losses
+from rimless_gym.equations import LOSSES, Losses, places, record
 from rimless_gym.params import WheelParams
-from rimless_gym.records import places, record
 
 
 class Channel(NamedTuple):
@@ -120,14 +121,14 @@ class Ledger:
     @classmethod
     def of(cls, energies: Mapping[str, float]) -> Ledger:
         """From the channels by name, with `elapsed` and `distance`: entries of `info`, or sums."""
-        own = {c.name: energies[c.name] for c in CHANNELS if c.name not in LOSSES}
+        others = {c.name: energies[c.name] for c in CHANNELS if c.name not in LOSSES}
         losses = Losses(*(energies[name] for name in LOSSES))
-        return cls(time=energies["elapsed"], distance=energies["distance"], losses=losses, **own)
+        return cls(time=energies["elapsed"], distance=energies["distance"], losses=losses, **others)
 
     @property
     def residual(self) -> float:
         """What the energy balance leaves unexplained (J)."""
-        return float(sum(balance(self._energies())))
+        return float(functools.reduce(operator.add, balance(self._energies())))
 
     @property
     def energy(self) -> float:

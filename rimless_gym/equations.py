@@ -10,17 +10,30 @@ Notation of Mihevc (2015), in the frame of the ground (x downhill along it, y no
     pendulum CoM = hub  + L2 (sin theta, -cos theta)    theta: pendulum from the ground's normal
     psi          = theta + d1 (phi - pi/2)              what the motor turns (3.47, 3.48)
 
-``p`` is a `rimless_gym.constants.Constants`. Rates are written ``dphi``, ``dtheta``.
+``p`` is a `rimless_gym.params.Constants`. Rates are written ``dphi``, ``dtheta``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import namedtuple
+from collections.abc import Callable, Iterable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from rimless_gym.records import record
+
+def record(name: str, fields: Iterable[str], module: str) -> Any:
+    """A named tuple class with fields from a table.
+
+    Pickles need `module`, in which it is assigned to `name`.
+    """
+    return namedtuple(name, list(fields), module=module)
+
+
+def places(kind: Any) -> Any:
+    """The named tuple (0, 1, 2, ...): the index of each field of `kind` in an array."""
+    return kind(*range(len(kind._fields)))
+
 
 #: Names of the stance modes.
 MODE_NAMES = ("single_stance", "double_stance")

@@ -1,27 +1,22 @@
-"""The machine's parameters: one frozen dataclass, checked when it is made."""
+"""The machine's parameters, one frozen dataclass, and the constants in the equations."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import SMALLEST, real
-from rimless_gym.constants import (
-    Constants,
-    leg_angle_of,
-    reach_of,
-    shorthand,
-    step_length_of,
-    weight_of,
-)
 from rimless_gym.equations import IMPACT_LAWS, equations
 
 MOTOR_MOUNTS = ("wheel", "frame")
+#: The fields that are names; all others are numbers.
+CHOICES = {"motor_mount": MOTOR_MOUNTS, "impact_law": IMPACT_LAWS}
 MOST_LEGS = 1_000_000  # the model still tells legs apart that are this close
 LEAST_REGULARITY = 1e-12  # of the mass matrix, below which it counts as singular
 POSITIVE = (
@@ -29,8 +24,6 @@ POSITIVE = (
     *("gravity", "voltage_limit"),
 )
 SIGNED = ("slope", "n_legs")  # neither need be at least 0 here: they have limits of their own
-OPTIONAL = "pendulum_reach"  # None: it follows from other fields
-CHOICES = ("motor_mount", "impact_law")  # the fields that are names; all others are numbers
 
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
@@ -67,7 +60,7 @@ class WheelParams:
         gravity: acceleration (m/s^2), > 0.
         slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
         friction: coefficient of the ground, >= 0; a higher demand is reported and, in the
-            environment, charged, but no foot slips.
+            environment, penalised, but no foot slips.
         voltage_limit: largest |V| (V), > 0.
         motor_mount: ``"wheel"`` (the machine) or ``"frame"`` (the thesis's simulations).
         impact_law: ``"plastic"``, ``"relabel"`` (the thesis's "perfectly elastic"), or
@@ -104,19 +97,12 @@ class WheelParams:
     impact_law: str = "plastic"
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            if field.name not in CHOICES and not self._left_open(field.name):
-                object.__setattr__(self, field.name, real(field.name, getattr(self, field.name)))
-        for name in POSITIVE:
-            if getattr(self, name) < SMALLEST:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: must be greater than 0, at least {SMALLEST:g}"
-                )
-        for field in dataclasses.fields(self):
-            if field.name in (*CHOICES, *SIGNED) or self._left_open(field.name):
-                continue
-            if getattr(self, field.name) < 0:
-                raise ValueError(f"{field.name} = {getattr(self, field.name)}: must be at least 0")
+        for name, value in list(vars(self).items()):
+            if name in CHOICES:
+                if value not in CHOICES[name]:
+                    raise ValueError(f"{name} = {value!r}: choose from {CHOICES[name]}")
+            elif name != "pendulum_reach" or value is not None:
+                object.__setattr__(self, name, _checked(name, value))
         if reach_of(self) < self.pendulum_length:
             raise ValueError(
                 f"pendulum_reach = {self.pendulum_reach}: must be at least pendulum_length = "
@@ -140,45 +126,19 @@ class WheelParams:
         object.__setattr__(self, "n_legs", int(self.n_legs))
         if abs(self.slope) >= math.pi / 2:
             raise ValueError(f"slope = {self.slope}: must lie strictly between -pi/2 and pi/2 rad")
-        for name in CHOICES:
-            if not isinstance(getattr(self, name), str):
-                raise TypeError(f"{name} = {getattr(self, name)!r}: must be a name")
-        if self.motor_mount not in MOTOR_MOUNTS:
-            raise ValueError(f"motor_mount = {self.motor_mount!r}: choose from {MOTOR_MOUNTS}")
-        if self.impact_law not in IMPACT_LAWS:
-            raise ValueError(f"impact_law = {self.impact_law!r}: choose from {IMPACT_LAWS}")
-        self._require_regular_mass_matrix()
-
-    def _left_open(self, name: str) -> bool:
-        return name == OPTIONAL and getattr(self, name) is None
-
-    def _require_regular_mass_matrix(self) -> None:
         if self.total_mass < SMALLEST:
             raise ValueError(
                 f"wheel_mass + pendulum_mass = {self.total_mass:g}: one of them must be greater "
                 f"than 0, at least {SMALLEST:g}"
             )
         if self._is_singular():
-            hub = self.rotor_inertia * self.gear_ratio**2
-            if hub > 0 and self._is_regular_without_rotor():
-                raise ValueError(
-                    f"rotor_inertia = {self.rotor_inertia:g}: with gear_ratio = "
-                    f"{self.gear_ratio:g} the hub feels {hub:.3g} kg m^2, so much that the wheel's "
-                    "and the pendulum's own inertias are lost in rounding: lower rotor_inertia or "
-                    "gear_ratio"
-                )
             raise ValueError(
                 "the mass matrix is singular for these masses and inertias: give the pendulum "
                 "an inertia (pendulum_inertia > 0, or pendulum_mass and pendulum_length > 0) "
-                "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0)"
+                "and the wheel a mass or an inertia (wheel_mass or wheel_inertia > 0), or lower "
+                "rotor_inertia or gear_ratio: the hub feels "
+                f"{self.rotor_inertia * self.gear_ratio**2:.3g} kg m^2"
             )
-
-    def _is_regular_without_rotor(self) -> bool:
-        try:
-            self.replace(rotor_inertia=0.0)
-        except ValueError:
-            return False
-        return True
 
     def _is_singular(self) -> bool:
         """Whether the mass matrix in single stance is (nearly) singular, with or without rotor."""
@@ -236,11 +196,150 @@ class WheelParams:
                 raise ValueError(f"{name!r} is not a field of WheelParams: choose from {known}")
         return dataclasses.replace(self, **changes)
 
-    def differences(self, wanted: WheelParams) -> dict[str, str]:
+    def differences(self, other: WheelParams) -> dict[str, str]:
         """What differs from another machine, by field: "value (not the other's)"."""
-        has, other = self.to_dict(), wanted.to_dict()
-        return {k: f"{has[k]} (not {other[k]})" for k in has if has[k] != other[k]}
+        here, there = self.to_dict(), other.to_dict()
+        return {k: f"{here[k]} (not {there[k]})" for k in here if here[k] != there[k]}
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain JSON values; ``WheelParams(**d)`` is the inverse."""
         return dataclasses.asdict(self)
+
+
+def _checked(name: str, value: Any) -> float:
+    number = real(name, value)
+    if name in POSITIVE and number < SMALLEST:
+        raise ValueError(f"{name} = {number}: must be greater than 0, at least {SMALLEST:g}")
+    if name not in SIGNED and number < 0:
+        raise ValueError(f"{name} = {number}: must be at least 0")
+    return number
+
+
+class Constants(NamedTuple):
+    """The constants in the equations, in the thesis's notation (3.22-3.25).
+
+    It is a tuple of plain scalars, so that numba compiles functions of it and CasADi can put
+    symbols in it. Not in the thesis: ``S1`` and ``S2`` are the first moments of mass (m1+m2) L1 and
+    m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
+    mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``F0``,
+    ``c`` and ``w`` the dry friction at the hub, its share of the gear's torque and its width,
+    ``Cd`` the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
+    ``chord`` the distance between feet, ``law`` the index of the impact law in `IMPACT_LAWS`.
+    """
+
+    m1: Any
+    m2: Any
+    I1: Any
+    L1: Any
+    L2: Any
+    reach: Any
+    S1: Any
+    S2: Any
+    Je1: Any
+    Je2: Any
+    Je3: Any
+    Jr: Any
+    mobility: Any
+    d1: Any
+    K: Any
+    Rm: Any
+    G: Any
+    damping: Any
+    F0: Any
+    c: Any
+    w: Any
+    Cd: Any
+    gx: Any
+    gy: Any
+    alpha: Any
+    a: Any
+    b: Any
+    chord: Any
+    law: Any
+
+
+N_CONSTANTS = len(Constants._fields)
+
+
+def weight_of(params: Any) -> Any:
+    """``(m1 + m2) g`` (N) of anything with the fields of `WheelParams`; numba compiles it too."""
+    return (params.wheel_mass + params.pendulum_mass) * params.gravity
+
+
+def leg_angle_of(params: Any) -> Any:
+    """``alpha = 2 pi / n`` (rad) of anything with an ``n_legs``; numba compiles it too."""
+    return 2 * math.pi / params.n_legs
+
+
+def step_length_of(params: Any) -> Any:
+    """``2 L1 sin(alpha / 2)`` (m) between neighbouring feet; numba compiles it too."""
+    return 2 * params.leg_length * math.sin(leg_angle_of(params) / 2)
+
+
+def reach_of(params: Any) -> Any:
+    """How far the pendulum reaches from the hub (m); numba compiles it too."""
+    given = params.pendulum_reach
+    return rod_reach(params) if given is None else given
+
+
+def rod_reach(params: Any) -> Any:
+    """How far a pendulum without a `pendulum_reach` of its own reaches, as a uniform rod (m)."""
+    return 2 * params.pendulum_length
+
+
+def shorthand(
+    params: Any,
+    sin: Callable[[Any], Any] = math.sin,
+    cos: Callable[[Any], Any] = math.cos,
+) -> Constants:
+    """The constants of `params`, whose fields may be CasADi symbols.
+
+    A symbolic slope needs CasADi's `sin` and `cos`.
+    """
+    d1 = 1.0 if params.motor_mount == "wheel" else 0.0
+    return constants_of(params, d1, float(IMPACT_LAWS.index(params.impact_law)), sin, cos)
+
+
+def constants_of(
+    params: Any, d1: Any, law: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
+) -> Constants:
+    """`shorthand` with the motor mount and the impact law as numbers; numba compiles it too."""
+    m1, m2, L1, L2 = (
+        params.wheel_mass,
+        params.pendulum_mass,
+        params.leg_length,
+        params.pendulum_length,
+    )
+    alpha = leg_angle_of(params)
+    Je2, Jr = m2 * L2**2 + params.pendulum_inertia, params.rotor_inertia * params.gear_ratio**2
+    return Constants(
+        m1=m1,
+        m2=m2,
+        I1=params.wheel_inertia,
+        L1=L1,
+        L2=L2,
+        reach=reach_of(params),
+        S1=(m1 + m2) * L1,
+        S2=m2 * L2,
+        Je1=(m1 + m2) * L1**2 + params.wheel_inertia,
+        Je2=Je2,
+        Je3=m2 * L1 * L2,
+        Jr=Jr,
+        mobility=1 / (Je2 + Jr),
+        d1=d1,
+        K=params.motor_constant * params.gear_ratio,
+        Rm=params.armature_resistance,
+        G=1 / params.armature_resistance,
+        damping=params.hub_damping,
+        F0=params.hub_friction,
+        c=params.gear_loss,
+        w=params.friction_width,
+        Cd=params.drag * L1**3,
+        gx=params.gravity * sin(params.slope),
+        gy=params.gravity * cos(params.slope),
+        alpha=alpha,
+        a=(math.pi - alpha) / 2,
+        b=(math.pi + alpha) / 2,
+        chord=step_length_of(params),
+        law=law,
+    )

@@ -12,20 +12,21 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 
-from rimless_gym import compiled, hybrid
+from rimless_gym import hybrid
 from rimless_gym.crossings import SAMPLES, first_crossing, with_zeros
 from rimless_gym.energy import Ledger
-from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses
+from rimless_gym.equations import DOUBLE, LOSSES, MODE_NAMES, SINGLE, Losses, places, record
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
+from rimless_gym.jit import REFERENCE, cached
+from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
 from rimless_gym.presets import Machine, as_params
-from rimless_gym.records import places, record
 from rimless_gym.trajectory import Arc, Event, Trajectory, validated_start
 
 MAX_STEP = 0.01  # s: short enough that no guard is crossed twice between two samples
@@ -33,7 +34,7 @@ RECORDED = 4  # samples per step, from which extreme forces and the clearance ar
 
 FORWARD, BACKWARD, LIFT_OFF, CONTACT = range(4)  # the guards, in the order of `hybrid.guards`
 
-#: The integrals that follow the state, in the order of `compiled.rates`: work and losses (J).
+#: The integrals that follow the state, in the order of `state_rates`: work and losses (J).
 Integrals = record("Integrals", ("electrical", "shaft", *LOSSES), __name__)
 INTEGRALS = places(Integrals)
 
@@ -163,12 +164,12 @@ def _advance(
 
     def rates(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         u = voltage(time, y)
-        smooth, lost = compiled.rates(motion.mode, y[0], y[1], y[2], y[3], u, constants)
+        smooth, lost = state_rates(motion.mode, y[0], y[1], y[2], y[3], u, constants)
         return *smooth, *lost
 
     def guards(time: float, y: NDArray[np.float64]) -> tuple[float, ...]:
         u = voltage(time, y)
-        return compiled.guards(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
+        return guard_values(motion.mode, y[0], y[1], y[2], y[3], u, pull, constants)
 
     while t < t1:
         if guards(t, motion.y)[CONTACT] > 0:
@@ -217,11 +218,11 @@ def _add_work(motion: _Motion, params: WheelParams, voltage: Control, arc: Arc) 
     p = params.constants
 
     def factors(times: NDArray[np.float64]) -> NDArray[np.float64]:
-        found = []
+        values = []
         for t, y in zip(times, arc.dense(times).T, strict=True):
             u, rate = voltage(t, y), hybrid.relative_rate(y[2], y[3], p)
-            found.append((u, hybrid.motor_current(rate, u, p), rate))
-        return np.array(found)
+            values.append((u, hybrid.motor_current(rate, u, p), rate))
+        return np.array(values)
 
     times = with_zeros(factors, np.linspace(arc.start, arc.end, SAMPLES + 1))
     which = [INTEGRALS.electrical, INTEGRALS.shaft]
@@ -243,7 +244,7 @@ def _lose_contact(motion: _Motion, t: float, voltage: Any) -> str:
 
 def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
     before = motion.y[:4].copy()
-    phi, shift = compiled.after_lift_off(before[1], before[3], u, params.constants_array)
+    phi, shift = after_lift_off(before[1], before[3], u, params.constants_array)
     motion.y[0], motion.y[2] = phi, 0.0
     motion.mode, motion.foot = SINGLE, motion.foot + shift
     direction = 1 if shift == 0 else -1
@@ -257,12 +258,12 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
     motion.y[0] = p.b if direction > 0 else p.a
     before = motion.y[:4].copy()
     _sample(motion, t, motion.y, u)
-    landing = compiled.after_touchdown(direction, *before[1:], u, constants)
+    landing = after_touchdown(direction, *before[1:], u, constants)
     if not landing.legal:
         return False
     after = np.array([landing.phi, before[1], landing.dphi, landing.dtheta])
     motion.y[:4], motion.mode, motion.foot = after, landing.mode, motion.foot + landing.shift
-    old, new = (compiled.measured(SINGLE, *x, u, constants) for x in (before, after))
+    old, new = (measured(SINGLE, *x, u, constants) for x in (before, after))
     lost = old.energy - new.energy + hybrid.descent(p) * landing.shift
     motion.collision += lost
     impulse = np.subtract(new.momentum, old.momentum)
@@ -279,13 +280,12 @@ def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, 
 def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Trajectory:
     _sample(motion, motion.arcs[-1].end if motion.arcs else 0.0, motion.y, motion.samples[-1][4])
     t, x, mode, foot, u = (np.array(column) for column in zip(*motion.samples, strict=True))
-    found = [
-        compiled.measured(int(m), *s, v, params.constants_array)
-        for s, m, v in zip(x, mode, u, strict=True)
+    sampled = [
+        measured(int(m), *s, v, params.constants_array) for s, m, v in zip(x, mode, u, strict=True)
     ]
     descent = hybrid.descent(params.constants)
-    energies = [found[i].energy - foot[i] * descent for i in (0, -1)]
-    hubs = [found[i].hub + foot[i] * params.step_length for i in (0, -1)]
+    energies = [sampled[i].energy - foot[i] * descent for i in (0, -1)]
+    hubs = [sampled[i].hub + foot[i] * params.step_length for i in (0, -1)]
     ledger = Ledger(
         time=float(t[-1]),
         distance=float(hubs[1] - hubs[0]),
@@ -308,11 +308,84 @@ def _trajectory(params: WheelParams, motion: _Motion, failure: str | None) -> Tr
         events=tuple(motion.events),
         arcs=tuple(motion.arcs),
         ledger=ledger,
-        min_normal_force=min(float(one.force[1]) for one in found),
-        friction_demand=max(float(one.demand) for one in found),
+        min_normal_force=min(float(one.force[1]) for one in sampled),
+        friction_demand=max(float(one.demand) for one in sampled),
         impulse_friction_demand=max(
             (hybrid.friction_demand(jx, jy) for jx, jy in impulses), default=0.0
         ),
-        clearance=min(float(one.clearance) for one in found),
+        clearance=min(float(one.clearance) for one in sampled),
         failure=failure,
     )
+
+
+# The hybrid model's functions for callers in Python take the machine as an array of constants. One
+# function computes all the values that callers need together, because every compiled function costs
+# a new process some tenths of a second.
+
+
+@cached()
+def state_rates(mode, phi, theta, dphi, dtheta, u, constants):
+    """Two tuples: the state's rates with electrical and shaft power, and the losses' powers.
+
+    All are smooth. The shaft power is what the motor delivers to wheel and pendulum.
+    """
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    dpsi = hybrid.relative_rate(dphi, dtheta, p)
+    electrical, shaft = hybrid.electrical_power(dpsi, u, p), hybrid.shaft_power(dpsi, u, p)
+    motion = dphi, dtheta, ddphi, ddtheta, electrical, shaft
+    return motion, hybrid.losses(dphi, dpsi, hybrid.relative_rate(ddphi, ddtheta, p), u, p)
+
+
+@cached(REFERENCE)
+def guard_values(mode, phi, theta, dphi, dtheta, u, pull, constants):
+    """`hybrid.guards`."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return hybrid.guards(mode, phi, theta, dphi, dtheta, u, pull, p)
+
+
+class Measured(NamedTuple):
+    """What is known of a state at a voltage.
+
+    Attributes:
+        force: (Fx, Fy) on the foot, or on both (N).
+        demand: the friction coefficient that it needs.
+        energy: mechanical, measured from the stance foot (J).
+        momentum: (x, y) of the machine (N s).
+        hub: its x from the stance foot (m).
+        clearance: of the pendulum's end (m).
+    """
+
+    force: Any
+    demand: Any
+    energy: Any
+    momentum: Any
+    hub: Any
+    clearance: Any
+
+
+@cached()
+def measured(mode, phi, theta, dphi, dtheta, u, constants):
+    """(Fx, Fy), mechanical energy, momentum, the hub's x and the pendulum's clearance."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    ddphi, ddtheta = hybrid.accelerations(mode, phi, theta, dphi, dtheta, u, p)
+    force = hybrid.ground_reaction(phi, theta, dphi, dtheta, ddphi, ddtheta, p)
+    energy = hybrid.mechanical_energy(phi, theta, dphi, dtheta, p)
+    momentum = hybrid.linear_momentum(phi, theta, dphi, dtheta, p)
+    hub, clearance = hybrid.hub_position(phi, p)[0], hybrid.pendulum_clearance(phi, theta, p)
+    demand = hybrid.friction_demand(force[0], force[1])
+    return Measured(force, demand, energy, momentum, hub, clearance)
+
+
+@cached()
+def after_touchdown(direction, theta, dphi, dtheta, u, constants):
+    """`hybrid.after_touchdown`."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return hybrid.after_touchdown(direction, theta, dphi, dtheta, u, p)
+
+
+@cached()
+def after_lift_off(theta, dtheta, u, constants):
+    """See `Measured`."""
+    p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
+    return hybrid.after_lift_off(theta, dtheta, u, p)

@@ -1,9 +1,9 @@
 """What every walk must respect, an optimal gait and a learned policy alike.
 
 The model's foot holds whatever it is asked for, and its pendulum swings through the floor. Neither
-would be a walk on a real floor. `breaches` is the one judge of that: gaits are verified with it
+would be a walk on a real floor. `violations` alone decides that: gaits are verified with it
 (`trajopt.gaits.verify`), policies are evaluated with it (`agents.evaluate`), and the environment
-marks and charges slipping by the same limit.
+flags and penalises slipping by the same limit.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from rimless_gym.params import WheelParams
 #: nodes of a mesh, and may exceed them a little in between.
 LIMIT_TOLERANCE = 1e-3
 
-#: The rules, each by the name of its breach, in the order in which they are checked.
-BREACHES = {
+#: The rules, each by the name of its violation, in the order in which they are checked.
+VIOLATIONS = {
     "lifts": "the stance foot is not pressed down",
     "slips": "the stance foot slips",
     "slips_at_touchdown": "a touchdown slips",
@@ -45,8 +45,8 @@ class Extremes(NamedTuple):
     clearance: float
 
 
-def breaches(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
-    """The rules that a walk breaks, by their names in `BREACHES`; none for a walk that counts.
+def violations(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
+    """The rules that a walk breaks, by their names in `VIOLATIONS`; none for a walk that counts.
 
     A foot must be pressed down, no more: that optimal gaits keep a margin
     (`trajopt.gaits.stance.MIN_NORMAL_FORCE`) is a choice of their design, not a limit of the
@@ -62,7 +62,7 @@ def breaches(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
         "slips_at_touchdown": exceeds(extremes.impulse_friction_demand, params.friction),
         "touches": has_floor(params) and extremes.clearance < -_tolerance(params),
     }
-    return tuple(name for name in BREACHES if broken[name])
+    return tuple(name for name in VIOLATIONS if broken[name])
 
 
 @inner

@@ -10,9 +10,8 @@ from typing import Any
 
 import casadi as ca
 
-from rimless_gym.constants import shorthand
 from rimless_gym.equations import MODE_NAMES, equations
-from rimless_gym.params import WheelParams
+from rimless_gym.params import WheelParams, shorthand
 from rimless_gym.presets import Machine, as_params
 
 _eq = equations(ca.sin, ca.cos, sqrt=ca.sqrt)

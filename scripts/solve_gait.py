@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from rimless_gym.command import run
+from agents.cli.command import run
 
 if __name__ == "__main__":
-    sys.exit(run("solve_gait"))
+    sys.exit(run("agents.cli.solve_gait"))

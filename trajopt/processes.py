@@ -20,19 +20,18 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeAlias
 
+from trajopt.pool import KilledError as KilledError
+from trajopt.pool import cores as all_cores
+
 _allowed: ContextVar[int | None] = ContextVar("_allowed", default=None)
 
 #: (function, *arguments) -> the future of its result in another process.
 Submit: TypeAlias = Callable[..., Future[Any]]
 
 
-class KilledError(RuntimeError):
-    """A worker process ended before its work was done."""
-
-
 def cores() -> int:
     """How many cores to use: those of the computer, or fewer within `limited_to`."""
-    return _allowed.get() or os.cpu_count() or 1
+    return _allowed.get() or all_cores()
 
 
 @contextmanager

@@ -33,7 +33,7 @@ from agents.race import Race, ghost
 from agents.recording import record
 from agents.reports.paper import printed, save
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.rendering.wheel import save_gif
+from rimless_gym.rendering.display import save_gif
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
 

@@ -1,7 +1,7 @@
 """The entrants of a comparison: optimal gaits, feedback laws, trained learners.
 
 `entrants` lists them. A feedback law in `trajopt/feedback/laws` enters by itself, unless it is one
-of `laws.SLOW`, which `scripts/feedback.py` measures. A learner enters with one more `Learned`.
+of `laws.SLOW`, which `scripts.studies feedback` measures. A learner enters with one more `Learned`.
 """
 
 from __future__ import annotations

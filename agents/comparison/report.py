@@ -52,7 +52,7 @@ def gait_row(name: str, gait: Solution, gap: float | None, at: float | None) -> 
         "policy": name,
         "at": at,
         "cot": gait.cot,
-        "return": (Task().value_of_distance - gait.cot) * gait.speed,
+        "return": (Task().distance_weight - gait.cot) * gait.speed,
         "speed": gait.speed,
         "gap": gap,
         "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),

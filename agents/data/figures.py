@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.data.walks import Walks
 from agents.episodes import Episode
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.arguments import Control
 
 CARD = """\
 # `{id}`

@@ -12,7 +12,7 @@ import gymnasium as gym
 
 from agents.conditions import Conditions
 from agents.data.walks import Walks
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 from rimless_gym.presets import BUILDABLE
 
 with extra("data"):

@@ -11,7 +11,7 @@ from agents.evolution.settings import LOOK_EVERY, EvolutionSettings
 from agents.evolution.walks import Duration
 from agents.pacing import NO_WALK, paced_price
 from agents.scores import economy
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 from trajopt.feedback.law import Floats
 
 #: The starts of all looks are those of this seed beside the search's own.

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from trajopt.feedback.law import Floats
 
 #: Numbers of a policy.
@@ -21,7 +21,7 @@ SIZE = 21
 
 @inner
 def features(leg, sine, cosine, leg_rate, rate, resting):  # type: ignore[no-untyped-def]
-    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.observation`)."""
+    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.layout`)."""
     return (
         1.0,
         leg,
@@ -63,7 +63,7 @@ def act(weights: Floats, observations: NDArray[np.float32]) -> Floats:
     return actions
 
 
-@kept()
+@cached()
 def _act(weights, observations, actions):  # type: ignore[no-untyped-def]
     for i in range(len(actions)):
         o = observations[i]

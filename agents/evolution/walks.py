@@ -15,10 +15,9 @@ import numpy as np
 
 from agents.evolution.policy import SIZE, action
 from rimless_gym.energy import ROW
-from rimless_gym.envs.observation import observation
+from rimless_gym.envs.layout import observation
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import kept
-from rimless_gym.kernel.lanes import LANES
+from rimless_gym.jit import cached
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -29,6 +28,7 @@ from rimless_gym.kernel.stepping import (
     machine_arrays,
     scratch,
 )
+from rimless_gym.kernel.tile import LANES
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import LIMIT_TOLERANCE
 from trajopt.feedback.law import Floats
@@ -119,7 +119,7 @@ class World:
         return Walks(*results.reshape(-1, n_policies, n_starts))
 
 
-@kept(EVOLUTION, nogil=True)
+@cached(EVOLUTION, nogil=True)
 def _walk(  # type: ignore[no-untyped-def]
     states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work
 ):

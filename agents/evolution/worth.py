@@ -57,8 +57,8 @@ class Worth:
         own = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
         paid = np.minimum(walks.distance, self.speed * time)
         paid = np.where(paid > 0.0, own * paid, paid)
-        slipped = self.task.slip_speed * CONTROL_PERIOD * walks.slipping
-        fallen = self.task.fall_distance * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
+        slipped = self.task.slip_penalty * CONTROL_PERIOD * walks.slipping
+        fallen = self.task.fall_penalty * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
         earned = price * (paid - slipped - fallen) - energy
         count = max(1, round(judged * earned.shape[1]))
         return np.asarray(np.sort(earned, axis=1)[:, -count:].mean(axis=1) / time)

@@ -9,7 +9,7 @@ import pkgutil
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 
 if TYPE_CHECKING:
     from agents.learner import Learner

@@ -46,7 +46,7 @@ class Learner(learner.Learner):
         self._world = World(conditions.params)
         self._worth = Worth(conditions.params, training.task, settings.paid_speed)
         self._search = functools.partial(
-            campaign, settings, training.seed, training.task.value_of_distance
+            campaign, settings, training.seed, training.task.distance_weight
         )
         self._begin(None if start is None else start.weights["weights"].astype(np.float64))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from agents.page.packing import packed
 from agents.policy_files import Checkpoint
-from rimless_gym.envs.control import USUAL
+from rimless_gym.envs.arguments import USUAL
 
 #: Layers of the actor of stable-baselines3's PPO, without their `.weight` and `.bias`.
 _HIDDEN, _LAST = "mlp_extractor.policy_net.", "action_net"

@@ -10,7 +10,7 @@ from typing import Any
 from agents.page.gaits import COLUMNS, front_data
 from agents.page.network import network_data
 from agents.policy_files import load_policy
-from rimless_gym.javascript.simulator import simulator
+from rimless_gym.javascript import simulator
 from rimless_gym.params import WheelParams
 from trajopt.files import write_text
 from trajopt.gaits.fronts import shipped_front

@@ -50,7 +50,7 @@ def _low_price(training: Training, settings: Hyperparameters) -> str:
     """A price at which a policy that does not walk yet had better stand still."""
     if training.init != SCRATCH:
         return ""
-    name, price = "value_of_distance", training.task.value_of_distance
+    name, price = "distance_weight", training.task.distance_weight
     if settings.pacing is not None and settings.pacing.first_price > price:
         name, price = "first_price", settings.pacing.first_price
     if price >= SIMPLEST_COT:

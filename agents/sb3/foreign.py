@@ -12,8 +12,8 @@ from agents.policies import Seeing
 from agents.sb3.learner import Sb3Learner
 from agents.sb3.networks import NetworkPolicy
 from agents.sb3.training_env import training_env
-from rimless_gym.envs.control import USUAL, Control
-from rimless_gym.envs.observation import COMMANDED_SIZE
+from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.params import WheelParams
 

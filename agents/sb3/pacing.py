@@ -52,10 +52,10 @@ class Pacing:
             lower one lets what a learner earns depend more on energy.
         paid_speed: speed up to which travel is paid in training (m/s), so that running does not
             pay however high the price is.
-        fall_distance: travel forfeited by an early end in training (m), instead of the task's own.
+        fall_penalty: travel forfeited by an early end in training (m), in place of the task's.
             At a high price 2 m make resting safer than walking.
-        slip_speed: travel forfeited per second of slipping in training (m/s), likewise. A high one
-            keeps a policy from slipping a little at every touchdown.
+        slip_penalty: travel forfeited per second of slipping in training (m/s), likewise. A high
+            one keeps a policy from slipping a little at every touchdown.
         every: time steps, of all environments together, between two looks at the policy.
         starts: from which it then walks.
         seconds: for how long; the second half is judged.
@@ -71,14 +71,14 @@ class Pacing:
     margin: float = math.inf
     least_price: float | None = None
     paid_speed: float = 0.6
-    fall_distance: float = 0.5
-    slip_speed: float = 1.0
+    fall_penalty: float = 0.5
+    slip_penalty: float = 1.0
     every: int = 100_000
     starts: int = 64
     seconds: float = 8.0
 
     def __post_init__(self) -> None:
-        for name in ("first_price", "least_share", "fall_distance", "slip_speed"):
+        for name in ("first_price", "least_share", "fall_penalty", "slip_penalty"):
             not_negative(name, getattr(self, name))
         if self.least_price is not None:
             positive("least_price", self.least_price)
@@ -191,7 +191,7 @@ class SelfPacedPrice(BaseCallback):
 
     def _least_price(self, task: Task) -> float:
         """Below which the price never falls; the environments pay by `task`."""
-        return self.pacing.least_price or task.value_of_distance
+        return self.pacing.least_price or task.distance_weight
 
     def _pay(self, price: float, task: Task) -> None:
         """Let the environments pay a price from now on, and the rest as told or as a task does."""
@@ -199,11 +199,11 @@ class SelfPacedPrice(BaseCallback):
         target = min(self.pacing.paid_speed, task.target_speed)
         paid = dataclasses.replace(
             task,
-            value_of_distance=price,
+            distance_weight=price,
             # A command takes its place.
             target_speed=math.inf if self._probe.control.speeds else target,
-            fall_distance=self.pacing.fall_distance,
-            slip_speed=self.pacing.slip_speed,
+            fall_penalty=self.pacing.fall_penalty,
+            slip_penalty=self.pacing.slip_penalty,
         )
         self.training_env.env_method("set_task", paid)
 

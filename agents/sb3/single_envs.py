@@ -95,15 +95,15 @@ def _settings(env: gym.Env[Any, Any]) -> dict[str, Any]:
             f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
             "use DummyVecEnv"
         )
-    fleet = single.get_state()["fleet"]  # the machine before anything was drawn
+    batch = single.get_state()["batch"]  # the machine before anything was drawn
     commanded = {} if single.control.speeds is None else {"speeds": single.control.speeds}
     return {
         "native": NATIVE[type(single)],
-        "params": fleet["params"][0],
+        "params": batch["params"][0],
         "task": single.task,
-        "ranges": fleet["ranges"],
-        "disturbances": fleet["disturbances"],
-        "starts": fleet["starts"],
+        "ranges": batch["ranges"],
+        "disturbances": batch["disturbances"],
+        "starts": batch["starts"],
         "control_period": single.control.period,
         "actions": single.control.actions,
         "max_episode_steps": min(limits, default=None),

@@ -16,8 +16,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from agents.sb3.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.envs.info import begun, row_of
-from rimless_gym.envs.lazy_info import LazyInfo
+from rimless_gym.envs.layout import row_of
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
 
@@ -39,10 +38,9 @@ class Sb3VecEnv(VecEnv):
 
     Gives what `DummyVecEnv` gives with as many single environments, bit for bit: observations
     (N, 6) float32 or with a commanded speed (N, 8), rewards (N,) float32, dones (N,), and a list of
-    N dictionaries. These hold the single environment's `info` and `TimeLimit.truncated`; at the end
-    of an episode also `terminal_observation`, a copy, and `episode` where the environments are
-    monitored. Until a dictionary is read, its entries are not made; see
-    `rimless_gym.envs.lazy_info`.
+    N dictionaries. Those of rows that go on hold only `TimeLimit.truncated`; `last_info` has the
+    measurements of all rows as arrays. At the end of an episode they hold the row's measurements,
+    `terminal_observation`, a copy, and `episode` where the environments are monitored.
 
     Either of::
 
@@ -154,11 +152,7 @@ class Sb3VecEnv(VecEnv):
         observations, rewards, terminated, truncated, columns = self.env.step(self._actions)
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
         self.last_info = columns
-        infos: list[dict[str, Any]] = []
-        for i in range(self.num_envs):
-            running = LazyInfo()
-            running["TimeLimit.truncated"], running.source = False, (row_of, columns, i)
-            infos.append(running)
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         if self._monitored:
             self._returns += rewards
             self._lengths += 1
@@ -170,7 +164,7 @@ class Sb3VecEnv(VecEnv):
                 info["TimeLimit.truncated"] = not terminated[i]
                 info["terminal_observation"] = final["final_obs"][i].copy()
                 self._book(i, info)
-                self.reset_infos[i] = begun(columns["mode"].item(i))
+                self.reset_infos[i] = row_of({"mode": columns["mode"]}, i)
                 infos[i] = info
         return observations, rewards.astype(np.float32), dones, infos
 

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.envs.arguments import USUAL, Control, ResetOptions, as_starts
 from rimless_gym.envs.disturbances import (
     Disturbances,
@@ -43,10 +42,10 @@ from rimless_gym.envs.starts import (
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
-from rimless_gym.params import WheelParams
+from rimless_gym.params import N_CONSTANTS, WheelParams
 
 if TYPE_CHECKING:
-    from rimless_gym.rendering.wheel import Frame
+    from rimless_gym.rendering.canvas import Frame
 
 #: Fewest rows for a thread; waking it for fewer does not pay off.
 LEAST_ROWS = 256

@@ -20,7 +20,7 @@ from rimless_gym.checks import as_instance, integer, not_negative, real
 from rimless_gym.envs.layout import MEMORY, observe_row, params_at
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import kinetic_energy, push
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import CHOICES, WheelParams
 
@@ -308,7 +308,7 @@ def _push(memory, impulse, p, i):
     memory[MEMORY.push_shift, i] = shift
 
 
-@kept(nogil=True)
+@cached(nogil=True)
 def disturb_rows(memory, constants, streams, held, settings, first, last):
     """Before the interval: delay the actions, and push.
 
@@ -325,7 +325,7 @@ def disturb_rows(memory, constants, streams, held, settings, first, last):
                 _push(memory, impulse, params_at(constants, i), i)
 
 
-@kept(nogil=True)
+@cached(nogil=True)
 def observe_noisily(observations, width, memory, streams, noise, first, last):
     """After the interval: observe again with the sensors' errors, still within bounds."""
     for i in range(first, last):

@@ -380,7 +380,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make()")
             return None
-        from rimless_gym.rendering.wheel import Window  # pygame only when it is needed
+        from rimless_gym.rendering.display import Window  # pygame only when it is needed
 
         frame = self._batch.frame(0)
         if self.render_mode == "rgb_array":
@@ -396,7 +396,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         The left and right arrows give full negative and positive voltage, or half of it while the
         down arrow is held.
         """
-        from rimless_gym.rendering._pygame import pygame  # only when it is needed
+        from rimless_gym.rendering.canvas import pygame  # only when it is needed
 
         keys: dict[tuple[int, ...], float] = {(pygame.K_LEFT,): -1.0, (pygame.K_RIGHT,): 1.0}
         keys |= {(pygame.K_DOWN, *key): volts / 2 for key, volts in keys.items()}

@@ -17,7 +17,6 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.envs.layout import (
     FLAG,
     MEMORY,
@@ -32,10 +31,11 @@ from rimless_gym.envs.layout import (
     weights_of,
 )
 from rimless_gym.envs.task import TERM_NAMES, TERMS, rewarded
+from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_current, motor_voltage, relative_rate
-from rimless_gym.jit import ENVIRONMENT, inner, kept
+from rimless_gym.jit import ENVIRONMENT, cached, inner
 from rimless_gym.kernel.stepping import SCRATCH_SIZE, advance_batch
-from rimless_gym.records import places, record
+from rimless_gym.params import N_CONSTANTS
 from rimless_gym.rules import exceeds
 
 #: Addresses of arrays; number of columns of memory and results; number of machines, 1 or one per
@@ -94,7 +94,7 @@ def _pointer(typing_context, address):
     return types.voidptr(types.int64), codegen
 
 
-@kept(ENVIRONMENT, nogil=True)
+@cached(ENVIRONMENT, nogil=True)
 def step_rows(address):
     """Hold the actions in a memory for one interval, with the `Arguments` at that address.
 
@@ -261,7 +261,7 @@ def _set_flags(results, memory, limit, first, last):
     return unusual
 
 
-@kept()
+@cached()
 def take_actions(actions, ignored, memory):
     """Copy the actions (N, 1) to `memory`, unless some that count are NaN; returns how many."""
     wrong = 0

@@ -16,14 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.constants import Constants
 from rimless_gym.energy import Row
 from rimless_gym.envs.task import TERM_NAMES, Task
+from rimless_gym.equations import places, record
 from rimless_gym.hybrid import CONTACT_LOST, MAX_RATE, RATE_EXCEEDED
-from rimless_gym.jit import inner, kept, written
+from rimless_gym.jit import cached, inner, written
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA, HybridState
-from rimless_gym.params import WheelParams
-from rimless_gym.records import places, record
+from rimless_gym.params import Constants, WheelParams
 from rimless_gym.trigonometry import cos, sin
 
 
@@ -234,7 +233,7 @@ def observe(params: WheelParams, states: NDArray[np.float64]) -> NDArray[np.floa
     return observations
 
 
-@kept()
+@cached()
 def _observe(states, leg_scale, observations):
     for x, seen in zip(states, observations):  # noqa: B905  numba knows no strict
         values = observation(x[PHI], x[THETA], x[DPHI], x[DTHETA], x[MODE], leg_scale)

@@ -14,16 +14,6 @@ from numpy.typing import NDArray
 
 from rimless_gym import hybrid
 from rimless_gym.checks import not_negative
-from rimless_gym.constants import (
-    N_CONSTANTS,
-    Constants,
-    constants_of,
-    leg_angle_of,
-    reach_of,
-    rod_reach,
-    step_length_of,
-    weight_of,
-)
 from rimless_gym.envs.disturbances import between, errors, next_uniform
 from rimless_gym.envs.layout import (
     COMMANDED_SIZE,
@@ -36,12 +26,23 @@ from rimless_gym.envs.layout import (
     reader,
     set_task_params,
 )
-from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE, record
 from rimless_gym.hybrid import MAX_RATE
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import DPHI, DTHETA, MAX_POLE, MODE, PHI, STATE_SIZE, THETA
-from rimless_gym.params import CHOICES, LEAST_REGULARITY, WheelParams
-from rimless_gym.records import record
+from rimless_gym.params import (
+    CHOICES,
+    LEAST_REGULARITY,
+    N_CONSTANTS,
+    Constants,
+    WheelParams,
+    constants_of,
+    leg_angle_of,
+    reach_of,
+    rod_reach,
+    step_length_of,
+    weight_of,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,7 +159,7 @@ def draw_start(
     return state
 
 
-@kept()
+@cached()
 def _draw(constants, slope, weight, limit, bounds, streams, state):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
@@ -172,7 +173,7 @@ def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float =
     return _force(params.constants_array, state, limit)
 
 
-@kept()
+@cached()
 def _force(constants, x, limit):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
     return greatest_force(x[MODE], x[PHI], x[THETA], x[DPHI], x[DTHETA], limit, p)
@@ -202,7 +203,7 @@ def _set_state(kind, given, k, bounds, p, memory, streams, i):
     return pressed
 
 
-@kept()
+@cached()
 def start_rows(
     observations, rows, kind, given, bounds, commands, memory, streams, held, constants, settings
 ):
@@ -291,7 +292,7 @@ def _pole(limit, p):
     return 2 * MAX_POLE
 
 
-@kept()
+@cached()
 def draw_params(rows, ranged, bounds, numbers, constants, poles, memory, streams):
     """Draw the parameters `ranged` of each machine of `rows` between `bounds`.
 
@@ -314,7 +315,7 @@ def draw_params(rows, ranged, bounds, numbers, constants, poles, memory, streams
     return failed
 
 
-@kept()
+@cached()
 def set_task_constants(numbers, memory):
     """Write what the task needs to know about each row's machine into `memory`."""
     for i in range(numbers.shape[1]):

@@ -1,4 +1,4 @@
-"""One attempt at a step in every lane of a tile: integrated, measured, and accepted or judged."""
+"""One attempt at a step in every lane of a tile: integrated, measured, accepted or corrected."""
 
 from __future__ import annotations
 
@@ -15,41 +15,64 @@ from rimless_gym.hybrid import (
     RATE_EXCEEDED,
     THESIS_BACKWARD,
     TOO_MANY_EVENTS,
+    accelerations,
     after_lift_off,
     after_touchdown,
     contact_guard,
+    crosses_kink,
     drag_pole,
     friction_pole,
     gear_torque,
+    ground_reaction,
+    lift_off_guard,
     mass_matrix,
     psi_mobility,
     regularity,
     relative_rate,
+    touchdown_guard,
 )
 from rimless_gym.jit import inlined, inner, vectorised
-from rimless_gym.kernel import tile as of
-from rimless_gym.kernel.booking import (
+from rimless_gym.kernel import tile as slot
+from rimless_gym.kernel.accounting import (
     accept,
-    book_touchdown,
+    add_touchdown,
     close,
     forget_extremes,
     measure,
     restart,
+    split_at_current,
+    split_work,
 )
-from rimless_gym.kernel.events import LIFT_OFF, NOTHING, RELEASE, force_guard, judge
-from rimless_gym.kernel.integration import find_sines, rk8
-from rimless_gym.kernel.lanes import LANES, one_copy
-from rimless_gym.kernel.tile import get_acc, get_state, machine
-from rimless_gym.kernel.work import split_at_current, split_work
+from rimless_gym.kernel.integration import (
+    derivative,
+    find_sines,
+    negative,
+    quintic,
+    rk8,
+    slope,
+    upward_root,
+    value,
+)
+from rimless_gym.kernel.tile import LANES, get_acc, get_constants, get_state, one_copy, put_state
+from rimless_gym.trigonometry import MAX_TURN
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`). Energy then
 #: balances to a relative 1e-7 over an interval of any machine, and to 1e-11 on a gait. Angles turn
-#: well below `trigonometry.MAX_TURN`, the limit of the stages' sines; `judge` enforces that limit.
+#: well below `trigonometry.MAX_TURN`, the limit of the stages' sines (`check_attempt`).
 MAX_POLE_STEP, MAX_RATE_STEP = 0.15, 0.16
 
 #: In a step, psi' and the gear's torque change by no more than this share of their distance from
 #: where dry friction bends most.
 MAX_BEND_STEP = 0.35
+
+LOCATED = 1e-13  # rad: how near to its guard a located touchdown is
+GRAZE = 1e-6  # rad: where a leg reverses this near to its guard, a step ends
+
+#: What a step may end on; the first two are also the directions of a touchdown.
+FORWARD, BACKWARD, NOTHING, LIFT_OFF, RELEASE = (np.int64(k) for k in (1, -1, 0, 2, 3))
+
+_AT_REVERSAL, _AT_TURN = 1, 2  # what may have cut a step
+_HERE = 1e-6  # fraction of a step: a cut this near to its start has been made already
 
 #: Narrowest peak of the accelerations (rad) that steps resolve; below it, balances get worse.
 LEAST_PEAK = 0.01
@@ -100,21 +123,21 @@ def plan(tile):
     """
     unusual = 0
     for lane in range(LANES):
-        p, acc = machine(tile, lane), get_acc(tile, of.ACC, lane)
-        y = get_state(tile, of.STATE, lane)
-        left, attempt = tile[of.LEFT + lane], tile[of.ATTEMPT + lane]
+        p, acc = get_constants(tile, lane), get_acc(tile, slot.ACC, lane)
+        y = get_state(tile, slot.STATE, lane)
+        left, attempt = tile[slot.LEFT + lane], tile[slot.ATTEMPT + lane]
         rolling = abs(y.dphi) + 0.5 * left * abs(acc.ddphi)
         swinging = abs(y.dtheta) + 0.5 * left * abs(acc.ddtheta)
         rate = rolling + swinging
         turning = rate / min(max(peak(p), LEAST_PEAK), 1.0)
         braking = drag_pole(rolling, p)
-        damping = (tile[of.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
-        rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[of.VOLTAGE + lane], p)
+        damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
+        rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1e-9)
         h = attempt if attempt >= 0.0 else left / np.ceil(left * fastest)
-        runs = left > 0.0 and tile[of.FAILURE + lane] == OK
-        tile[of.STEP + lane] = h if runs else 0.0
-        usual = tile[of.MODE + lane] == SINGLE and max(abs(y.dphi), abs(y.dtheta)) <= MAX_RATE
+        runs = left > 0.0 and tile[slot.FAILURE + lane] == OK
+        tile[slot.STEP + lane] = h if runs else 0.0
+        usual = tile[slot.MODE + lane] == SINGLE and max(abs(y.dphi), abs(y.dtheta)) <= MAX_RATE
         unusual += 0 if usual else 1
     return unusual
 
@@ -122,13 +145,17 @@ def plan(tile):
 @inner
 def prepare(tile, lane, pull):
     """Before a new step of a lane on two feet: lift off if a foot would have to be pulled down."""
-    if not runs(tile, lane) or tile[of.ATTEMPT + lane] >= 0.0:
+    if not runs(tile, lane) or tile[slot.ATTEMPT + lane] >= 0.0:
         return
-    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
-    if too_fast(tile, lane) or tile[of.MODE + lane] == SINGLE:
+    y, u, p = (
+        get_state(tile, slot.STATE, lane),
+        tile[slot.VOLTAGE + lane],
+        get_constants(tile, lane),
+    )
+    if too_fast(tile, lane) or tile[slot.MODE + lane] == SINGLE:
         return
     if force_guard(LIFT_OFF, float(DOUBLE), y, u, pull, p) > 0.0:
-        if tile[of.EVENTS + lane] == 0.0:  # at this voltage it never stood on two feet
+        if tile[slot.EVENTS + lane] == 0.0:  # at this voltage it never stood on two feet
             forget_extremes(tile, lane)
         lift_off(tile, lane, pull)
 
@@ -136,53 +163,61 @@ def prepare(tile, lane, pull):
 @inner
 def too_fast(tile, lane):
     """End a lane's motion if it is too fast for the model; returns whether it did."""
-    y = get_state(tile, of.STATE, lane)
+    y = get_state(tile, slot.STATE, lane)
     fastest = max(abs(y.dphi), abs(y.dtheta))
-    if tile[of.FAILURE + lane] != OK or fastest <= MAX_RATE:
+    if tile[slot.FAILURE + lane] != OK or fastest <= MAX_RATE:
         return False
-    tile[of.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
+    tile[slot.FAILURE + lane] = RATE_EXCEEDED if fastest > MAX_RATE else DIVERGED
     return True
 
 
 @inner
 def lift_off(tile, lane, pull):
     """From two feet to one, or to none."""
-    y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+    y, u, p = (
+        get_state(tile, slot.STATE, lane),
+        tile[slot.VOLTAGE + lane],
+        get_constants(tile, lane),
+    )
     phi, shift = after_lift_off(y.theta, y.dtheta, u, p)
     after = State(phi, y.theta, 0.0, y.dtheta)
-    fy = restart(tile, lane, float(SINGLE), tile[of.FOOT + lane] + shift, after, pull)
+    fy = restart(tile, lane, float(SINGLE), tile[slot.FOOT + lane] + shift, after, pull)
     if contact_guard(fy, pull) > 0.0:
-        tile[of.FAILURE + lane] = CONTACT_LOST
+        tile[slot.FAILURE + lane] = CONTACT_LOST
 
 
 @inner
 def arrive(tile, lane, event, duration, pull):
     """Apply the event at the end of an accepted step."""
     if event == RELEASE:
-        tile[of.FAILURE + lane] = CONTACT_LOST
+        tile[slot.FAILURE + lane] = CONTACT_LOST
         return
     if event == LIFT_OFF:
         lift_off(tile, lane, pull)
     else:
-        y, u, p = get_state(tile, of.STATE, lane), tile[of.VOLTAGE + lane], machine(tile, lane)
+        y, u, p = (
+            get_state(tile, slot.STATE, lane),
+            tile[slot.VOLTAGE + lane],
+            get_constants(tile, lane),
+        )
         landing = after_touchdown(event, y.theta, y.dphi, y.dtheta, u, p)
         if not landing.legal:
-            tile[of.FAILURE + lane] = THESIS_BACKWARD
+            tile[slot.FAILURE + lane] = THESIS_BACKWARD
             return
         after = State(landing.phi, y.theta, landing.dphi, landing.dtheta)
-        book_touchdown(tile, lane, y, after, landing.shift, duration - tile[of.LEFT + lane])
-        foot = tile[of.FOOT + lane] + landing.shift
+        add_touchdown(tile, lane, y, after, landing.shift, duration - tile[slot.LEFT + lane])
+        foot = tile[slot.FOOT + lane] + landing.shift
         fy = restart(tile, lane, float(landing.mode), foot, after, pull)
         if contact_guard(fy, pull) > 0.0:
-            tile[of.FAILURE + lane] = CONTACT_LOST
-    if tile[of.EVENTS + lane] > MAX_EVENTS * max(1.0, duration / CONTROL_PERIOD):
-        tile[of.FAILURE + lane] = TOO_MANY_EVENTS
+            tile[slot.FAILURE + lane] = CONTACT_LOST
+    if tile[slot.EVENTS + lane] > MAX_EVENTS * max(1.0, duration / CONTROL_PERIOD):
+        tile[slot.FAILURE + lane] = TOO_MANY_EVENTS
 
 
 @inner
 def runs(tile, lane):
     """Whether a lane still has time left and has not failed."""
-    return tile[of.LEFT + lane] > 0.0 and tile[of.FAILURE + lane] == OK
+    return tile[slot.LEFT + lane] > 0.0 and tile[slot.FAILURE + lane] == OK
 
 
 @inner
@@ -190,7 +225,7 @@ def attempt_step(tile, count, duration, pull):
     """One attempt at a step in the first `count` lanes; returns how many of them need another."""
     one_copy()
     for lane in range(count, LANES):
-        tile[of.LEFT + lane] = 0.0
+        tile[slot.LEFT + lane] = 0.0
     if plan(tile):
         for lane in range(count):
             prepare(tile, lane, pull)
@@ -201,8 +236,8 @@ def attempt_step(tile, count, duration, pull):
         split_at_current(tile)
     if flagged:
         for lane in range(count):
-            if tile[of.FLAG + lane] == of.FLAGGED and judge(tile, lane, pull):
-                tile[of.FLAG + lane] = of.SPLIT
+            if tile[slot.FLAG + lane] == slot.FLAGGED and check_attempt(tile, lane, pull):
+                tile[slot.FLAG + lane] = slot.SPLIT
     if split or flagged:
         split_work(tile)
     unfinished = accept(tile, duration)
@@ -210,7 +245,7 @@ def attempt_step(tile, count, duration, pull):
         return unfinished
     unfinished = 0
     for lane in range(count):
-        event = int(tile[of.EVENT + lane])
+        event = int(tile[slot.EVENT + lane])
         if event != NOTHING:
             arrive(tile, lane, event, duration, pull)
         if too_fast(tile, lane) or event != NOTHING:
@@ -225,3 +260,215 @@ def attempt_again(tile, count, duration, pull):
     one_copy()
     find_sines(tile)
     return attempt_step(tile, count, duration, pull)
+
+
+# -- Location of events within a step --------------------------------------------------------------
+#
+# A touchdown is first located on the quintic through the step's ends. The step is then shortened to
+# end there, and corrected until the leg is on its guard. Lift-off and loss of contact are located
+# in the same way, on the forces. Every correction is another attempt at the same step.
+
+
+@inner
+def past_guard(direction, y0, acc0, y1, acc1, h, p):
+    """Quintic of how far the leg is past a guard (rad) over a step."""
+    return quintic(
+        touchdown_guard(direction, y0.phi, p),
+        direction * y0.dphi,
+        direction * acc0.ddphi,
+        touchdown_guard(direction, y1.phi, p),
+        direction * y1.dphi,
+        direction * acc1.ddphi,
+        h,
+    )
+
+
+@inner
+def turning_cut(y0, acc0, y1, acc1, h, p):
+    """Fraction at which to cut a step, so that near a guard the leg reverses only at steps' ends.
+
+    It is 1 where the leg is far from its guards. A turning point within `GRAZE` of a guard becomes
+    the end of a step, where the state is exact. So does an inflection, because it separates two
+    turning points.
+    """
+    for direction in (FORWARD, BACKWARD):
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
+        if max(c[0], value(c, 1.0)) + 0.5 * h * max(abs(y0.dphi), abs(y1.dphi)) < 0.0:
+            continue
+        if acc0.ddphi * acc1.ddphi < 0.0:
+            bend = derivative(derivative(c))
+            s = upward_root(bend if bend[0] < 0.0 else negative(bend), 1.0)
+            if 1e-3 < s < 0.999:
+                return s
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:
+            s = upward_root(negative(derivative(c)), 1.0)
+            if abs(value(c, s)) < GRAZE and _HERE < s < 0.9999:
+                return s
+    return 1.0
+
+
+@inner
+def touchdown_crossing(y0, acc0, y1, acc1, h, p):
+    """First touchdown within a single-stance step: (direction or NOTHING, s near it, s past it)."""
+    event, s_event, s_past = NOTHING, 2.0, 1.0
+    for direction in (FORWARD, BACKWARD):
+        c = past_guard(direction, y0, acc0, y1, acc1, h, p)
+        s_end = 1.0
+        if c[1] > 0.0 and slope(c, 1.0) < 0.0:  # it turns back inside the step: look at the top
+            s_end = upward_root(negative(derivative(c)), 1.0)
+        if value(c, s_end) > 0.1 * LOCATED:
+            s = upward_root(c, s_end)
+            if s < s_event:
+                event, s_event, s_past = direction, s, s_end
+    return event, s_event, s_past
+
+
+@inner
+def reversal(y0, acc0, y1, acc1, h):
+    """Fraction of a step at which phi' changes sign, given that it does."""
+    rate = derivative(quintic(y0.phi, y0.dphi, acc0.ddphi, y1.phi, y1.dphi, acc1.ddphi, h))
+    return upward_root(rate if y1.dphi > 0.0 else negative(rate), 1.0)
+
+
+@inner
+def between(y0, acc0, y1, acc1, h, s):
+    """State at fraction s of a step, from the quintics through its ends."""
+    c = quintic(y0.phi, y0.dphi, acc0.ddphi, y1.phi, y1.dphi, acc1.ddphi, h)
+    e = quintic(y0.theta, y0.dtheta, acc0.ddtheta, y1.theta, y1.dtheta, acc1.ddtheta, h)
+    return State(value(c, s), value(e, s), slope(c, s) / h, slope(e, s) / h)
+
+
+@inner
+def force_guard(kind, mode, y, u, pull, p):
+    """Positive once a foot would have to be pulled down.
+
+    `LIFT_OFF`: one of two standing feet, in units of phi''. `RELEASE`: the feet together, in N
+    beyond the largest `pull` that the ground can exert.
+    """
+    if kind == LIFT_OFF:
+        return lift_off_guard(y.theta, y.dtheta, u, p)
+    a = accelerations(mode, y.phi, y.theta, y.dphi, y.dtheta, u, p)
+    fy = ground_reaction(y.phi, y.theta, y.dphi, y.dtheta, a.ddphi, a.ddtheta, p)[1]
+    return contact_guard(fy, pull)
+
+
+@inner
+def check_attempt(tile, lane, pull):
+    """Whether the attempt at a step stands; if not, this sets up the next one, or the failure."""
+    y, acc = get_state(tile, slot.STATE, lane), get_acc(tile, slot.ACC, lane)
+    end, acc_end = get_state(tile, slot.NEXT, lane), get_acc(tile, slot.NEXT_ACC, lane)
+    mode, u, h = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], tile[slot.STEP + lane]
+    goal, cut, p = (
+        int(tile[slot.GOAL + lane]),
+        int(tile[slot.CUT + lane]),
+        get_constants(tile, lane),
+    )
+    if not max(abs(end.dphi), abs(end.dtheta)) < 10 * MAX_RATE:
+        tile[slot.FAILURE + lane] = DIVERGED  # so fast, or NaN, that the step cannot be trusted
+        return False
+    if goal == NOTHING:
+        if tile[slot.FAR + lane] > MAX_TURN * MAX_TURN:  # its sines are not accurate that far
+            tile[slot.ATTEMPT + lane] = 0.5 * h
+            return False
+        if crosses_kink(y.dphi, end.dphi, p) and not cut:  # air drag has a kink: end there
+            tile[slot.CUT + lane] = _AT_REVERSAL
+            s = reversal(y, acc, end, acc_end, h)
+            if s > _HERE:
+                tile[slot.ATTEMPT + lane] = s * h
+                return False
+        if mode == SINGLE:
+            if cut < _AT_TURN:
+                s = turning_cut(y, acc, end, acc_end, h, p)
+                if s < 1.0:
+                    tile[slot.CUT + lane] = _AT_TURN
+                    tile[slot.ATTEMPT + lane] = s * h
+                    return False
+            event, s, s_past = touchdown_crossing(y, acc, end, acc_end, h, p)
+            if event != NOTHING:
+                tile[slot.GOAL + lane] = event
+                tile[slot.HIGH + lane] = s_past * h
+                tile[slot.ATTEMPT + lane] = s * h
+                return False
+        elif force_guard(LIFT_OFF, mode, end, u, pull, p) > 0.0:
+            _aim_at_force(tile, lane, LIFT_OFF, end, h, pull)
+            return False
+    elif not (_lands(tile, lane, goal, h) if abs(goal) == 1 else _lets_go(tile, lane, goal, pull)):
+        return False
+    if goal != RELEASE and h > 0.0:
+        end = get_state(tile, slot.NEXT, lane)
+        for s in (0.5, 1.0):
+            there = between(y, acc, end, acc_end, h, s) if s < 1.0 else end
+            if force_guard(RELEASE, mode, there, u, pull, p) > 0.0:
+                _aim_at_force(tile, lane, RELEASE, there, s * h, pull)
+                return False
+    return True
+
+
+@inner
+def _lands(tile, lane, direction, tau):
+    """Whether an attempt of length tau ends on the guard; if not, this sets up the next one.
+
+    That is a step of Newton's method along phi', or of bisection if Newton leaves the bracket.
+    """
+    p = get_constants(tile, lane)
+    end = get_state(tile, slot.NEXT, lane)
+    low, high, tries = tile[slot.LOW + lane], tile[slot.HIGH + lane], tile[slot.TRIES + lane]
+    miss = touchdown_guard(direction, end.phi, p)
+    if abs(miss) <= LOCATED or high - low <= 1e-16 or tries >= 60:
+        bound = p.b if direction > 0 else p.a
+        put_state(tile, slot.NEXT, lane, (bound, end.theta, end.dphi, end.dtheta))
+        return True
+    if miss > 0.0:
+        high = tau
+    else:
+        low = tau
+    newton = tau - miss / (direction * end.dphi)
+    tile[slot.ATTEMPT + lane] = newton if low < newton < high else 0.5 * (low + high)
+    tile[slot.LOW + lane] = low
+    tile[slot.HIGH + lane] = high
+    tile[slot.TRIES + lane] = tries + 1
+    return False
+
+
+@inner
+def _aim_at_force(tile, lane, kind, end, h, pull):
+    """Aim at the time when a force guard turns positive; at `end`, after a time h, it is positive.
+
+    Bisection on the quintics gives the first attempt.
+    """
+    y, acc = get_state(tile, slot.STATE, lane), get_acc(tile, slot.ACC, lane)
+    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], get_constants(tile, lane)
+    acc_end = accelerations(mode, end.phi, end.theta, end.dphi, end.dtheta, u, p)
+    low, high = 0.0, 1.0
+    while high - low > 1e-15:
+        middle = 0.5 * (low + high)
+        if force_guard(kind, mode, between(y, acc, end, acc_end, h, middle), u, pull, p) > 0.0:
+            high = middle
+        else:
+            low = middle
+    tile[slot.GOAL + lane] = kind
+    tile[slot.ATTEMPT + lane] = high * h
+    tile[slot.HIGH + lane] = h
+    tile[slot.BEFORE + lane] = h
+    tile[slot.MISS_BEFORE + lane] = force_guard(kind, mode, end, u, pull, p)
+    tile[slot.TRIES + lane] = 0.0
+
+
+@inner
+def _lets_go(tile, lane, kind, pull):
+    """Whether an attempt ends where a force guard turns positive; if not, this sets up the next.
+
+    There are at most two, both steps of the secant method.
+    """
+    end, tau = get_state(tile, slot.NEXT, lane), tile[slot.STEP + lane]
+    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], get_constants(tile, lane)
+    miss, tries = force_guard(kind, mode, end, u, pull, p), tile[slot.TRIES + lane]
+    before, miss_before = tile[slot.BEFORE + lane], tile[slot.MISS_BEFORE + lane]
+    if tries >= 2 or miss in (0.0, miss_before):
+        return True
+    corrected = tau - miss * (tau - before) / (miss - miss_before)
+    tile[slot.ATTEMPT + lane] = min(max(corrected, 0.0), tile[slot.HIGH + lane])
+    tile[slot.BEFORE + lane] = tau
+    tile[slot.MISS_BEFORE + lane] = miss
+    tile[slot.TRIES + lane] = tries + 1
+    return False

@@ -1,8 +1,8 @@
-"""The stepping kernel: advance hybrid states at constant voltage, events located, energy booked.
+"""The stepping kernel: advance hybrid states at constant voltage, events located, energy accounted.
 
 Wheels are advanced `LANES` at a time, in a tile (`rimless_gym.kernel.tile`), by attempts at steps
-that vectorise: integrate, measure, accept. A lane whose attempt ran into an event is judged by
-itself and makes another attempt (`rimless_gym.kernel.events`). Wheels that need more than one step
+that vectorise: integrate, measure, accept. A lane whose attempt ran into an event is handled by
+itself and makes another attempt (`rimless_gym.kernel.attempt`). Wheels that need more than one step
 wait until there are enough of them to fill a tile. A wheel's motion is the same to the last bit
 whatever moves beside it.
 """
@@ -16,16 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.constants import N_CONSTANTS
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE, drag_pole, friction_pole, motor_torque
-from rimless_gym.jit import ROLLOUTS, inner, kept
-from rimless_gym.kernel import tile as of
+from rimless_gym.jit import ROLLOUTS, cached, inner
+from rimless_gym.kernel import tile as slot
+from rimless_gym.kernel.accounting import open_interval
 from rimless_gym.kernel.attempt import attempt_again, attempt_step, runs
-from rimless_gym.kernel.booking import open_interval
-from rimless_gym.kernel.lanes import LANES, copy_lanes, one_copy
-from rimless_gym.kernel.tile import CARRIED, TILE_SIZE
-from rimless_gym.params import WheelParams
+from rimless_gym.kernel.tile import CARRIED, LANES, TILE_SIZE, copy_lanes, one_copy
+from rimless_gym.params import N_CONSTANTS, WheelParams
 
 
 class HybridState(NamedTuple):
@@ -68,9 +66,9 @@ def hybrid_states(x: ArrayLike, mode: ArrayLike) -> NDArray[np.float64]:
 @inner
 def share_machine(work, constants, poles):
     """Put one machine into all lanes of both tiles, unless it is there since the last call."""
-    same = work[-1] == 1.0 and work[of.POLE] == poles[0]
+    same = work[-1] == 1.0 and work[slot.POLE] == poles[0]
     for c in range(N_CONSTANTS):
-        same = same and work[of.CONSTANTS + c * LANES] == constants[c, 0]
+        same = same and work[slot.CONSTANTS + c * LANES] == constants[c, 0]
     if not same:
         for lane in range(LANES):
             load_machine(work, lane, constants, poles, 0)
@@ -82,24 +80,24 @@ def share_machine(work, constants, poles):
 def load_machine(tile, lane, constants, poles, i):
     """Put the caller's machine i into a lane."""
     for c in range(N_CONSTANTS):
-        tile[of.CONSTANTS + c * LANES + lane] = constants[c, i]
-    tile[of.POLE + lane] = poles[i]
+        tile[slot.CONSTANTS + c * LANES + lane] = constants[c, i]
+    tile[slot.POLE + lane] = poles[i]
 
 
 @inner
 def load(tile, states, voltages, base, count, stride):
     """Put wheels base, base + 1, ... into the tile's lanes; `states` has flat rows of `stride`."""
     for lane in range(LANES):
-        tile[of.INDEX + lane] = base + lane
+        tile[slot.INDEX + lane] = base + lane
     if count == LANES:
         for c in range(STATE_SIZE):
-            copy_lanes(tile, of.STATE + c * LANES, states, c * stride + base)
-        copy_lanes(tile, of.VOLTAGE, voltages, base)
+            copy_lanes(tile, slot.STATE + c * LANES, states, c * stride + base)
+        copy_lanes(tile, slot.VOLTAGE, voltages, base)
         return
     for lane in range(count):
         for c in range(STATE_SIZE):
-            tile[of.STATE + c * LANES + lane] = states[c * stride + base + lane]
-        tile[of.VOLTAGE + lane] = voltages[base + lane]
+            tile[slot.STATE + c * LANES + lane] = states[c * stride + base + lane]
+        tile[slot.VOLTAGE + lane] = voltages[base + lane]
 
 
 @inner
@@ -110,19 +108,19 @@ def store(tile, states, out, base, count, stride):
             store_lane(tile, lane, states, out, stride)
         return
     for c in range(STATE_SIZE):
-        copy_lanes(states, c * stride + base, tile, of.STATE + c * LANES)
+        copy_lanes(states, c * stride + base, tile, slot.STATE + c * LANES)
     for c in range(len(ROW)):
-        copy_lanes(out, c * stride + base, tile, of.BOOKED + c * LANES)
+        copy_lanes(out, c * stride + base, tile, slot.TOTALS + c * LANES)
 
 
 @inner
 def store_lane(tile, lane, states, out, stride):
     """Write one wheel back."""
-    i = int(tile[of.INDEX + lane])
+    i = int(tile[slot.INDEX + lane])
     for c in range(STATE_SIZE):
-        states[c * stride + i] = tile[of.STATE + c * LANES + lane]
+        states[c * stride + i] = tile[slot.STATE + c * LANES + lane]
     for c in range(len(ROW)):
-        out[c * stride + i] = tile[of.BOOKED + c * LANES + lane]
+        out[c * stride + i] = tile[slot.TOTALS + c * LANES + lane]
 
 
 @inner
@@ -147,7 +145,7 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
         for quantity in range(CARRIED):
             tile[quantity * LANES + lane] = work[place + quantity]
         if constants.shape[1] > 1:
-            load_machine(tile, lane, constants, poles, int(tile[of.INDEX + lane]))
+            load_machine(tile, lane, constants, poles, int(tile[slot.INDEX + lane]))
     attempt_again(tile, count, duration, pull)
     for lane in range(count):
         if not runs(tile, lane):
@@ -155,7 +153,7 @@ def advance_waiting(tile, work, waiting, constants, poles, states, out, stride, 
     return enqueue(tile, count, work, waiting)
 
 
-@kept(ROLLOUTS, nogil=True)
+@cached(ROLLOUTS, nogil=True)
 def advance_batch(constants, poles, states, voltages, first, last, duration, pull, out, work):
     """Advance the hybrid states in columns `first` to `last` of `states`, at `voltages`.
 

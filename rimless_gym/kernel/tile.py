@@ -4,21 +4,103 @@ A tile is one flat float64 array; quantity q of lane l is ``tile[q + l]``. The c
 offsets q, so a loop over lanes becomes a few vector instructions. Every lane does the same
 arithmetic whatever the others hold: a wheel's motion does not depend on its neighbours.
 Where a quantity is several numbers, they are `LANES` apart, and read and written together as a
-named tuple (`rimless_gym.kernel.lanes`).
+named tuple.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-from rimless_gym.constants import N_CONSTANTS, Constants
 from rimless_gym.energy import ROW
 from rimless_gym.equations import Accelerations, Losses, State
-from rimless_gym.jit import inlined
-from rimless_gym.kernel.lanes import LANES, reader, writer
+from rimless_gym.jit import inlined, written
+from rimless_gym.params import N_CONSTANTS, Constants
 from rimless_gym.trigonometry import cos, sin
+
+#: Eight fill the widest registers there are. docs/benchmark.md has what they buy over one, and what
+#: they cost where there is only one wheel.
+LANES = 8
+
+
+def reader(kind: type[Any]) -> Callable[..., Any]:
+    """Compiled: (tile, quantity, lane) -> the lane's numbers from `quantity` on, as a `kind`."""
+    numbers = ", ".join(f"tile[i + {k * LANES}]" for k in range(len(kind._fields)))
+    return inlined(
+        written(
+            f"def get_{kind.__name__}(tile, quantity, lane):\n"
+            "    i = quantity + lane\n"
+            f"    return kind({numbers})",
+            kind=kind,
+        )
+    )
+
+
+def writer(count: int) -> Callable[..., Any]:
+    """Compiled: (tile, quantity, lane, values) sets `count` numbers of the lane from `quantity` on.
+
+    `values` is any tuple of as many numbers.
+    """
+    numbers = "".join(f"tile[i + {k * LANES}], " for k in range(count))
+    return inlined(
+        written(
+            f"def put_{count}(tile, quantity, lane, values):\n"
+            "    i = quantity + lane\n"
+            f"    {numbers} = values"
+        )
+    )
+
+
+def adder(count: int) -> Callable[..., Any]:
+    """Compiled: (tile, quantity, lane, weight, values) adds weighted values to such numbers."""
+    sums = "\n".join(f"    tile[i + {k * LANES}] += weight * values[{k}]" for k in range(count))
+    return inlined(
+        written(
+            f"def add_{count}(tile, quantity, lane, weight, values):\n"
+            "    i = quantity + lane\n"
+            f"{sums}"
+        )
+    )
+
+
+@intrinsic
+def copy_lanes(typing_context, target, to, source, start):
+    """Copy `LANES` consecutive numbers between flat arrays, in one or two instructions."""
+
+    def codegen(context, builder, signature, arguments):
+        data = [
+            builder.gep(context.make_array(kind)(context, builder, array).data, [at])
+            for kind, array, at in (
+                (signature.args[0], *arguments[:2]),
+                (signature.args[2], *arguments[2:]),
+            )
+        ]
+        size = context.get_abi_sizeof(context.get_data_type(types.float64))
+        cgutils.raw_memcpy(builder, *data, context.get_constant(types.intp, LANES), size)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, source, types.intp), codegen
+
+
+@intrinsic
+def one_copy(typing_context):
+    """Call this in a function to keep it from being inlined: all callers run the same instructions.
+
+    Inlined copies would fuse sums of products differently, and differ in the last bit.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
 
 STAGES = 12  # of the integration step
 
@@ -38,7 +120,7 @@ MODE = _rows(1)
 FOOT = _rows(1)
 ACC = _rows(2)  # `Accelerations`
 VOLTAGE = _rows(1)
-BOOKED = _rows(len(ROW))  # of `rimless_gym.energy.ROW`, so far in this interval
+TOTALS = _rows(len(ROW))  # of `rimless_gym.energy.ROW`, so far in this interval
 ENERGY = _rows(1)  # mechanical, without the foot's descent (J)
 HUB = _rows(1)  # the hub's x from the stance foot (m)
 ENERGY_BEFORE, HUB_BEFORE, FOOT_BEFORE = _rows(1), _rows(1), _rows(1)
@@ -49,7 +131,7 @@ INDEX = _rows(1)  # which of the caller's wheels it is
 
 # The search for an event, over the attempts at one step.
 ATTEMPT = _rows(1)  # length of the next attempt (s); negative: none yet
-GOAL = _rows(1)  # event of `rimless_gym.kernel.events` that it should end on
+GOAL = _rows(1)  # event of `rimless_gym.kernel.attempt` that it should end on
 LOW, HIGH = _rows(1), _rows(1)  # bracket of the event's time (s)
 BEFORE, MISS_BEFORE = _rows(1), _rows(1)  # the attempt before, and its miss
 TRIES = _rows(1)
@@ -75,7 +157,7 @@ EVENT = _rows(1)  # on which an accepted step ended
 FLAG = _rows(1)  # what is still to be done about the attempt, one of the following
 PLAIN, CURRENT, SPLIT, FLAGGED, IDLE = 0.0, 1.0, 2.0, 3.0, 4.0
 # PLAIN: nothing. CURRENT: split its work where the current changes sign. SPLIT: split it where the
-# current or psi' does. FLAGGED: judge it. IDLE: nothing, the lane was done before the attempt.
+# current or psi' does. FLAGGED: check it. IDLE: nothing, the lane was done before the attempt.
 
 TILE_SIZE = next(_count) * LANES
 
@@ -84,13 +166,13 @@ TILE_SIZE = next(_count) * LANES
 get_state, put_state = reader(State), writer(len(State._fields))
 get_acc, put_acc = reader(Accelerations), writer(len(Accelerations._fields))
 get_losses, put_losses = reader(Losses), writer(len(Losses._fields))
-_get_machine = reader(Constants)
+_read_constants = reader(Constants)
 
 
 @inlined
-def machine(tile, lane):
+def get_constants(tile, lane):
     """The lane's `Constants`."""
-    return _get_machine(tile, CONSTANTS, lane)
+    return _read_constants(tile, CONSTANTS, lane)
 
 
 @inlined

@@ -1,6 +1,7 @@
-"""A drawing surface in metres of the ground's frame, with a camera that follows the wheel.
+"""Surfaces to draw on, in pixels and in metres of the ground's frame, and the colours.
 
-Points are complex numbers, x + iy, with x along the ground and y normal to it.
+They are larger than the finished picture, for smooth edges. Points in metres are complex numbers,
+x + iy, with x along the ground and y normal to it.
 """
 
 from __future__ import annotations
@@ -8,12 +9,122 @@ from __future__ import annotations
 import cmath
 import copy
 import math
+import os
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rimless_gym.params import WheelParams
-from rimless_gym.rendering._pygame import pygame
-from rimless_gym.rendering.colours import Colour
-from rimless_gym.rendering.sheet import Sheet
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # it would end up in scripts' JSON output
+
+import pygame
+
+__all__ = ["pygame"]
+
+Frame = NDArray[np.uint8]  # (height, width, 3)
+Colour = tuple[int, int, int]
+
+SKY, FAR_HILLS, NEAR_HILLS = (243, 246, 250), (230, 237, 244), (215, 225, 236)
+TRACK, FACE, SHADOW, TICKS = (176, 189, 203), (52, 63, 79), (38, 47, 60), (126, 142, 161)
+LEG, LEG_LIGHT, STANCE, STANCE_LIGHT = (44, 56, 74), (92, 109, 133), (0, 150, 136), (94, 208, 194)
+ROD, ROD_DARK, ROD_LIGHT = (229, 86, 46), (168, 55, 24), (255, 163, 124)
+WHITE, TEXT, FAINT = (255, 255, 255), (38, 47, 60), (118, 132, 150)
+
+#: A background that glares neither on a white page nor on a black one.
+PAPER = (217, 223, 231)
+
+#: On it: lines and empty bars, and text beside the main thing.
+RULE, MUTED = (186, 196, 208), (84, 97, 115)
+
+#: Walkers in one picture: the first, the optimum's ghost, others. Blue and vermilion are told apart
+#: by everyone; all are named in the picture.
+FIRST, OPTIMUM, OTHERS = (196, 62, 22), (0, 92, 171), ((116, 52, 138), (120, 88, 0))
+
+_SUPERSAMPLING = 3
+
+
+def blend(a: Colour, b: Colour, share: float) -> Colour:
+    """`a` with a share of `b`."""
+    red, green, blue = (round(x + share * (y - x)) for x, y in zip(a, b, strict=True))
+    return red, green, blue
+
+
+class Paint(NamedTuple):
+    """The colours of a machine.
+
+    Attributes:
+        leg, leg_light: of legs in the air, and of the light on them.
+        stance, stance_light: of legs that stand, and of the light on them.
+        rod, rod_dark, rod_light: of the pendulum, its edge, and the light on it.
+    """
+
+    leg: Colour
+    leg_light: Colour
+    stance: Colour
+    stance_light: Colour
+    rod: Colour
+    rod_dark: Colour
+    rod_light: Colour
+
+    @classmethod
+    def of_one(cls, colour: Colour) -> Paint:
+        """Shades of one colour: for a ghost."""
+        light, dark = blend(colour, WHITE, 0.45), blend(colour, LEG, 0.35)
+        return cls(colour, light, dark, light, colour, dark, light)
+
+
+USUAL = Paint(LEG, LEG_LIGHT, STANCE, STANCE_LIGHT, ROD, ROD_DARK, ROD_LIGHT)
+
+
+class Sheet:
+    """A surface of one colour.
+
+    Args:
+        size: width and height in pixels of the finished picture.
+        background: colour to begin with.
+
+    Attributes:
+        width, height: size of the surface in its own pixels, larger than that of the picture.
+        surface: to draw on.
+        size: of the finished picture.
+    """
+
+    def __init__(self, size: tuple[int, int], background: Colour) -> None:
+        self.size = size
+        self.width, self.height = (_SUPERSAMPLING * length for length in size)
+        self.surface = pygame.Surface((self.width, self.height), 0, 32)
+        self.surface.fill(background)
+
+    def text(
+        self, text: str, place: tuple[float, float], height: float, colour: Colour, anchor: str
+    ) -> pygame.Rect:
+        """Text at `place`, in pixels of the surface; `anchor` names its point that goes there.
+
+        Returns:
+            Where it is.
+        """
+        image = _text(text, round(height), colour)
+        return self.surface.blit(image, image.get_rect(**{anchor: place}))
+
+    def frame(self) -> Frame:
+        """The finished picture, uint8 of shape (height, width, 3)."""
+        picture = pygame.transform.smoothscale(self.surface, self.size)
+        return np.ascontiguousarray(pygame.surfarray.pixels3d(picture).swapaxes(0, 1))
+
+
+def text_width(text: str, height: float) -> int:
+    """How many pixels wide a text is."""
+    return _text(text, round(height), (0, 0, 0)).get_width()
+
+
+@lru_cache(maxsize=512)
+def _text(text: str, height: int, colour: Colour) -> pygame.Surface:
+    pygame.font.init()
+    return pygame.font.Font(None, height).render(text, True, colour)
 
 
 class Canvas(Sheet):

@@ -1,24 +1,24 @@
-"""Where pictures go: a window on the screen, or an animated GIF."""
+"""Where pictures go: a window on the screen, an animated GIF, or a video."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from rimless_gym.rendering._pygame import pygame
+from rimless_gym.checks import MissingExtraError, extra
+from rimless_gym.rendering.canvas import Frame, pygame
 
-Frame = NDArray[np.uint8]
-
-#: The file descriptor of stderr.
-STDERR = 2
+#: x264's constant rate factor, from 0, without loss, to 51: thin lines and text stay sharp.
+RATE_FACTOR = 10
 
 
 class Window:
@@ -34,8 +34,7 @@ class Window:
     """
 
     def __init__(self, size: tuple[int, int], fps: float, title: str = "rimless-gym") -> None:
-        with _silent_libraries():
-            pygame.display.init()
+        pygame.display.init()
         self._screen = pygame.display.set_mode(size)
         pygame.display.set_caption(title)
         self._clock = pygame.time.Clock()
@@ -62,26 +61,14 @@ class Window:
 
 def has_display() -> bool:
     """Whether a window can be shown."""
+    screens = {"DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"}
+    if sys.platform == "linux" and not screens & set(os.environ):
+        return False  # where there is none, SDL prints errors
     try:
-        with _silent_libraries():
-            pygame.display.init()
+        pygame.display.init()
     except pygame.error:
         return False
     return pygame.display.get_driver() not in ("dummy", "offscreen")
-
-
-@contextmanager
-def _silent_libraries() -> Iterator[None]:
-    """Keep from stderr what compiled libraries print there, besides the error that they give."""
-    sys.stderr.flush()
-    kept = os.dup(STDERR)
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), STDERR)
-    try:
-        yield
-    finally:
-        os.dup2(kept, STDERR)
-        os.close(kept)
 
 
 def save_gif(
@@ -94,8 +81,8 @@ def save_gif(
 ) -> None:
     """Write an endless animation.
 
-    All frames share one palette, nothing is dithered, and what does not change is left out: this
-    keeps the file small and areas of one colour steady.
+    All frames share one palette and nothing is dithered: this keeps the file small and areas of one
+    colour steady.
 
     Args:
         frames: uint8 arrays of shape (height, width, 3).
@@ -120,7 +107,10 @@ def save_gif(
     palette = Image.fromarray(np.concatenate(samples)).quantize(
         colours, method=Image.Quantize.MEDIANCUT, kmeans=1
     )
-    images = _changes(frames, palette)
+    images = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    )
     next(images).save(
         to,
         format="GIF",
@@ -129,25 +119,69 @@ def save_gif(
         duration=10 * round(100 / fps),
         loop=0,
         optimize=False,
-        transparency=len(_entries(palette)),
-        disposal=1,  # what is transparent stays as it was
     )
 
 
-def _entries(palette: Image.Image) -> NDArray[np.uint8]:
-    """The colours of a palette, (n, 3)."""
-    return np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
+    """Write a video, H.264 in an MP4 file; an existing one is replaced when this is complete.
+
+    Args:
+        frames: uint8 arrays of shape (height, width, 3), all of one shape.
+        path: of the file.
+        fps: frames per second.
+
+    Raises:
+        MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
+        ValueError: there are no frames.
+        OSError: the file cannot be written.
+    """
+    pictures = iter(frames)
+    first = next(pictures, None)
+    if first is None:
+        raise ValueError("frames: there are none; give one or more")
+    height, width = _even(first).shape[:2]
+    unfinished = path.with_name(path.name + ".part")
+    command = [
+        *(ffmpeg(), "-y", "-v", "error"),
+        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}"),
+        *("-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", str(RATE_FACTOR)),
+        *("-movflags", "+faststart", "-f", "mp4"),
+        f"file:{unfinished}",  # or a colon or a first dash in the name would mean something
+    ]
+    program = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert program.stdin is not None
+    try:
+        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended: see its exit status
+            for frame in chain([first], pictures):
+                program.stdin.write(_even(frame).tobytes())
+        _, complaint = program.communicate()
+        if program.returncode:
+            raise OSError(f"{path}: ffmpeg cannot write it ({complaint.decode().strip()})")
+        os.replace(unfinished, path)
+    finally:
+        program.kill()
+        program.wait()
+        unfinished.unlink(missing_ok=True)
 
 
-def _changes(frames: Iterable[Frame], palette: Image.Image) -> Iterator[Image.Image]:
-    """The first frame, and of the others what changes; the rest is transparent."""
-    entries = _entries(palette)
-    shown: NDArray[np.uint8] | None = None  # indices
-    for frame in frames:
-        picture = Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
-        indices = np.asarray(picture)
-        changes = indices if shown is None else np.where(indices == shown, len(entries), indices)
-        shown = indices
-        image = Image.fromarray(changes.astype(np.uint8)).convert("P")
-        image.putpalette([*entries.ravel().tolist(), 0, 0, 0])
-        yield image
+def ffmpeg() -> str:
+    """The program that writes videos.
+
+    Raises:
+        MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
+    """
+    with extra("video"):
+        import imageio_ffmpeg
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError as error:
+        raise MissingExtraError(
+            "imageio-ffmpeg has no ffmpeg for this computer: install one, or name its file in the "
+            "environment variable IMAGEIO_FFMPEG_EXE"
+        ) from error
+
+
+def _even(frame: Frame) -> Frame:
+    """A frame whose height and width are even, as the format needs them: edges are repeated."""
+    height, width = frame.shape[:2]
+    return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -14,7 +14,7 @@ from agents.protocol import Protocol
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.envs.speed import SPEEDS, TASK
-from rimless_gym.rules import BREACHES
+from rimless_gym.rules import VIOLATIONS
 
 BRIEF = Protocol(starts=16, duration=16.0, window=8.0, alive=4.0)
 
@@ -63,7 +63,7 @@ def test_a_policy_that_steps_but_breaks_a_rule_is_told_from_one_that_stands():
     (judged,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
     assert judged.walking_share == 0.0
     assert share(judged, *SLIPS) > 0.3
-    assert set(judged.evaluation.faults) <= {"falls", "stops", *BREACHES}
+    assert set(judged.evaluation.faults) <= {"falls", "stops", *VIOLATIONS}
 
 
 def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():

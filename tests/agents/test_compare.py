@@ -164,7 +164,7 @@ def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
     gait = next(gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1)
     row = gait_row("optimal", gait, None, None)
     v, energy = gait.verification, gait.verification.electrical_positive
-    reward = Task().value_of_distance * v.distance - energy / gait.params.weight
+    reward = Task().distance_weight * v.distance - energy / gait.params.weight
     assert row["return"] == pytest.approx(reward / v.time, rel=1e-6)
 
 

@@ -38,7 +38,7 @@ def test_the_published_protocol_has_the_documented_numbers():
 
 
 def test_machines_and_tasks_may_be_given_by_name_and_fields():
-    by_name = evaluate(push, "PROTOTYPE", SMALL, task={"value_of_distance": 0.8})
+    by_name = evaluate(push, "PROTOTYPE", SMALL, task={"distance_weight": 0.8})
     assert by_name.to_dict() == evaluate(push, PROTOTYPE, SMALL, task=Task(0.8)).to_dict()
 
 
@@ -111,7 +111,7 @@ def topple(states, observations):
 
 
 def test_the_objective_is_the_reward_per_second_including_falls():
-    task = Task(value_of_distance=3.5, fall_distance=2.0, slip_speed=3.0)
+    task = Task(distance_weight=3.5, fall_penalty=2.0, slip_penalty=3.0)
     result = evaluate(topple, THESIS_PHYSICAL, SMALL, task=task)
     starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
     reward, fallen = 0.0, np.zeros(SMALL.starts, dtype=bool)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from agents import learners
+from agents.cli import evaluate as evaluate_script
+from agents.cli import train as train_script
 from agents.comparison.arena import Arena
 from agents.comparison.learned import Learned
 from agents.comparison.study import Study
@@ -16,8 +18,6 @@ from agents.policies import learned_policy
 from agents.policy_files import FORMAT, CheckpointError, load_policy
 from agents.session import Session
 from agents.train import train
-from rimless_gym.commands import evaluate as evaluate_script
-from rimless_gym.commands import train as train_script
 from tests.agents.runs import BRIEF, scalars
 from trajopt.files import read_arrays, write_arrays
 

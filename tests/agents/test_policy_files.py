@@ -17,7 +17,7 @@ from agents.sb3.networks import architecture
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.training_state import StateError, read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.arguments import Control
 from rimless_gym.presets import PRESETS
 from trajopt.files import DIGEST, HEADER, digest, read_arrays, write_arrays
 
@@ -271,7 +271,7 @@ def test_a_record_that_is_not_an_object_is_refused(tmp_path, saved, text):
         {"params": None},
         {"params": []},
         {"task": None},
-        {"task": {"value_of_distance": "much"}},
+        {"task": {"distance_weight": "much"}},
         {"task": {"price": 1.0}},
     ],
 )

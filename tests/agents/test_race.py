@@ -11,8 +11,8 @@ from agents.recording import record_walker
 from agents.walkers import walker
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import LOSSES
-from rimless_gym.rendering.colours import OPTIMUM
-from rimless_gym.rendering.spending import draw_spending
+from rimless_gym.rendering.canvas import OPTIMUM
+from rimless_gym.rendering.panels import draw_spending
 from trajopt import periodic_gait
 
 

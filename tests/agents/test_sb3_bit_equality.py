@@ -20,7 +20,7 @@ from tests.agents.sb3_rows import ID, assert_same, both, whirling
 @pytest.mark.parametrize("n", [1, 5])
 @pytest.mark.parametrize("limit", [40, 2000])
 def test_rows_equal_single_environments_bit_for_bit_over_many_episodes(n, limit):
-    task, machine = Task(value_of_distance=0.8), THESIS_PHYSICAL.replace(hub_damping=0.1)
+    task, machine = Task(distance_weight=0.8), THESIS_PHYSICAL.replace(hub_damping=0.1)
     ours, theirs = both(
         n,
         seed=7,

@@ -31,7 +31,7 @@ def test_options_and_seeds_apply_to_one_reset_only():
 
 
 def test_machines_may_be_named_in_stable_baselines3_too():
-    kwargs = {"params": "PROTOTYPE", "task": {"slip_speed": 0.0}}
+    kwargs = {"params": "PROTOTYPE", "task": {"slip_penalty": 0.0}}
     env = make_vec_env(ID, n_envs=2, vec_env_cls=Sb3VecEnv, env_kwargs=kwargs)
     assert env.get_attr("params") == [PROTOTYPE] * 2
     with pytest.raises(ValueError, match="unknown preset 'CONCRETE': choose from"):

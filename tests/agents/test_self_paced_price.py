@@ -64,7 +64,7 @@ def test_the_price_falls_with_the_policys_own_cost_once_enough_starts_walk(walks
 
     class Noted(SelfPacedPrice):
         def _on_rollout_end(self):
-            prices.append((self.price, paid(self.training_env).value_of_distance))
+            prices.append((self.price, paid(self.training_env).distance_weight))
 
     learned(Noted(first_price=9.0, every=EVERY))
     assert prices == [(9.0, 9.0), (9.0, 9.0), (3.0, 3.0), (3.0, 3.0)]
@@ -134,11 +134,11 @@ def test_the_price_is_never_below_the_true_one(walks):
     walks(CleanWalking(1.0, 0.05, 0.5))
     price = SelfPacedPrice(first_price=2.0, every=EVERY)
     learned(price, looks=1)
-    assert price.price == Task().value_of_distance
+    assert price.price == Task().distance_weight
     walks(CleanWalking(0.0, math.inf, 0.0))
     price = SelfPacedPrice(first_price=0.1, every=EVERY)
     learned(price, looks=1)
-    assert price.price == Task().value_of_distance
+    assert price.price == Task().distance_weight
 
 
 @pytest.mark.parametrize("kind", [Sb3VecEnv, DummyVecEnv])
@@ -152,8 +152,8 @@ def test_it_works_through_wrappers_and_leaves_the_true_task_behind(walks, kind):
 
     envs = VecNormalize(make_vec_env(ID, 2, 0, vec_env_cls=kind))
     learned(Noted(Pacing(first_price=5.0, every=EVERY)), envs, looks=1)
-    assert [task.value_of_distance for task in seen] == [5.0, 2.0]
-    assert {(task.target_speed, task.fall_distance, task.slip_speed) for task in seen} == {
+    assert [task.distance_weight for task in seen] == [5.0, 2.0]
+    assert {(task.target_speed, task.fall_penalty, task.slip_penalty) for task in seen} == {
         (0.6, 0.5, 1.0)
     }
     assert paid(envs) == Task()
@@ -167,10 +167,10 @@ def test_it_charges_as_told_and_pays_no_more_speed_than_the_task(walks):
         def _on_rollout_end(self):
             seen.append(paid(self.training_env))
 
-    task = Task(fall_distance=0.2, slip_speed=0.1, target_speed=0.3)
+    task = Task(fall_penalty=0.2, slip_penalty=0.1, target_speed=0.3)
     learned(Noted(), VecMonitor(Sb3VecEnv(native(2, task=task))), looks=0)
-    charged = {"fall_distance": 0.5, "slip_speed": 1.0}
-    assert seen == [dataclasses.replace(task, value_of_distance=20.0, **charged)]
+    charged = {"fall_penalty": 0.5, "slip_penalty": 1.0}
+    assert seen == [dataclasses.replace(task, distance_weight=20.0, **charged)]
 
 
 def test_settings_are_those_of_pacing_and_are_checked():
@@ -244,7 +244,7 @@ def test_hyperparameters_that_cannot_walk_are_warned_of_with_their_numbers(tmp_p
     with pytest.warns(UserWarning, match=r"gamma = 0.9: .* 10 ms .* 0.1 s .*lasts 0\.\d+ s"):
         train("ppo", out=tmp_path / "a", settings=blind, timesteps=0, protocol=BRIEF)
     cheap = dataclasses.replace(settings, pacing=None)
-    with pytest.warns(UserWarning, match=r"value_of_distance = 0.5 from scratch: .* about 1 "):
+    with pytest.warns(UserWarning, match=r"distance_weight = 0.5 from scratch: .* about 1 "):
         train("ppo", out=tmp_path / "b", settings=cheap, timesteps=0, protocol=BRIEF)
     slow = dataclasses.replace(settings, offer=Offer({HeldActions: {"intervals": 50}}))
     with pytest.warns(UserWarning, match=r"held for 0.5 s, and a step .* lasts 0\.\d+ s"):
@@ -263,8 +263,8 @@ def test_prices_change_in_some_rows_while_their_episodes_go_on():
     envs, alike = (RimlessWheelVectorEnv(2) for _ in range(2))
     for each in (envs, alike):
         each.reset(seed=0)
-    envs.set_task({"value_of_distance": 5.0}, np.array([False, True]))
-    assert [task.value_of_distance for task in envs.tasks] == [0.5, 5.0]
+    envs.set_task({"distance_weight": 5.0}, np.array([False, True]))
+    assert [task.distance_weight for task in envs.tasks] == [0.5, 5.0]
     ours, theirs = (each.step(np.full((2, 1), 0.5, np.float32)) for each in (envs, alike))
     np.testing.assert_array_equal(ours[0], theirs[0])
     assert ours[1][0] == theirs[1][0]

@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from agents import learners
+from agents.cli import train as command
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.rollout import draw_starts
 from agents.sb3 import learner as sb3
 from agents.train import train, walking_economy
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from rimless_gym.commands import train as command
-from rimless_gym.envs.observation import observe
+from rimless_gym.envs.layout import observe
 from tests.agents.runs import QUICK, SETTLED, STEPS, run, scalars, small, weights
 
 
@@ -152,7 +152,7 @@ def test_a_training_for_commanded_speeds_sees_them_and_so_does_its_policy(tmp_pa
     found = load_policy(result.last)
     assert found.conditions.control.speeds == (0.4, 0.6)
     assert found.conditions.control.period == 0.02
-    assert read_record(result.last)["task"]["value_of_distance"] == 5.0
+    assert read_record(result.last)["task"]["distance_weight"] == 5.0
     assert len(read_record(result.last)["observation_layout"]) == 8
     assert found.act(np.zeros((3, 8), dtype=np.float32)).shape == (3,)
     again = run(tmp_path / "b", timesteps=256, speeds=(0.4, 0.6), control_period=0.02)
@@ -203,13 +203,13 @@ def test_hyperparameters_that_the_library_refuses_leave_the_folder_free(tmp_path
 
 
 def test_the_command_line_trains_for_the_prices_of_the_environment_with_commands(tmp_path):
-    task = {"value_of_distance": 0.8}
+    task = {"distance_weight": 0.8}
     train("ppo", out=tmp_path / "a", task=task, speeds=(0.4, 0.6), timesteps=0, progress=False)
     line = ["--task", json.dumps(task), "--speeds", "0.4", "0.6", "--timesteps", "0"]
     assert command.main([*line, "--out", str(tmp_path / "b")]) == 0
     one, other = (read_record(tmp_path / name / "last.zip")["task"] for name in "ab")
     assert one == other
-    assert one["fall_distance"] == 0.5
+    assert one["fall_penalty"] == 0.5
 
 
 def test_evolution_takes_no_commanded_speeds(tmp_path):

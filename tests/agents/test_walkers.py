@@ -7,7 +7,7 @@ from agents.policy_files import PRETRAINED, CheckpointError
 from agents.rollout import at_rest
 from agents.walkers import walker
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
-from rimless_gym.envs.control import USUAL
+from rimless_gym.envs.arguments import USUAL
 from trajopt.gaits.shipped import FOLDER
 from trajopt.gaits.solution import Solution
 

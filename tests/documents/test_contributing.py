@@ -5,7 +5,7 @@ import pytest
 from tests.documents.pages import ROOT
 
 PAGE = (ROOT / "docs" / "contributing.md").read_text()
-PACKAGES = ("rimless_gym", "trajopt", "agents", "rimless_gym/commands")
+PACKAGES = ("rimless_gym", "trajopt", "agents", "scripts/studies")
 FOLDERS = sorted(file.parent for name in PACKAGES for file in (ROOT / name).glob("*/__init__.py"))
 
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from rimless_gym.commands.documents.site import seen_from_docs, with_docstrings, with_front_page
+from scripts.studies.documents.site import seen_from_docs, with_docstrings, with_front_page
 from tests.documents.pages import NOTEBOOKS, PAGES, ROOT, names, prose_of, text_of
 
 LINK = re.compile(r"\]\((?![a-z]+:)([^)\s#]*)(?:#([^)\s]+))?\)")

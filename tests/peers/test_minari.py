@@ -14,7 +14,7 @@ pytest.importorskip("jax")  # with which it collects
 
 import minari  # noqa: E402
 
-ARGUMENTS = {"params": rimless_gym.PROTOTYPE, "task": rimless_gym.Task(value_of_distance=0.8)}
+ARGUMENTS = {"params": rimless_gym.PROTOTYPE, "task": rimless_gym.Task(distance_weight=0.8)}
 
 
 def collected(tmp_path, monkeypatch) -> tuple[minari.MinariDataset, list[list[dict]]]:

@@ -58,12 +58,12 @@ def test_it_trains_with_our_hyperparameters_what_we_can_judge(tmp_path, program,
 
 @pytest.mark.parametrize("program", [OWN, OURS], ids=["own", "ours"])
 def test_its_command_line_chooses_the_machine_and_the_task(tmp_path, program):
-    chosen = ["params:'PROTOTYPE'", "task:{'value_of_distance': 0.8}"]
+    chosen = ["params:'PROTOTYPE'", "task:{'distance_weight': 0.8}"]
     _, out = train(tmp_path, program, "ppo", "--env-kwargs", *chosen)
     assert (out / "RimlessWheel-v0.zip").is_file()
     kept = (out / "RimlessWheel-v0" / "args.yml").read_text()
     assert "params: PROTOTYPE" in kept
-    assert "value_of_distance: 0.8" in kept
+    assert "distance_weight: 0.8" in kept
 
 
 def test_its_command_line_refuses_a_machine_that_there_is_not(tmp_path):

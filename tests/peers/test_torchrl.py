@@ -27,7 +27,7 @@ def test_its_specifications_fit_what_the_environment_gives():
 
 
 def test_a_rollout_is_the_episode_that_gymnasium_gives():
-    task = rimless_gym.Task(value_of_distance=0.7)
+    task = rimless_gym.Task(distance_weight=0.7)
     env, alone = GymEnv("RimlessWheel-v0", task=task), gym.make("RimlessWheel-v0", task=task)
     env.set_seed(5)
     alone.reset(seed=5)  # as set_seed does, before the rollout's own reset

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers.vector import HumanRendering, RecordVideo
 
-from rimless_gym.rendering._pygame import pygame
+from rimless_gym.rendering.canvas import pygame
 from tests.rimless_gym.envs.rows import NEXT, SAME, make, swinging
 
 pytestmark = pytest.mark.peers

@@ -18,9 +18,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from rimless_gym.constants import shorthand
 from rimless_gym.equations import equations
-from rimless_gym.params import WheelParams
+from rimless_gym.params import WheelParams, shorthand
 from rimless_gym.presets import THESIS_PHYSICAL
 
 NAMES = (

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, compiled
+from rimless_gym import BUILDABLE
+from rimless_gym import reference as compiled
 from rimless_gym.energy import ROW
-from rimless_gym.envs.observation import observe
+from rimless_gym.envs.layout import observe
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
-from rimless_gym.javascript.printing import function_text
-from rimless_gym.javascript.simulator import simulator
-from rimless_gym.javascript.tracing import Branch, Graph, Leaf
+from rimless_gym.javascript import Branch, Graph, Leaf, function_text, simulator
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 
@@ -95,8 +94,8 @@ def test_right_hand_sides_agree_with_the_compiled_ones(name: str) -> None:
     )
     assert found["p"] == pytest.approx(p._asdict(), rel=1e-14)
     for (phi, theta, dphi, dtheta, u), both in zip(cases, found["all"], strict=True):
-        single = compiled.rates(SINGLE, phi, theta, dphi, dtheta, u, params.constants_array)
-        double = compiled.rates(DOUBLE, p.a, theta, 0.0, dtheta, u, params.constants_array)
+        single = compiled.state_rates(SINGLE, phi, theta, dphi, dtheta, u, params.constants_array)
+        double = compiled.state_rates(DOUBLE, p.a, theta, 0.0, dtheta, u, params.constants_array)
         for (motion, lost), theirs in zip((single, double), both, strict=True):
             assert theirs == pytest.approx([*motion[:4], *lost], rel=1e-12, abs=1e-12)
 

@@ -9,14 +9,14 @@ import pytest
 from rimless_gym import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL
 from rimless_gym.hybrid import pendulum_clearance
 from rimless_gym.rules import (
-    BREACHES,
     LIMIT_TOLERANCE,
+    VIOLATIONS,
     Extremes,
-    breaches,
     has_floor,
     least_clearance,
     may_touch,
     require_clearance,
+    violations,
 )
 
 FINE = Extremes(
@@ -27,7 +27,7 @@ BETWEEN = PROTOTYPE.replace(pendulum_length=0.17)  # reaches 0.34 m; the hub is 
 
 def test_a_walk_within_all_limits_breaks_no_rule() -> None:
     for params in (PROTOTYPE, BETWEEN, THESIS_PHYSICAL):
-        assert breaches(params, FINE) == ()
+        assert violations(params, FINE) == ()
 
 
 @pytest.mark.parametrize(
@@ -44,8 +44,8 @@ def test_a_walk_within_all_limits_breaks_no_rule() -> None:
     ],
 )
 def test_each_limit_has_its_rule_and_its_tolerance(change: dict, broken: tuple) -> None:
-    assert breaches(BETWEEN.replace(friction=1.0), FINE._replace(**change)) == broken
-    assert set(broken) <= set(BREACHES)
+    assert violations(BETWEEN.replace(friction=1.0), FINE._replace(**change)) == broken
+    assert set(broken) <= set(VIOLATIONS)
 
 
 def test_a_pendulum_as_long_as_a_leg_needs_a_track_and_has_no_floor_to_touch() -> None:
@@ -53,9 +53,9 @@ def test_a_pendulum_as_long_as_a_leg_needs_a_track_and_has_no_floor_to_touch() -
     for params in (THESIS_NOMINAL, THESIS_PHYSICAL):
         assert not has_floor(params)
         assert not may_touch(params)
-        assert breaches(params, deep) == ()
+        assert violations(params, deep) == ()
     assert has_floor(BETWEEN)
-    assert breaches(BETWEEN, deep) == ("touches",)
+    assert violations(BETWEEN, deep) == ("touches",)
 
 
 def test_the_least_clearance_is_that_of_the_worst_pose() -> None:

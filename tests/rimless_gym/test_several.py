@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
-from rimless_gym.rendering.colours import FIRST, MUTED, OPTIMUM, PAPER, ROD, STANCE, TEXT
-from rimless_gym.rendering.phase_plane import PhasePlane
-from rimless_gym.rendering.several import Shown, draw_several
-from rimless_gym.rendering.spending import draw_spending
+from rimless_gym.rendering.canvas import FIRST, MUTED, OPTIMUM, PAPER, ROD, STANCE, TEXT
+from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
 from rimless_gym.rendering.wheel import Scene
 
 SIZE = (720, 300)

@@ -8,8 +8,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from rimless_gym.extras import MissingExtraError
-from rimless_gym.rendering.video import ffmpeg, save_mp4
+from rimless_gym.checks import MissingExtraError
+from rimless_gym.rendering.display import ffmpeg, save_mp4
 
 FRAMES = [np.full((63, 97, 3), shade, dtype=np.uint8) for shade in (0, 100, 200)]
 
@@ -39,7 +39,7 @@ def test_where_ffmpeg_fails_the_former_file_is_kept(
     program.chmod(0o755)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(program))
     film.write_text("the former")
-    with pytest.raises(OSError, match=r"walk\.mp4: ffmpeg cannot write it \(No space left\); make"):
+    with pytest.raises(OSError, match=r"walk\.mp4: ffmpeg cannot write it \(No space left\)"):
         save_mp4(200 * FRAMES, film, fps=50)
     assert film.read_text() == "the former"
     assert not unfinished.exists()

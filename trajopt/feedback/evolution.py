@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from tqdm import tqdm
 
-from rimless_gym.extras import extra
+from rimless_gym.checks import extra
 from trajopt.feedback.law import Floats
 from trajopt.processes import cores
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rimless_gym.checks import real, real_array, require_callable, require_kind
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import foot_force
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Controller, Floats, states_and_modes
 from trajopt.feedback.requirements import require_machine
@@ -89,7 +89,7 @@ def margin_for(solution: Solution) -> float:
     return min(CONTACT_MARGIN, SHARE_OF_LEAST * least)
 
 
-@kept()
+@cached()
 def _guard(x, mode, volts, floor, limit, p):  # type: ignore[no-untyped-def]
     guarded = np.minimum(np.maximum(volts, -limit), limit)
     for i in range(len(x)):

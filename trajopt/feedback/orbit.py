@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import inner, kept
+from rimless_gym.jit import cached, inner
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.feedback.requirements import require_verified
@@ -259,7 +259,7 @@ def between(values, spot):  # type: ignore[no-untyped-def]
     return values[i] + spot.share * (values[following] - values[i])
 
 
-@kept()
+@cached()
 def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
     """Squared distances of states (N, 4) from an orbit, (N,)."""
     squares = np.empty(len(x))

@@ -13,7 +13,7 @@ from rimless_gym import hybrid
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
-from rimless_gym.rules import BREACHES, LIMIT_TOLERANCE, Extremes, breaches
+from rimless_gym.rules import LIMIT_TOLERANCE, VIOLATIONS, Extremes, violations
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.playback import playback, played, played_to_last_touchdown
 from trajopt.gaits.stance import MIN_NORMAL_FORCE
@@ -218,4 +218,4 @@ def _failures(params: WheelParams, f: dict[str, Any]) -> list[str]:
         (f["peak_voltage"] <= params.voltage_limit * (1 + 1e-9), "the voltage limit is exceeded"),
     ]
     failures = [message for good, message in checks if not good]
-    return failures + [BREACHES[name] for name in breaches(params, extremes)]
+    return failures + [VIOLATIONS[name] for name in violations(params, extremes)]

@@ -51,11 +51,11 @@ def test_distance_in_another_familys_gait_earns_nothing(worth):
 def test_falling_and_slipping_cost_what_the_task_says(worth):
     task = Task()
     assert earned(worth) - earned(worth, slipping=5.0) == pytest.approx(
-        task.slip_speed * 0.05 / 5.0
+        task.slip_penalty * 0.05 / 5.0
     )
     late, early = (earned(worth) - earned(worth, lasted=lasted) for lasted in (0.999, 0.5))
-    assert late == pytest.approx(1.001 * task.fall_distance / 5.0)
-    assert early == pytest.approx(1.5 * task.fall_distance / 5.0)
+    assert late == pytest.approx(1.001 * task.fall_penalty / 5.0)
+    assert early == pytest.approx(1.5 * task.fall_penalty / 5.0)
 
 
 def test_only_the_best_starts_are_judged(worth):

@@ -18,8 +18,8 @@ from agents.page.network import network_data
 from agents.page.write import page, write_page
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, PROTOTYPE
-from rimless_gym.envs.observation import observe
-from rimless_gym.javascript.simulator import simulator
+from rimless_gym.envs.layout import observe
+from rimless_gym.javascript import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
 from trajopt.gaits.fronts import NoFrontError, shipped_front
 

@@ -20,10 +20,9 @@ from rimless_gym import (
     Task,
     WheelParams,
 )
-from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
-from rimless_gym.envs.perturbation import disturb_rows
+from rimless_gym.envs.batch import Fleet
+from rimless_gym.envs.disturbances import disturb_rows
+from rimless_gym.envs.layout import MEMORY, OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.envs.starts import GIVEN, HANGING
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.export import joint_state

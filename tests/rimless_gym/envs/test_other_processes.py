@@ -13,8 +13,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from rimless_gym.envs.interval import step_rows
 from rimless_gym.envs.layout import INFO_NAMES
-from rimless_gym.envs.orders import step_rows
 from tests.rimless_gym.envs.rows import ROUGH, make, swinging
 
 

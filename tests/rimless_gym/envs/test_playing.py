@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.play import play
 
-from rimless_gym.rendering._pygame import pygame
+from rimless_gym.rendering.canvas import pygame
 
 
 @pytest.fixture(autouse=True)

@@ -22,7 +22,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: gym.Env) -> None:
     rng = np.random.default_rng(1)
     task, params = env.unwrapped.task, env.unwrapped.params
-    fall = task.value_of_distance * task.fall_distance
+    fall = task.distance_weight * task.fall_penalty
     fall += task.horizon * params.idle_power / params.weight
     env.reset(seed=1)
     ends = slips = 0
@@ -33,10 +33,10 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
         terms = [info[name] for name in TERM_NAMES]
         assert reward == sum(terms)
         assert info["paid"] == info["distance"]
-        assert terms[0] == task.value_of_distance * info["distance"]
+        assert terms[0] == task.distance_weight * info["distance"]
         assert terms[1] == -(info["electrical_positive"] + info["idle"]) / params.weight
-        back = max(info["distance"], 0.0) + task.slip_speed * info["elapsed"]
-        assert terms[2] == (-task.value_of_distance * back if info["slips"] else 0.0)
+        back = max(info["distance"], 0.0) + task.slip_penalty * info["elapsed"]
+        assert terms[2] == (-task.distance_weight * back if info["slips"] else 0.0)
         assert terms[3] == pytest.approx(-fall if ended else 0.0, rel=1e-15)
         slips += info["slips"]
         if ended or truncated:
@@ -50,7 +50,7 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
 def test_slipping_costs_more_than_the_travel_while_it_lasts(by: str) -> None:
     """In the foot's stance as in a touchdown's impulse, however far beyond the limit they are."""
     for mu, value in ((1.0, 0.5), (0.6, 10.0)):
-        task, params = Task(value_of_distance=value), THESIS_PHYSICAL.replace(friction=mu)
+        task, params = Task(distance_weight=value), THESIS_PHYSICAL.replace(friction=mu)
         travel = 0.01 * 1.5  # at 1.5 m/s, faster than any hub in a walk
         for demand, slips in ((0.99 * mu, False), (1.01 * mu, True), (math.inf, True)):
             values = dict.fromkeys(Interval._fields, 0.0) | {"elapsed": 0.01, "paid": travel}
@@ -91,7 +91,7 @@ def test_resting_is_legal_costs_only_idle_power_and_ends_only_by_truncation(env:
 def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> None:
     for idle_power in (0.0, 5.0):
         params = THESIS_PHYSICAL.replace(idle_power=idle_power)
-        for task in (Task(), Task(value_of_distance=10.0), Task(horizon=100.0)):
+        for task in (Task(), Task(distance_weight=10.0), Task(horizon=100.0)):
             nothing = SimpleNamespace(**dict.fromkeys(Interval._fields, 0.0))
             end, rest = copy.copy(nothing), copy.copy(nothing)
             end.failed, rest.idle = 1.0, idle_power * task.horizon
@@ -101,7 +101,7 @@ def test_an_early_end_pays_less_than_resting_for_the_rest_of_the_episode() -> No
 
 def test_a_lunge_that_ends_in_a_fall_does_not_pay() -> None:
     for value in (0.5, 10.0):
-        env, rng = RimlessWheelEnv(task=Task(value_of_distance=value)), np.random.default_rng(0)
+        env, rng = RimlessWheelEnv(task=Task(distance_weight=value)), np.random.default_rng(0)
         for _ in range(40):
             env.reset(options={"mode": "double_stance"})
             total, ended, volts = 0.0, False, rng.uniform(-1, 1, 8)
@@ -118,8 +118,8 @@ def test_rewards_are_bounded(env: gym.Env) -> None:
     p, speed = machine.constants, MAX_RATE * 10 * machine.leg_length  # no step is trusted with more
     current = (machine.voltage_limit + p.K * 20 * MAX_RATE) / machine.armature_resistance
     power = machine.voltage_limit * current + machine.idle_power
-    step = task.value_of_distance * (2 * speed + task.slip_speed) + power / machine.weight
-    end = task.value_of_distance * task.fall_distance
+    step = task.distance_weight * (2 * speed + task.slip_penalty) + power / machine.weight
+    end = task.distance_weight * task.fall_penalty
     end += task.horizon * machine.idle_power / machine.weight
     rng = np.random.default_rng(0)
     env.reset(seed=0)

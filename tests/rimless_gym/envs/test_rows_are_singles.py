@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from rimless_gym.envs.fleet import LEAST_ROWS
+from rimless_gym.envs.batch import LEAST_ROWS
 from tests.rimless_gym.envs.rows import DISABLED, NEXT, ROUGH, SAME, make, swinging
 
 

@@ -68,9 +68,9 @@ def test_a_snapshot_a_pickle_and_a_copy_continue_identically(rough: bool) -> Non
 
 def test_a_snapshot_brings_its_task_and_starts_with_it() -> None:
     env, other = RimlessWheelEnv(), RimlessWheelEnv(starts=Starts(rest=1.0, moving=0.0))
-    env.reset(seed=0, options={"task": {"value_of_distance": 1.0}, "starts": {"whirling": 3.0}})
+    env.reset(seed=0, options={"task": {"distance_weight": 1.0}, "starts": {"whirling": 3.0}})
     other.set_state(env.get_state())
-    assert other.task == env.task == Task(value_of_distance=1.0)
+    assert other.task == env.task == Task(distance_weight=1.0)
     for _ in range(30):
         assert np.array_equal(env.reset()[0], other.reset()[0])
         assert env.step(np.ones(1, np.float32))[1] == other.step(np.ones(1, np.float32))[1]

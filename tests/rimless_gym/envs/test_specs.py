@@ -33,8 +33,8 @@ ROUGH = Disturbances(
 ARGUMENTS: dict[str, dict[str, Any]] = {
     "none": {},
     "a machine's name": {"params": "PROTOTYPE"},
-    "some of its fields": {"params": UPHILL, "task": {"value_of_distance": 0.8}},
-    "objects": {"params": PROTOTYPE, "task": Task(fall_distance=3.0), "disturbances": ROUGH},
+    "some of its fields": {"params": UPHILL, "task": {"distance_weight": 0.8}},
+    "objects": {"params": PROTOTYPE, "task": Task(fall_penalty=3.0), "disturbances": ROUGH},
     "drawn machines": {"ranges": {"slope": (-0.02, 0.02)}, "disturbances": ROUGH},
     "ranges as an object": {"ranges": Ranges({"slope": (-0.02, 0.02)}), "params": THESIS_NOMINAL},
     "dictionaries": {
@@ -105,9 +105,9 @@ def test_a_spec_holds_only_plain_values() -> None:
 
 
 def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
-    env = RimlessWheelEnv("PROTOTYPE", {"value_of_distance": 0.8})
+    env = RimlessWheelEnv("PROTOTYPE", {"distance_weight": 0.8})
     assert env.params == PROTOTYPE
-    assert env.task == Task(value_of_distance=0.8)
+    assert env.task == Task(distance_weight=0.8)
     assert RimlessWheelEnv(UPHILL).params == BUILDABLE.replace(**UPHILL)
     env.reset(options={"params": {"drag": 0.1}})
     assert env.params == BUILDABLE.replace(drag=0.1)
@@ -128,7 +128,7 @@ def test_machines_and_tasks_can_be_given_by_name_or_by_fields() -> None:
         ({"params": {"drag": -1}}, ValueError, "drag = -1.0: must be at least 0"),
         ({"params": 3}, TypeError, "params = 3: give a WheelParams, a preset's name or a dict"),
         ({"params": [PROTOTYPE]}, TypeError, "give a WheelParams"),
-        ({"task": {"value": 1}}, ValueError, "task: 'value' .*choose from .*'value_of_distance'"),
+        ({"task": {"value": 1}}, ValueError, "task: 'value' .*choose from .*'distance_weight'"),
         ({"task": {"horizon": -1}}, ValueError, "horizon = -1"),
         ({"task": "walk"}, TypeError, "task = 'walk': give a rimless_gym.Task or a dictionary"),
         ({"ranges": "slope"}, TypeError, "ranges = 'slope': give a mapping"),

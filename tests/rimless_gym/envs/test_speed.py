@@ -131,9 +131,9 @@ def test_rows_that_are_not_reset_keep_their_commands() -> None:
     envs, mask = make(4, DISABLED), np.array([True, False, False, True])
     envs.reset(seed=0, options={"speed": [0.3, 0.4, 0.5, 0.6]})
     assert envs.commands.tolist() == [0.3, 0.4, 0.5, 0.6]
-    envs.reset(options={"reset_mask": mask, "speed": 0.35, "task": {"slip_speed": 3.0}})
+    envs.reset(options={"reset_mask": mask, "speed": 0.35, "task": {"slip_penalty": 3.0}})
     assert envs.commands.tolist() == [0.35, 0.4, 0.5, 0.35]
-    assert [task.slip_speed for task in envs.tasks] == [3.0, 1.0, 1.0, 3.0]
+    assert [task.slip_penalty for task in envs.tasks] == [3.0, 1.0, 1.0, 3.0]
     envs.reset(options={"reset_mask": mask, "params": {"slope": 0.01}})
     assert envs.commands[1:3].tolist() == [0.4, 0.5]
 
@@ -167,8 +167,8 @@ def test_snapshots_pickles_and_specs_keep_the_command() -> None:
 
 def test_defaults_and_a_dictionary_of_prices() -> None:
     assert RimlessWheelSpeedEnv().task == Task(5.0, 0.5, 1.0)
-    assert RimlessWheelSpeedEnv(task={"slip_speed": 3.0}).task == Task(5.0, 0.5, 3.0)
-    assert RimlessWheelSpeedVectorEnv(2, task={"slip_speed": 3.0}).tasks[1] == Task(5.0, 0.5, 3.0)
+    assert RimlessWheelSpeedEnv(task={"slip_penalty": 3.0}).task == Task(5.0, 0.5, 3.0)
+    assert RimlessWheelSpeedVectorEnv(2, task={"slip_penalty": 3.0}).tasks[1] == Task(5.0, 0.5, 3.0)
     assert gym.spec(ID).max_episode_steps == make(1).max_episode_steps == 500
     assert make(1, control_period=0.1).max_episode_steps == 200
     assert gym.make(ID, actions="current").unwrapped.control.by_current
@@ -227,13 +227,13 @@ def test_other_prices_within_an_episode_leave_the_command_as_it_is() -> None:
     env, rows = RimlessWheelSpeedEnv(), make(2)
     for one in (env, rows):
         one.reset(seed=0, options={"speed": 0.41})
-        one.set_task({"slip_speed": 3.0})
+        one.set_task({"slip_penalty": 3.0})
     assert env.command == 0.41
     assert rows.commands.tolist() == [0.41, 0.41]
     changed, same = RimlessWheelSpeedEnv(), RimlessWheelSpeedEnv()
     for one in (changed, same):
         one.reset(seed=3)
-    changed.set_task({"value_of_distance": 1.0})
+    changed.set_task({"distance_weight": 1.0})
     assert np.array_equal(changed.step(STILL)[0], same.step(STILL)[0])
 
 

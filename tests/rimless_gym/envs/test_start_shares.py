@@ -88,9 +88,9 @@ def test_starts_can_be_changed_between_episodes_and_hold_until_changed_again() -
 
 
 def test_a_task_can_be_changed_between_episodes_and_holds_until_changed_again() -> None:
-    env = RimlessWheelEnv(task={"fall_distance": 3.0})
-    env.reset(seed=0, options={"task": {"value_of_distance": 2.0}})
-    assert env.task == Task(value_of_distance=2.0, fall_distance=3.0)
+    env = RimlessWheelEnv(task={"fall_penalty": 3.0})
+    env.reset(seed=0, options={"task": {"distance_weight": 2.0}})
+    assert env.task == Task(distance_weight=2.0, fall_penalty=3.0)
     for _ in range(2):
         _, _, _, _, info = env.step(np.ones(1, np.float32))
         assert info["reward_distance"] == 2.0 * info["distance"]
@@ -103,8 +103,8 @@ def test_tasks_change_in_the_rows_that_are_reset_only() -> None:
     envs = make(4, SAME, max_episode_steps=3)
     envs.reset(seed=0)
     mask = np.array([True, False, True, False])
-    envs.reset(options={"task": {"value_of_distance": 3.0}, "reset_mask": mask})
-    assert [task.value_of_distance for task in envs.tasks] == [3.0, 0.5, 3.0, 0.5]
+    envs.reset(options={"task": {"distance_weight": 3.0}, "reset_mask": mask})
+    assert [task.distance_weight for task in envs.tasks] == [3.0, 0.5, 3.0, 0.5]
     for _ in range(5):  # also after autoresets
         info = envs.step(np.zeros((4, 1), np.float32))[-1]
         info = info.get("final_info", info)
@@ -112,15 +112,15 @@ def test_tasks_change_in_the_rows_that_are_reset_only() -> None:
         assert np.array_equal(
             info["reward_distance"], np.array([3.0, 0.5, 3.0, 0.5]) * info["distance"]
         )
-    envs.reset(options={"task": [Task(value_of_distance=v) for v in (1.0, 2.0, 3.0, 4.0)]})
-    assert [task.value_of_distance for task in envs.tasks] == [1.0, 2.0, 3.0, 4.0]
+    envs.reset(options={"task": [Task(distance_weight=v) for v in (1.0, 2.0, 3.0, 4.0)]})
+    assert [task.distance_weight for task in envs.tasks] == [1.0, 2.0, 3.0, 4.0]
 
 
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
         ({"task": {"value": 1.0}}, ValueError, "task: 'value' is not a field of Task"),
-        ({"task": {"fall_distance": -1.0}}, ValueError, "fall_distance = -1.0: must be at least 0"),
+        ({"task": {"fall_penalty": -1.0}}, ValueError, "fall_penalty = -1.0: must be at least 0"),
         ({"task": "walk"}, TypeError, "task = 'walk': give a rimless_gym.Task"),
         ({"task": [Task()] * 3}, ValueError, "task: 3 tasks for 1 rows"),
         ({"starts": {"rest": -1.0}}, ValueError, "rest = -1.0: must be at least 0"),
@@ -136,7 +136,7 @@ def test_invalid_tasks_and_starts_are_refused_and_change_nothing(
     make_one: Any, options: dict, error: type, message: str
 ) -> None:
     env, other = make_one(), make_one()
-    good = {"task": {"value_of_distance": 9.0}, "starts": WHIRLING}
+    good = {"task": {"distance_weight": 9.0}, "starts": WHIRLING}
     for each in (env, other):
         each.reset(seed=0)
     with pytest.raises(error, match=message):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.observation import OBSERVATION_BOUND, observe
+from rimless_gym.envs.layout import OBSERVATION_BOUND, observe
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import MAX_RATE, Failure
 from rimless_gym.kernel.stepping import STATE_SIZE
@@ -67,8 +67,8 @@ def test_invalid_prices_are_refused(name: str, value: Any, error: type) -> None:
 
 
 def test_prices_can_be_numpy_numbers_and_become_floats() -> None:
-    task = Task(value_of_distance=np.float64(0.8), horizon=np.int64(30))
-    assert task == Task(value_of_distance=0.8, horizon=30.0)
+    task = Task(distance_weight=np.float64(0.8), horizon=np.int64(30))
+    assert task == Task(distance_weight=0.8, horizon=30.0)
     assert [type(value) for value in dataclasses.astuple(task)] == [float] * 5
 
 

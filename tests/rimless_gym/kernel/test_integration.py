@@ -8,24 +8,23 @@ import math
 import numpy as np
 
 from rimless_gym import THESIS_PHYSICAL
-from rimless_gym.jit import kept
-from rimless_gym.kernel import tile as of
+from rimless_gym.jit import cached
+from rimless_gym.kernel import tile as slot
+from rimless_gym.kernel.accounting import open_interval
 from rimless_gym.kernel.attempt import attempt_step
-from rimless_gym.kernel.booking import open_interval
-from rimless_gym.kernel.integration import smooth_states
-from rimless_gym.kernel.interpolation import quintic, upward_root, value
+from rimless_gym.kernel.integration import quintic, smooth_states, upward_root, value
 from rimless_gym.kernel.stepping import scratch, share_machine
 from rimless_gym.kernel.tile import TILE_SIZE
 from rimless_gym.trigonometry import MAX_TURN
 
 
-@kept()
+@cached()
 def opened(work, constants, poles, duration):
     share_machine(work, constants, poles)
     open_interval(work[:TILE_SIZE], duration, 0.0)
 
 
-@kept()
+@cached()
 def attempted(tile, duration):
     return attempt_step(tile, 1, duration, 0.0)
 
@@ -70,9 +69,9 @@ def test_a_root_at_the_start_is_skipped_if_the_polynomial_falls_there() -> None:
 
 def test_an_attempt_in_which_an_angle_turns_too_far_is_halved() -> None:
     work, p = scratch(), THESIS_PHYSICAL
-    tile = work[: of.TILE_SIZE]
-    lane = tile.reshape(-1, of.LANES)[:, 0]
-    state, attempt, left = (q // of.LANES for q in (of.STATE, of.ATTEMPT, of.LEFT))
+    tile = work[: slot.TILE_SIZE]
+    lane = tile.reshape(-1, slot.LANES)[:, 0]
+    state, attempt, left = (q // slot.LANES for q in (slot.STATE, slot.ATTEMPT, slot.LEFT))
     lane[state : state + 4] = start = (1.5, 0.0, 0.3, 8.0)
     opened(work, p.constants_array[:, None].copy(), np.array([p.motor_pole]), 0.1)
     lane[attempt] = 0.1  # far longer than a planned step

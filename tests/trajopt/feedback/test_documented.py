@@ -8,8 +8,8 @@ import pytest
 from agents.evaluate import evaluate
 from agents.policies import controller_policy
 from agents.protocol import SHORT_PROTOCOL
-from rimless_gym.commands.feedback_laws.columns.changes import on_the_gait
 from rimless_gym.presets import preset
+from scripts.studies.feedback_laws.columns.changes import on_the_gait
 from trajopt import Solution, periodic_gait
 from trajopt.feedback.closed_loop import multipliers
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.equations import SINGLE
-from rimless_gym.jit import kept
+from rimless_gym.jit import cached
 from rimless_gym.kernel.stepping import MODE, hybrid_states
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
@@ -160,7 +160,7 @@ def _filed(law: Law, near: float, key: Hashable, folder: Path) -> Catch:
     return catch
 
 
-@kept()
+@cached()
 def _remaining(states, cost, values, grid):  # type: ignore[no-untyped-def]
     total = np.empty(len(cost))
     for i in range(len(cost)):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.jit import kept
+from rimless_gym.jit import cached
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
 from trajopt.feedback.catch.grid import StateGrid, Values, value
@@ -86,7 +86,7 @@ def outcomes(params: WheelParams, options: Options, nodes: Floats) -> Outcomes:
     return Outcomes(states, cost)
 
 
-@kept()
+@cached()
 def _swept(times, nodes, found, values, grid):  # type: ignore[no-untyped-def]
     """Improve the times at nodes, one after the other; the largest change."""
     largest = 0.0

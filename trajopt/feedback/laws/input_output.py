@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rimless_gym.checks import positive
-from rimless_gym.constants import Constants
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, accelerations
 from rimless_gym.jit import inner
+from rimless_gym.params import Constants
 from trajopt.feedback.constraint import LEG, Constraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit

@@ -18,8 +18,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rimless_gym.checks import not_negative, positive
-from rimless_gym.constants import Constants
 from rimless_gym.jit import inner
+from rimless_gym.params import Constants
 from trajopt.feedback.constraint import PENDULUM, Constraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit

@@ -1,1 +1,0 @@
-"""Local optima of a problem, searched for from many starts."""

@@ -1,1 +1,0 @@
-"""How robust learned policies are, in the columns of the feedback laws."""

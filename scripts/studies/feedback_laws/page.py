@@ -1,0 +1,28 @@
+"""The study's results as sections of docs/feedback.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from scripts.studies.documents import marked
+from scripts.studies.feedback_laws.gait_tables import gait_section
+from scripts.studies.feedback_laws.summary import summary
+
+SECTIONS = ("summary", "gaits")
+MARKS, WANTED = marked.marks("feedback", SECTIONS), marked.wanted("feedback", SECTIONS)
+
+
+def refresh(page: Path, found: Mapping[str, Any]) -> None:
+    """Put every section between its marks."""
+    marked.refresh(page, MARKS, sections(found))
+
+
+def sections(found: Mapping[str, Any]) -> dict[str, str]:
+    """All sections by name."""
+    gaits = [gait_section(key, found) for key in found["gaits"]]
+    return {
+        "summary": summary(found) + "\n",
+        "gaits": "\n\n".join(["\n\n".join(parts) for parts in gaits]) + "\n",
+    }

@@ -1,0 +1,135 @@
+"""The documents' numbers are those in numbers.json, and numbers.json holds what the code gives."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rimless_gym.presets import PRESETS
+from scripts.studies.documents import accuracy, errata, integrator, machines
+from scripts.studies.documents.contents import DOCUMENTS
+from scripts.studies.documents.motions import CASES
+from scripts.studies.documents.tables import filled, tables
+
+ROOT = Path(__file__).parents[3]
+FIGURES = ROOT / "docs" / "figures"
+RECORDED: dict[str, Any] = json.loads((FIGURES / "numbers.json").read_text())
+PAGES = {name: (ROOT / "docs" / name).read_text() for name in DOCUMENTS}
+
+
+def assert_alike(ours: Any, theirs: Any, where: str) -> None:
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), where
+        for key in ours:
+            assert_alike(ours[key], theirs[key], f"{where}.{key}")
+    elif isinstance(ours, list):
+        assert len(ours) == len(theirs), where
+        for i, (mine, other) in enumerate(zip(ours, theirs, strict=True)):
+            assert_alike(mine, other, f"{where}[{i}]")
+    elif isinstance(ours, float):
+        assert ours == pytest.approx(theirs, rel=1e-6, abs=1e-7), where
+    else:
+        assert ours == theirs, where
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        machines.coming_to_rest,
+        machines.kappa_of_few_legs,
+        errata.printed_impact,
+        errata.new_foot_momentum,
+        errata.generalised_force,
+        errata.rotor,
+    ],
+)
+def test_recorded_numbers_are_what_the_code_gives(part: Callable[[], Any]) -> None:
+    assert_alike(part(), RECORDED[part.__name__], part.__name__)
+
+
+def test_properties_of_the_presets_are_as_recorded() -> None:
+    for name, params in PRESETS.items():
+        assert params.motor_pole == pytest.approx(RECORDED["motor_pole"][name])
+        assert machines.kappa_range(params) == pytest.approx(RECORDED["kappa"][name])
+        assert machines.reach_and_hub(params) == pytest.approx(RECORDED["reach_and_hub"][name])
+
+
+@pytest.mark.slow
+def test_the_integrator_converges_at_the_recorded_order() -> None:
+    for name, measured in integrator.convergence(count=20).items():
+        assert measured["order"] == pytest.approx(RECORDED["convergence"][name]["order"], abs=0.1)
+
+
+def test_the_recorded_accuracy_meets_its_targets() -> None:
+    for name, params in PRESETS.items():
+        rounding = 3e-9 if params.hub_friction > 0 else 1e-9  # friction turns round so quickly
+        assert RECORDED["missed_dips"][name]["unlike"] == 0
+        for case in CASES:
+            recorded = RECORDED["accuracy"][name][case]
+            assert recorded["disagreements"] == 0, (name, case)
+            assert recorded["height"] <= 1e-10, (name, case)
+            assert recorded["state"] <= max(rounding, recorded["nudged"]), (name, case)
+            assert "graze" in case or recorded["state"] <= rounding, (name, case)
+
+
+def test_the_documents_hold_the_tables_of_the_recorded_numbers() -> None:
+    pages = "\n".join(PAGES.values())
+    for name, table in tables(RECORDED).items():
+        assert table in pages, f"table {name}: run scripts.studies figures --keep-numbers"
+
+
+def test_tables_are_replaced_where_their_headings_are() -> None:
+    page = PAGES["physics.md"]
+    walks = sum(of["walking"]["motions"] for of in RECORDED["accuracy"].values())
+    old = page.replace(f"| walking | {walks} |", f"| walking | {walks + 1} |")
+    old = old.replace("| rocking", "| rolling")
+    assert old != page
+    assert filled(old, RECORDED) == page
+
+
+def test_the_text_of_the_model_quotes_the_recorded_numbers() -> None:
+    text = " ".join(PAGES["physics.md"].split())
+    for low, high in RECORDED["kappa"].values():
+        assert f"{low:.2f} to {high:.2f}" in text
+    for result in RECORDED["convergence"].values():
+        assert f"{result['order']:.1f} for `" in text
+    touchdowns = sum(result["touchdowns"] for result in RECORDED["missed_dips"].values())
+    assert f"{touchdowns / 1e6:.1f} million touchdowns" in text
+    for key, most in (("height", "5e-13 m"), ("energy", "1e-7 J")):
+        worst = max(case[key] for of in RECORDED["accuracy"].values() for case in of.values())
+        assert worst <= float(most.split()[0])
+        assert f"within {most}" in text
+    for name in machines.OF_THE_THESIS:
+        reach, hub = RECORDED["reach_and_hub"][name]
+        assert f"{reach:.2f} m against {hub:.2f} m" in text
+
+
+def test_every_figure_is_shown_and_its_file_is_small() -> None:
+    shown = {name for page in PAGES.values() for name in re.findall(r"figures/(\w+\.png)", page)}
+    assert shown == {path.name for path in FIGURES.glob("*.png")}
+    assert all((FIGURES / name).stat().st_size < 150_000 for name in shown)
+
+
+def test_the_command_line_says_what_it_does() -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "figures.py"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/", env={})
+    assert done.returncode == 0, done.stderr
+    assert "Regenerate every figure" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_kernel_is_as_near_the_reference_as_recorded(name: str) -> None:
+    for case in CASES:
+        measured = accuracy.measured(name, case, 10 if "graze" in case else 2)
+        recorded = RECORDED["accuracy"][name][case]
+        assert measured.disagreements == 0
+        for key in ("state", "height", "energy", "residual"):
+            assert getattr(measured, key) <= 3 * recorded[key] + 1e-11, (case, key)

@@ -1,0 +1,39 @@
+"""The table of scripts.studies textbook, quoted in docs/optimal-control.md."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from scripts.studies import textbook
+
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "optimal-control.md"
+
+
+def test_it_prints_a_row_for_each_named_problem(capsys: pytest.CaptureFixture[str]) -> None:
+    assert textbook.main(["gear", "least_effort_move", "--elements", "4"]) == 0
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert [row.split(" | ")[0] for row in rows] == ["| least effort move", "| gear"]
+    assert all("4 of degree 4" in row for row in rows)
+
+
+def test_the_row_and_the_status_say_that_a_problem_did_not_converge(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["passive_wheel", "--scheme", "trapezoid", "--tolerance", "1e-12"]
+    assert textbook.main(arguments) == 1
+    assert "mesh error" in capsys.readouterr().out
+
+
+def test_unknown_problems_are_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        textbook.main(["nonsense"])
+    assert "unknown problems: nonsense" in capsys.readouterr().err
+
+
+def test_the_document_quotes_all_problems_with_their_answers() -> None:
+    quoted = dict(re.findall(r"^\| ([\w ]+) \| (-?[\d.]+) \|", DOCUMENT.read_text(), re.MULTILINE))
+    for example in textbook.PROBLEMS:
+        assert float(quoted[example.name]) == pytest.approx(example.known(), rel=1e-8)

@@ -1,0 +1,187 @@
+"""Independent tasks side by side: in local processes, or on a Dask or Ray cluster, by joblib."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, closing, contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+#: The environment variable that chooses the backend where no argument does.
+BACKEND = "RIMLESS_BACKEND"
+
+#: The backend of processes on this computer.
+LOCAL = "loky"
+
+#: How often a worker checks that its parent is alive (s).
+WATCH = 0.5
+
+#: How many cores the task that this worker does may use; None in other processes.
+_share: ContextVar[int | None] = ContextVar("_share", default=None)
+
+
+class KilledError(RuntimeError):
+    """A worker process ended before its work was done."""
+
+
+def run(
+    function: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    workers: int | None = None,
+    *,
+    progress: str = "",
+    backend: str | None = None,
+) -> Generator[tuple[Task, Result], None, None]:
+    """Call a function for every task; each task with its result, as they are finished.
+
+    With one local worker, or one task, this process does the work, in the order of the tasks. An
+    exception, of a task or where the results are used, ends the others: local workers are killed.
+    They end with this process, too, however it ends. (Use `contextlib.closing` where the end of
+    the loop must not wait for the interpreter to collect the iterator.)
+
+    Args:
+        function: of one task. In other processes it and its results must be picklable; functions
+            that are defined in a script or in other functions are, by cloudpickle.
+        tasks: are drawn one by one, when a worker is about to be free.
+        workers: how many processes; by default as many as `cores`, or all of a cluster's.
+        progress: title of a progress bar, shown on a terminal; none by default.
+        backend: "loky" for local processes, "dask" (the cluster of DASK_SCHEDULER_ADDRESS, or a
+            local one), "ray", or another of joblib's; by default that of the environment variable
+            RIMLESS_BACKEND, or "loky".
+
+    Raises:
+        KilledError: a worker was killed.
+        ValueError: joblib knows no such backend.
+        Exception: what a task raises.
+    """
+    backend = backend or os.environ.get(BACKEND) or LOCAL
+    total = len(tasks) if isinstance(tasks, Sized) else None
+    if backend == LOCAL:
+        workers = workers or cores()
+        workers = workers if total is None else max(1, min(workers, total))
+    alone = backend == LOCAL and workers == 1
+    results = _in_turn(function, tasks) if alone else _shared(function, tasks, workers, backend)
+    bar = tqdm(total=total, desc=progress, disable=None if progress else True, smoothing=0.1)
+    with closing(results), bar:
+        for each in results:
+            bar.update()
+            yield each
+
+
+def cores() -> int:
+    """How many cores to use: those of the computer, or in a worker its share of them."""
+    if hasattr(os, "sched_getaffinity"):
+        return _share.get() or len(os.sched_getaffinity(0))
+    return _share.get() or os.cpu_count() or 1
+
+
+def _in_turn(
+    function: Callable[[Task], Result], tasks: Iterable[Task]
+) -> Generator[tuple[Task, Result], None, None]:
+    for task in tasks:
+        yield task, function(task)
+
+
+def _shared(
+    function: Callable[[Task], Result], tasks: Iterable[Task], workers: int | None, backend: str
+) -> Generator[tuple[Task, Result], None, None]:
+    import joblib  # a quarter of a second
+
+    share = max(1, cores() // (workers or cores()))
+    drawn: dict[int, Task] = {}
+
+    def calls() -> Iterator[Any]:
+        for number, task in enumerate(tasks):
+            drawn[number] = task
+            yield joblib.delayed(_call)(function, task, number, share)
+
+    with _configured(backend, workers):
+        parallel = joblib.Parallel(
+            batch_size=1,
+            pre_dispatch="n_jobs",
+            max_nbytes=None,  # or tasks would get large arrays as files that are read only
+            return_as="generator_unordered",
+        )
+    with _ctrl_c_blocked():  # workers and threads that start in here inherit this
+        results = parallel(calls())
+    try:
+        for number, result in results:
+            yield drawn.pop(number), result
+    except BrokenProcessPool as error:
+        raise KilledError(
+            "a worker process ended before its work was done: it was killed, most likely because "
+            "memory ran out; make room, or use fewer workers"
+        ) from error
+    finally:
+        with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
+            results.close()
+
+
+def _configured(backend: str, workers: int | None) -> AbstractContextManager[Any]:
+    """Joblib's configuration of a backend."""
+    import joblib
+
+    if backend == LOCAL:
+        settings = {"initializer": _begin, "initargs": (os.getpid(),)}
+        return joblib.parallel_config(backend, n_jobs=workers, **settings)
+    if backend == "ray":
+        from ray.util.joblib import register_ray
+
+        register_ray()
+    if backend == "dask":
+        from distributed import Client
+
+        Client(set_as_default=True)
+    return joblib.parallel_config(backend, n_jobs=workers or -1)
+
+
+def _call(
+    function: Callable[[Task], Result], task: Task, number: int, share: int
+) -> tuple[int, Result]:
+    """Call a function in a worker."""
+    token = _share.set(share)
+    try:
+        return number, function(task)
+    finally:
+        _share.reset(token)
+
+
+def _begin(parent: int) -> None:
+    """Begin a local worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the parent handles Ctrl-C
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent, which may be killed and unable to do so.
+
+    A worker that computes for a minute would not notice. (CasADi and numba's loops release the
+    interpreter's lock, so that this thread can run.)
+    """
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Hold back Ctrl-C until the end of the block."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,373 @@
+"""Finished work in files: a store of results by key, and the file formats that it is made of.
+
+Every file is complete or not there, whatever ends the process. Reading one executes nothing. A
+digest shows whether a file was edited or damaged; it does not show who wrote it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import glob
+import hashlib
+import json
+import math
+import os
+import re
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.provenance import provenance
+
+#: Entries of an archive besides its arrays.
+HEADER, DIGEST = "header", "digest"
+
+#: The format of a store's arrays.
+ARRAYS = "rimless-gym arrays 1"
+
+#: Seconds after which an unfinished file counts as abandoned by a killed process.
+ABANDONED = 3600.0
+
+
+class Store:
+    """Finished work in a folder: the result of each task under a key.
+
+    This loop continues after a kill where it ended:
+
+        with Store(folder, {"seed": seed}) as store:
+            for task, result in run(work, [t for t in tasks if t.key not in store]):
+                store.save(task.key, result)
+
+    Entering the store locks the folder; the operating system releases the lock, however the process
+    ends. Without entering, results can be loaded, and saved beside those of other processes.
+
+    Args:
+        folder: is made where it is missing.
+        inputs: JSON values that all results in the folder depend on. What one result depends on in
+            addition belongs into its `key`.
+        record: name of the file that holds `inputs` and the versions of the software.
+
+    Raises:
+        ValueError: on entering: another process has locked the folder, or it holds results of other
+            inputs.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        inputs: Mapping[str, Any] | None = None,
+        record: str = "inputs.json",
+    ) -> None:
+        self.folder = Path(folder)
+        self._inputs = {} if inputs is None else jsonable(inputs)
+        self._record = self.folder / record
+
+    def __enter__(self) -> Self:
+        from filelock import FileLock, Timeout
+
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._lock = FileLock(self.folder / ".lock", timeout=0)
+        try:
+            self._lock.acquire()
+            self._claim()
+        except Timeout:
+            raise ValueError(
+                f"another process is working in {self.folder}: wait until it ends, or choose "
+                "another folder"
+            ) from None
+        except BaseException:
+            self._lock.release()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+    def __contains__(self, key: str) -> bool:
+        """Whether there is a result that is undamaged and whose files are unchanged."""
+        return self._read(key) is not None
+
+    def load(self, key: str) -> Any:
+        """The result that was saved; tuples come back as lists.
+
+        Raises:
+            KeyError: there is none, or it was changed since.
+        """
+        content, arrays = self._read(key), dict[str, NDArray[Any]]()
+        if content is None:
+            raise KeyError(f"{self.folder / key}: no result, or changed since it was saved")
+        if f"{key}.npz" in content["files"]:
+            _, arrays = read_arrays(self._path(key, "npz"), ARRAYS, ValueError, "compute it again")
+        return _joined(content["value"], arrays)
+
+    def save(self, key: str, value: Any, files: Iterable[str | Path] = ()) -> None:
+        """Keep a result.
+
+        Args:
+            key: name of its file, without suffix; it may stand in a subfolder, "ppo/seed3".
+            value: JSON values, and arrays among them.
+            files: other files of the result, relative to the folder; where one of them is changed
+                or missing, the result no longer counts.
+
+        Raises:
+            TypeError: `value` is neither JSON nor an array.
+            OSError: the disk is full, or the folder cannot be written.
+        """
+        arrays: dict[str, NDArray[Any]] = {}
+        tree, parts = _split(value, arrays), [str(each) for each in files]
+        self._path(key, "json").parent.mkdir(parents=True, exist_ok=True)
+        if arrays:
+            write_arrays(self._path(key, "npz"), ARRAYS, {}, arrays)
+            parts.append(f"{key}.npz")
+        digests = {each: file_digest(self.folder / each) for each in parts}
+        write_signed(self._path(key, "json"), {"value": tree, "files": digests})
+
+    def _claim(self) -> None:
+        """Record the inputs, or check that they are those of the folder."""
+        if not self._record.exists():
+            if self._inputs:
+                write_text(self._record, json.dumps(self._inputs | provenance(), indent=1) + "\n")
+            return
+        try:
+            known = dict(json.loads(self._record.read_bytes()))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ValueError(
+                f"{self._record}: damaged ({error!r}); choose another folder"
+            ) from error
+        for name, wanted in json.loads(json.dumps(self._inputs)).items():
+            if known.get(name) != wanted:
+                old, new = _difference(known.get(name), wanted)
+                raise ValueError(
+                    f"{self.folder} holds results of {name} = {old}, not {new}: use the same, or "
+                    "choose another folder"
+                )
+
+    def _read(self, key: str) -> dict[str, Any] | None:
+        try:
+            content = read_signed(self._path(key, "json"))
+        except (OSError, ValueError):
+            return None
+        files = content["files"].items()
+        return content if all(file_digest(self.folder / f) == d for f, d in files) else None
+
+    def _path(self, key: str, suffix: str) -> Path:
+        return self.folder / f"{key}.{suffix}"
+
+
+def key(name: str, **inputs: Any) -> str:
+    """A key: a name for people, and a digest of all that the result depends on.
+
+    Args:
+        name: of the task.
+        inputs: JSON values, arrays and dataclasses.
+    """
+    text = json.dumps(jsonable(inputs), sort_keys=True).encode()
+    return re.sub(r"[^\w.+-]+", "_", name) + "-" + hashlib.sha256(text).hexdigest()[:12]
+
+
+def file_digest(path: Path) -> str | None:
+    """SHA-256 of a file's content; None where it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file's content; an existing file is replaced as a whole.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written; an existing file is unchanged.
+    """
+    with _replacing(path) as file:
+        file.write(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, as `write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+def write_signed(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON values with a digest of them, as `write_bytes`."""
+    signed = {**content, DIGEST: _signature(content)}
+    write_text(path, json.dumps(signed, indent=1) + "\n")
+
+
+def read_signed(path: Path) -> dict[str, Any]:
+    """The values that `write_signed` wrote.
+
+    Raises:
+        ValueError: the file was edited or damaged.
+        OSError: it cannot be read.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if content.pop(DIGEST) != _signature(content):
+            raise ValueError("edited since it was written")
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{path}: damaged ({error!r})") from error
+    return dict(content)
+
+
+def write_arrays(
+    path: str | Path, form: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write an .npz file of arrays, a header of JSON values and a digest, as `write_bytes`.
+
+    Args:
+        path: of the file.
+        form: what the file is, and the version of its format.
+        header: everything that is not an array.
+        arrays: by name, neither `HEADER` nor `DIGEST`.
+    """
+    text = np.array(json.dumps({"format": form, **header}))
+    entries: dict[str, Any] = {**arrays, HEADER: text}
+    entries[DIGEST] = np.array(digest(entries))
+    with _replacing(Path(path)) as file:
+        np.savez_compressed(file, **entries)
+
+
+def read_arrays(
+    path: str | Path, form: str, error: type[Exception], remedy: str
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The header and the arrays that `write_arrays` wrote.
+
+    Args:
+        path: of the file.
+        form: the format that it must have.
+        error: the exception to raise if it has another, or was edited or damaged.
+        remedy: what to do then, for the message.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        Exception: `error`, see above.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise error(f"{path}: a folder; give the .npz file in it")
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
+        header = json.loads(str(arrays[HEADER]))
+        written = header.pop("format")
+    except Exception as cause:  # a damaged archive raises almost anything
+        raise error(
+            f"{path}: damaged, or not a file of format {form!r} ({cause!r}); {remedy}"
+        ) from cause
+    if written != form:
+        raise error(f"{path}: format {written!r}, but {form!r} is needed here; {remedy}")
+    if str(arrays.pop(DIGEST, None)) != digest(arrays):
+        raise error(f"{path}: edited or damaged since it was saved (wrong digest); {remedy}")
+    del arrays[HEADER]
+    return header, arrays
+
+
+def digest(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over names, types, shapes and contents of arrays, the header's text included."""
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def array_of(
+    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...] | None = None
+) -> NDArray[np.float64]:
+    """A file's array by name.
+
+    Raises:
+        ValueError: it is missing, not float64, or of another shape than `shape`.
+    """
+    if name not in arrays:
+        raise ValueError(f"{name} is missing")
+    array = arrays[name]
+    if array.dtype != np.float64 or (shape is not None and array.shape != shape):
+        raise ValueError(f"{name}: {array.dtype} of shape {array.shape}; must be float64, {shape}")
+    return array
+
+
+def jsonable(value: Any) -> Any:
+    """A value as strict JSON: dataclasses become objects, arrays lists, infinities and NaN null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
+    if isinstance(value, Mapping):
+        return {name: jsonable(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return jsonable(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [jsonable(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _split(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+    """A value with references in place of its arrays, which are added to `arrays`."""
+    if isinstance(value, Mapping):
+        return {name: _split(item, arrays) for name, item in value.items()}
+    if isinstance(value, np.ndarray):
+        name = f"array{len(arrays)}"
+        arrays[name] = value
+        return {"__array__": name}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_split(item, arrays) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _joined(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """The value that `_split` took apart."""
+    if isinstance(tree, dict):
+        if tree.keys() == {"__array__"}:
+            return arrays[tree["__array__"]]
+        return {name: _joined(item, arrays) for name, item in tree.items()}
+    return [_joined(item, arrays) for item in tree] if isinstance(tree, list) else tree
+
+
+def _signature(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _difference(old: Any, new: Any) -> tuple[Any, Any]:
+    """Two values; of objects, only the entries that differ."""
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return old, new
+    names = [name for name in old | new if old.get(name) != new.get(name)]
+    return {n: old[n] for n in names if n in old}, {n: new[n] for n in names if n in new}
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A new file that replaces `path` once it is complete.
+
+    Each process has its own part: several may write the same file into a folder that they share.
+    """
+    for part in path.parent.glob(f"{glob.escape(path.name)}.*.part"):
+        with suppress(OSError):  # another process may remove it, too
+            if time.time() - part.stat().st_mtime > ABANDONED:
+                part.unlink()
+    part = part_of(path)
+    try:
+        with part.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())  # or a power cut could leave an empty file
+        os.replace(part, path)
+    except BaseException as error:  # a full disk or Ctrl-C, perhaps: the part must not stay
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
+def part_of(path: Path) -> Path:
+    """The file that holds what this process writes to `path` until it is complete."""
+    return path.with_name(f"{path.name}.{os.getpid()}.part")
