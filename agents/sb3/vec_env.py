@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 
 from agents.sb3.single_envs import gathered, wrappers
 from rimless_gym import RimlessWheelVectorEnv
-from rimless_gym.envs.layout import row_of
+from rimless_gym.envs.layout import NO_INFO, info_of_row
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
 
@@ -39,8 +39,8 @@ class Sb3VecEnv(VecEnv):
     Gives what `DummyVecEnv` gives with as many single environments, bit for bit: observations
     (N, 6) float32 or with a commanded speed (N, 8), rewards (N,) float32, dones (N,), and a list of
     N dictionaries. Those of rows that go on hold only `TimeLimit.truncated`; `last_info` has the
-    measurements of all rows as arrays. At the end of an episode they hold the row's measurements,
-    `terminal_observation`, a copy, and `episode` where the environments are monitored.
+    measurements of all rows as arrays. At the end of an episode they hold the single environment's
+    `info`, `terminal_observation`, a copy, and `episode` where the environments are monitored.
 
     Either of::
 
@@ -112,7 +112,7 @@ class Sb3VecEnv(VecEnv):
             observations, columns = self.env.reset(
                 seed=self._seeds, options={**options, "reset_mask": mask}
             )
-        self.reset_infos = [row_of(columns, i) for i in range(self.num_envs)]
+        self.reset_infos = [info_of_row(columns, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -135,7 +135,7 @@ class Sb3VecEnv(VecEnv):
         """
         seen, columns = self.env.reset(options={**(options or {}), "reset_mask": rows})
         for i in np.flatnonzero(rows).tolist():
-            self.reset_infos[i] = row_of(columns, i)
+            self.reset_infos[i] = info_of_row(columns, i)
         self._returns[rows], self._lengths[rows] = 0.0, 0
         return seen
 
@@ -160,11 +160,11 @@ class Sb3VecEnv(VecEnv):
         if final:
             last = {name: final["final_info"][name] for name in columns}
             for i in dones.nonzero()[0].tolist():
-                info = row_of(last, i)
+                info = info_of_row(last, i)
                 info["TimeLimit.truncated"] = not terminated[i]
                 info["terminal_observation"] = final["final_obs"][i].copy()
                 self._book(i, info)
-                self.reset_infos[i] = row_of({"mode": columns["mode"]}, i)
+                self.reset_infos[i] = NO_INFO | {"mode": columns["mode"].item(i)}
                 infos[i] = info
         return observations, rewards.astype(np.float32), dones, infos
 

@@ -28,6 +28,7 @@ from rimless_gym.envs.interval import NO_LIMIT
 from rimless_gym.envs.layout import (
     FLAG,
     MEMORY,
+    NO_INFO,
     RESULT,
     Flags,
     flags_of,
@@ -46,7 +47,6 @@ T = TypeVar("T", bound=type[Any])
 _ROW = np.zeros(1, dtype=np.int64)
 _BOUND = ("_advance", "_action", "_results")  # to the batch's arrays
 _PARTS = ("batch", "generators")  # of a snapshot
-_, _NO_INFO = reward_and_info(bytes(8 * len(RESULT)))
 
 
 def completed(environment: T) -> T:
@@ -329,7 +329,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._buffer[:] = 0.0
         if self._watched:
             self.render()
-        return observation, _NO_INFO | {"mode": int(batch.memory[MEMORY.mode, 0])}
+        return observation, NO_INFO | {"mode": int(batch.memory[MEMORY.mode, 0])}
 
     def step(
         self, action: NDArray[np.float32]

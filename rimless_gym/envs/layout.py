@@ -267,6 +267,10 @@ reward_and_info = written(
 )
 
 
+#: The `info` before the first step.
+_, NO_INFO = reward_and_info(bytes(8 * len(RESULT)))
+
+
 def measurements_of(results: bytes) -> dict[str, Any]:
     """All that was measured in a step of one row, from the bytes of its results."""
     *numbers, slips, mode, failure = _ALL.unpack_from(results)
@@ -284,6 +288,6 @@ def dense_measurements(
     return measured
 
 
-def row_of(dense: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
-    """One row of dense measurements, as those of the single environment."""
-    return {name: column.item(row) for name, column in dense.items()}
+def info_of_row(dense: Mapping[str, NDArray[Any]], row: int) -> dict[str, Any]:
+    """The single environment's `info` of one row of dense measurements."""
+    return {name: dense[name].item(row) for name in INFO_NAMES}

@@ -99,10 +99,10 @@ def test_actions_are_clipped_but_nan_and_wrong_shapes_raise() -> None:
 def test_invalid_actions_are_refused_and_change_nothing(action: Any, error: type) -> None:
     env = RimlessWheelEnv()
     env.reset(seed=0)
-    before = env.get_state()["fleet"]["memory"]
+    before = env.get_state()["batch"]["memory"]
     with pytest.raises(error, match=r"(?s)action = .*: must "):
         env.step(action)
-    assert np.array_equal(env.get_state()["fleet"]["memory"], before)
+    assert np.array_equal(env.get_state()["batch"]["memory"], before)
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def test_a_current_is_driven_at_the_beginning_of_the_interval(mount: str) -> Non
     for actions in swinging(100, 30, hold=3):
         x = envs.states
         ended = envs.step(actions)[2]
-        volts = envs.get_state()["fleet"]["memory"][MEMORY.voltage, :100]
+        volts = envs.get_state()["batch"]["memory"][MEMORY.voltage, :100]
         shares = np.clip(actions[:, 0].astype(float), -1.0, 1.0)
         for row, volt, share in zip(x[~ended], volts[~ended], shares[~ended], strict=True):
             dpsi = number.relative_rate(row[DPHI], row[DTHETA], p)

@@ -20,7 +20,7 @@ from rimless_gym import (
     Task,
     WheelParams,
 )
-from rimless_gym.envs.batch import Fleet
+from rimless_gym.envs.batch import Batch
 from rimless_gym.envs.disturbances import disturb_rows
 from rimless_gym.envs.layout import MEMORY, OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.envs.starts import GIVEN, HANGING
@@ -49,15 +49,15 @@ def swinging(steps: int, seed: int = 0) -> np.ndarray:
     return np.repeat(levels, 20, axis=0)[:steps]
 
 
-def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Fleet:
+def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Batch:
     """64 rows that started in the same state and were pushed, each in a random direction."""
     pushes = Pushes(rate=ALWAYS, impulse=(impulse, impulse))
-    fleet = Fleet([params] * 64, Task(), Ranges({}), Disturbances(pushes=pushes))
+    batch = Batch([params] * 64, Task(), Ranges({}), Disturbances(pushes=pushes))
     rows, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
-    fleet.begin(rows, rows.astype(np.uint64), kind, np.array([given] * 64), seen)
-    settings = fleet.disturbances.settings(CONTROL_PERIOD)
-    disturb_rows(fleet.memory, fleet.constants, fleet.streams, fleet.held, settings, 0, 64)
-    return fleet
+    batch.begin(rows, rows.astype(np.uint64), kind, np.array([given] * 64), seen)
+    settings = batch.disturbances.settings(CONTROL_PERIOD)
+    disturb_rows(batch.memory, batch.constants, batch.streams, batch.held, settings, 0, 64)
+    return batch
 
 
 @pytest.mark.parametrize("params", MACHINES.values(), ids=MACHINES)
@@ -76,29 +76,29 @@ def test_a_push_changes_the_rates_as_in_mujoco_with_the_foot_pinned(params, free
 
 def test_the_work_of_a_push_is_its_impulse_times_the_mean_hub_speed():
     p, start = THESIS_PHYSICAL.constants, [1.3, 0.7, 1.1, -2.0, 0]
-    fleet = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
-    ways = fleet.memory[DPHI] > start[2]
+    batch = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
+    ways = batch.memory[DPHI] > start[2]
     assert 16 < ways.sum() < 48
-    speeds = p.L1 * math.sin(start[0]) * (start[2] + fleet.memory[DPHI]) / 2
-    assert fleet.memory[MEMORY.push_work] == pytest.approx(
+    speeds = p.L1 * math.sin(start[0]) * (start[2] + batch.memory[DPHI]) / 2
+    assert batch.memory[MEMORY.push_work] == pytest.approx(
         np.where(ways, 0.8, -0.8) * speeds, rel=1e-9
     )
-    assert not fleet.memory[MEMORY.push_shift].any()
-    assert np.all(fleet.memory[[PHI, THETA]] == np.array([start[:2]]).T)
+    assert not batch.memory[MEMORY.push_shift].any()
+    assert np.all(batch.memory[[PHI, THETA]] == np.array([start[:2]]).T)
 
 
 def test_a_push_tips_a_wheel_at_rest_over_the_foot_it_is_pushed_towards():
-    fleet, p = pushed(THESIS_PHYSICAL, 0.8, HANGING, [0.0] * 5), THESIS_PHYSICAL.constants
-    forward = fleet.memory[FOOT] == 0
+    batch, p = pushed(THESIS_PHYSICAL, 0.8, HANGING, [0.0] * 5), THESIS_PHYSICAL.constants
+    forward = batch.memory[FOOT] == 0
     assert 16 < forward.sum() < 48
     for ways, phi, foot, j in ((forward, p.a, 0, 0.8), (~forward, p.b, -1, -0.8)):
         expected = number.push(phi, 0.0, 0.0, 0.0, j, 0.0, p)
         for row, value in ((PHI, phi), (FOOT, foot), (MODE, 0), (MEMORY.push_shift, foot)):
-            assert np.all(fleet.memory[row, ways] == value)
-        assert fleet.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
-        assert fleet.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
-        assert np.sign(fleet.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
-    assert np.all(fleet.memory[MEMORY.push_work] > 0)
+            assert np.all(batch.memory[row, ways] == value)
+        assert batch.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
+        assert batch.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
+        assert np.sign(batch.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
+    assert np.all(batch.memory[MEMORY.push_work] > 0)
 
 
 def test_the_ledger_of_a_pushed_episode_balances_and_counts_its_steps():
@@ -359,9 +359,9 @@ def test_invalid_disturbances_and_ranges_are_refused_by_name(given: Any, error: 
     ids=["too stiff", "too much drag", "singular"],
 )
 def test_a_drawn_machine_that_cannot_be_stepped_is_named_in_the_error(ranges: dict):
-    fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())
+    batch = Batch([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())
     rows, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
     with pytest.raises(RuntimeError, match=rf"row 1: a machine with .*{min(ranges)}"):
-        fleet.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
-    assert fleet.ended.all()
-    assert np.isfinite(fleet.poles).all()  # a snapshot accepts only finite numbers
+        batch.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
+    assert batch.ended.all()
+    assert np.isfinite(batch.poles).all()  # a snapshot accepts only finite numbers

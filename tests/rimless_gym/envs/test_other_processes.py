@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rimless_gym.envs.interval import step_rows
-from rimless_gym.envs.layout import INFO_NAMES
+from rimless_gym.envs.layout import NUMBER_NAMES
 from tests.rimless_gym.envs.rows import ROUGH, make, swinging
 
 
@@ -108,7 +108,7 @@ def test_another_process_sees_the_same_episodes_of_a_vector_environment() -> Non
 
 
 STEPS = swinging(3, 300)
-NUMBERS = [name for name in INFO_NAMES if name != "failure"]
+NUMBERS = [name for name in NUMBER_NAMES if name != "failure"]
 
 
 def in_rows() -> str:

@@ -32,7 +32,7 @@ def test_reward_terms_sum_to_the_reward_exactly_and_follow_the_definition(env: g
         _, reward, ended, truncated, info = env.step(action)
         terms = [info[name] for name in TERM_NAMES]
         assert reward == sum(terms)
-        assert info["paid"] == info["distance"]
+        assert info["rewarded_travel"] == info["distance"]
         assert terms[0] == task.distance_weight * info["distance"]
         assert terms[1] == -(info["electrical_positive"] + info["idle"]) / params.weight
         back = max(info["distance"], 0.0) + task.slip_penalty * info["elapsed"]
@@ -53,7 +53,7 @@ def test_slipping_costs_more_than_the_travel_while_it_lasts(by: str) -> None:
         task, params = Task(distance_weight=value), THESIS_PHYSICAL.replace(friction=mu)
         travel = 0.01 * 1.5  # at 1.5 m/s, faster than any hub in a walk
         for demand, slips in ((0.99 * mu, False), (1.01 * mu, True), (math.inf, True)):
-            values = dict.fromkeys(Interval._fields, 0.0) | {"elapsed": 0.01, "paid": travel}
+            values = dict.fromkeys(Interval._fields, 0.0) | {"elapsed": 0.01, "rewarded_travel": travel}
             interval = SimpleNamespace(**values | {by: demand})
             reward = sum(term(interval, params, task) for term in TERMS)
             assert (reward < 0.0) == slips

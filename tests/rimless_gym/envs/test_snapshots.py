@@ -129,7 +129,7 @@ def test_a_snapshot_from_before_the_first_reset_can_be_restored(new: Callable[[]
 
 
 def spoilt(state: dict[str, Any], name: str, wrong: float) -> dict[str, Any]:
-    array = state["fleet"][name].copy()
+    array = state["batch"][name].copy()
     array[(0,) * array.ndim] = wrong
     return changed(state, name, array)
 
@@ -137,7 +137,7 @@ def spoilt(state: dict[str, Any], name: str, wrong: float) -> dict[str, Any]:
 def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
     if name in state:
         return state | {name: value}
-    return state | {"fleet": state["fleet"] | {name: value}}
+    return state | {"batch": state["batch"] | {name: value}}
 
 
 @pytest.mark.parametrize(
@@ -146,8 +146,8 @@ def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
         (lambda state: 3, TypeError, "state = 3: must be a dictionary"),
         (lambda state: {}, ValueError, r"state has the parts \[\]"),
         (lambda state: state | {"more": 1}, ValueError, "'more'"),
-        (lambda state: changed(state, "fleet", None), TypeError, "fleet.* = None"),
-        (lambda state: changed(state, "fleet", {"memory": 0}), ValueError, "fleet.* parts"),
+        (lambda state: changed(state, "batch", None), TypeError, "batch.* = None"),
+        (lambda state: changed(state, "batch", {"memory": 0}), ValueError, "batch.* parts"),
         (lambda state: changed(state, "tasks", "walk"), TypeError, "tasks = 'walk'"),
         (lambda state: changed(state, "tasks", [0.5]), TypeError, "must be Tasks"),
         (lambda state: changed(state, "starts", None), TypeError, "starts = None"),

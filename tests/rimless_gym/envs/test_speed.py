@@ -22,7 +22,7 @@ from rimless_gym import (
     RimlessWheelSpeedVectorEnv,
     Task,
 )
-from rimless_gym.envs.task import settled
+from rimless_gym.envs.task import rewarded
 from tests.rimless_gym.envs.rows import DISABLED, NEXT, ROUGH, SAME, swinging
 
 ID = "RimlessWheelSpeed-v0"
@@ -63,8 +63,8 @@ def test_command_and_credit_are_observed_and_paid_for() -> None:
         assert seen[6] == pytest.approx((0.55 - 0.45) / 0.2, rel=1e-6)
         assert seen[7] == pytest.approx(credit / step, rel=1e-6)
         seen, _, ended, _, info = env.step(action)
-        paid, credit = settled(info["distance"], info["elapsed"], credit, step, 0.55)
-        assert info["reward_distance"] == 5.0 * paid == 5.0 * info["paid"]
+        paid, credit = rewarded(info["distance"], info["elapsed"], credit, step, 0.55)
+        assert info["reward_distance"] == 5.0 * paid == 5.0 * info["rewarded_travel"]
         if ended:
             seen, _ = env.reset(options={"speed": 0.55})
             credit = step
@@ -107,7 +107,7 @@ def test_rows_are_single_environments_to_the_last_bit(mode: Any, settings: dict)
             over[i] = ended[i] or truncated[i]
             if mode is SAME and over[i]:
                 assert np.array_equal(info["final_obs"][i], expected)
-                assert info["final_info"]["paid"][i] == last["paid"]
+                assert info["final_info"]["rewarded_travel"][i] == last["rewarded_travel"]
                 expected, _ = one.reset()
                 over[i] = False
             ends += over[i]

@@ -142,7 +142,7 @@ def test_invalid_tasks_and_starts_are_refused_and_change_nothing(
     with pytest.raises(error, match=message):
         env.reset(options=good | options)
     assert np.array_equal(env.reset()[0], other.reset()[0])
-    assert env.get_state()["fleet"]["tasks"] == [Task()]
+    assert env.get_state()["batch"]["tasks"] == [Task()]
     if "starts" in options:
         with pytest.raises(error, match=message):
             make_one(**options)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from rimless_gym import BUILDABLE, RimlessWheelEnv, Task
 from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.task import settled
+from rimless_gym.envs.task import rewarded
 from tests.rimless_gym.envs.rows import SAME, make, swinging
 
 STEP = BUILDABLE.step_length
@@ -25,7 +25,7 @@ TRAVELS = st.lists(st.tuples(st.floats(-0.1, 0.3), st.floats(0.0, 0.1)), max_siz
 def test_no_more_is_paid_than_the_target_speed_allows(travels: list, target: float) -> None:
     credit, total, since = STEP, 0.0, 0.0
     for distance, elapsed in travels:
-        paid, credit = settled(distance, elapsed, credit, STEP, target)
+        paid, credit = rewarded(distance, elapsed, credit, STEP, target)
         assert paid <= distance
         assert paid == distance or distance > 0.0  # all backward travel is charged
         assert 0.0 <= credit <= STEP
@@ -36,7 +36,7 @@ def test_no_more_is_paid_than_the_target_speed_allows(travels: list, target: flo
 @given(TRAVELS)
 def test_without_a_target_all_travel_is_paid_to_the_last_bit(travels: list) -> None:
     for distance, elapsed in travels:
-        assert settled(distance, elapsed, STEP, STEP, math.inf) == (distance, STEP)
+        assert rewarded(distance, elapsed, STEP, STEP, math.inf) == (distance, STEP)
 
 
 def test_a_walk_below_the_target_speed_is_paid_in_full_and_a_faster_one_at_the_target() -> None:
@@ -44,7 +44,7 @@ def test_a_walk_below_the_target_speed_is_paid_in_full_and_a_faster_one_at_the_t
         credit, total = STEP, 0.0
         for k in range(round(seconds / 0.01)):
             pace = speed * (1 + 0.4 * math.sin(2 * math.pi * speed * 0.01 * k / STEP))
-            paid, credit = settled(pace * 0.01, 0.01, credit, STEP, target)
+            paid, credit = rewarded(pace * 0.01, 0.01, credit, STEP, target)
             total += paid
         return total
 
@@ -59,10 +59,10 @@ def test_the_environment_pays_and_remembers_as_the_task_says() -> None:
     credit, short = STEP, 0
     for action in swinging(1, 600, hold=30)[:, 0]:
         _, _, ended, _, info = env.step(action)
-        paid, credit = settled(info["distance"], info["elapsed"], credit, STEP, 0.3)
-        assert info["paid"] == paid
+        paid, credit = rewarded(info["distance"], info["elapsed"], credit, STEP, 0.3)
+        assert info["rewarded_travel"] == paid
         assert info["reward_distance"] == 0.5 * paid
-        assert env.get_state()["fleet"]["memory"][MEMORY.credit, 0] == credit
+        assert env.get_state()["batch"]["memory"][MEMORY.allowance, 0] == credit
         if info["slips"]:
             expected = -0.5 * (max(paid, 0.0) + 2.0 * info["elapsed"])
             assert info["reward_slip"] == pytest.approx(expected, rel=1e-15)

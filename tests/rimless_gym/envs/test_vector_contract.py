@@ -87,11 +87,11 @@ def test_nan_and_wrong_shapes_are_refused_by_row_and_change_nothing() -> None:
 def test_actions_that_are_not_numbers_are_refused(wrong: Any) -> None:
     envs = make(2)
     envs.reset(seed=0)
-    before = envs.get_state()["fleet"]["memory"]
+    before = envs.get_state()["batch"]["memory"]
     for actions in (wrong, [[0.5], [wrong]], np.array([[0.5], [wrong]], object)):
         with pytest.raises(TypeError, match=r"(?s)actions = .*: must be real numbers"):
             envs.step(actions)
-    assert np.array_equal(envs.get_state()["fleet"]["memory"], before)
+    assert np.array_equal(envs.get_state()["batch"]["memory"], before)
 
 
 def test_absurd_voltages_never_give_nan() -> None:
