@@ -33,7 +33,7 @@ from rimless_gym.envs.layout import (
     Flags,
     flags_of,
     measurements_of,
-    reward_and_info,
+    step_result,
 )
 from rimless_gym.envs.starts import Starts
 from rimless_gym.envs.task import TERM_NAMES, TERMS, USUAL_TASK, Task
@@ -184,12 +184,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
     For the step, each of the same type in every step:
 
-    - `elapsed`: the step's duration (s), `distance`: the hub's travel (m), `steps`: net forward
-      touchdowns;
+    - `distance`: the hub's travel (m);
     - `electrical_positive` and `idle`: the energy drawn, without regeneration (J);
     - the terms of the reward;
-    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers,
-      by more than a thousandth (in the model the foot holds all the same);
     - `mode`: 0 on one foot, 1 on two;
     - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
       exceeded.
@@ -203,8 +200,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
       `rimless_gym.energy.CHANNELS` describes each;
     - `rewarded_travel`: the travel that is rewarded (m), which differs from `distance` only where
       the task has a `target_speed`;
-    - `touchdowns`: all of them; `touchdown_time`: the time of the last one since the step began
-      (s), or -1;
+    - `elapsed`: the step's duration (s); `steps` and `touchdowns`: net forward and total
+      touchdowns; `touchdown_time`: the time of the last one since the step began (s), or -1;
+    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers,
+      by more than a thousandth (in the model the foot holds all the same);
     - `force_x` and `force_y`: the ground reaction at the step's end (N); `min_normal_force`,
       `friction_demand` and `impulse_friction_demand`: the extremes. A wheel that touches down on a
       second foot and lifts the first at once never stood on both; such forces do not count;
@@ -350,12 +349,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if number.__class__ is not float or number != number:
             number = _as_number(action)
         self._action[0] = number
-        unusual = self._advance()
-        reward, info = reward_and_info(self._results)
-        truncated = self._end() if unusual else False
+        truncated = self._end() if self._advance() else False
         if self._watched:
             self.render()
-        return self._observation.copy(), reward, self._ended, truncated, info
+        return step_result(self._results, self._observation.copy(), self._ended, truncated)
 
     def _end(self) -> bool:
         """End the episode if the motion failed; returns whether the time is up.
