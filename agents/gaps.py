@@ -18,7 +18,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront, NoFrontError, cot_front, shipped_front
-from trajopt.gaits.held.clock import MOST_TICKS
+from trajopt.gaits.held_stride import MOST_TICKS
 
 #: Steps per stride of the gaits that gaps are measured against.
 FRONT_STEPS = (1, 2, 3)

@@ -24,15 +24,16 @@ from rimless_gym.envs.layout import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt.feedback import laws
-from trajopt.feedback.joined import NEAR
+from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.held.clock import held_speeds
+from trajopt.gaits.held_stride import held_speeds
 
 #: Distance from its gait up to which a law is in reach on the way to another speed, in standard
 #: deviations of the gait's own motion. It is well within `NEAR`, where laws act themselves and not
-#: their catches. With 0.1, walks slip on the way from the gait of 0.52 m/s to that of 0.62.
+#: their start-up controllers. With 0.1, walks slip on the way from the gait of 0.52 m/s to that of
+#: 0.62.
 REACH = 0.06
 
 
@@ -109,7 +110,7 @@ def ladder_of_laws(
         name: of the law.
         conditions: machine and control, with commanded speeds.
         steps: numbers of steps per stride to consider.
-        folder: where gaits and plans of catches are kept for other ladders; None: nowhere.
+        folder: where gaits and start-up controllers are stored for other ladders; None: nowhere.
         progress: whether to show progress bars.
 
     Raises:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from rimless_gym.envs.layout import OBSERVATION_SIZE, observe
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.presets import Machine, as_params
-from trajopt.feedback.law import Controller, Floats
-from trajopt.feedback.requirements import require_machine
+from trajopt.feedback.law import Controller, Floats, require_machine
 
 #: (states (N, 6), observations (N, 6 or 8)) -> actions (N,): voltages in units of the limit, in
 #: [-1, 1]. Observations are what a learner may use. States are for feedback laws.

@@ -263,7 +263,7 @@ def _imitated(expert: Controller | str, plan: Plan) -> Policy:
     if not isinstance(expert, str):
         return controller_policy(plan.training.conditions.params, expert)
     if plan.progress and expert in laws.names():
-        tqdm.write(f"designing {expert} and planning its catch (up to a minute)", sys.stderr)
+        tqdm.write(f"designing {expert} and its start-up controller (up to a minute)", sys.stderr)
     return _named(expert, plan)
 
 

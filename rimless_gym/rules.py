@@ -49,7 +49,7 @@ def violations(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
     """The rules that a walk breaks, by their names in `VIOLATIONS`; none for a walk that counts.
 
     A foot must be pressed down, no more: that optimal gaits keep a margin
-    (`trajopt.gaits.stance.MIN_NORMAL_FORCE`) is a choice of their design, not a limit of the
+    (`trajopt.gaits.problem.MIN_NORMAL_FORCE`) is a choice of their design, not a limit of the
     ground.
 
     Args:

@@ -1,8 +1,7 @@
 """Optimal control of hybrid systems, and gaits of least cost of transport; part of rimless-gym.
 
 `trajopt.ocp` is an engine for any hybrid system; `trajopt.gaits` and `trajopt.feedback` are the
-wheel's. The names below are looked up when they are first used, so that the engine can be imported
-without the wheel.
+wheel's. The names below are imported when they are first used, because CasADi takes a second.
 """
 
 from __future__ import annotations
@@ -15,21 +14,14 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from trajopt.gaits.periodic import NoGaitError, periodic_gait
     from trajopt.gaits.solution import Solution
     from trajopt.gaits.verify import Verification
-    from trajopt.ocp.interrupted import Interrupted
-    from trajopt.ocp.pose.bounds import InfeasibleBoundsError
-    from trajopt.ocp.pose.constraint import Constraint, equal, nonnegative
-    from trajopt.ocp.pose.linkage import Linkage
-    from trajopt.ocp.pose.phase import Phase
-    from trajopt.ocp.pose.problem import Problem
-    from trajopt.ocp.results.extremal import Extremal
-    from trajopt.ocp.results.saved import ExtremalFileError, load_phases
-    from trajopt.ocp.search.continuation import continued
-    from trajopt.ocp.search.curve import Curve
-    from trajopt.ocp.search.multi_start import best_of, multi_start
-    from trajopt.ocp.search.search import Search
-    from trajopt.ocp.solving.solve import solve
-    from trajopt.ocp.transcribe.mesh import Mesh
-    from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+    from trajopt.ocp.constraints import Constraint, InfeasibleBoundsError, equal, nonnegative
+    from trajopt.ocp.continuation import Curve, continued
+    from trajopt.ocp.extremal import Extremal, ExtremalFileError, load_phases
+    from trajopt.ocp.mesh import Mesh
+    from trajopt.ocp.multi_start import Search, best_of, multi_start
+    from trajopt.ocp.problem import Linkage, Phase, Problem
+    from trajopt.ocp.solve import solve
+    from trajopt.ocp.trajectory import PhaseTrajectory
 
 __all__ = [
     "Constraint",
@@ -38,7 +30,6 @@ __all__ = [
     "Extremal",
     "ExtremalFileError",
     "InfeasibleBoundsError",
-    "Interrupted",
     "Linkage",
     "Mesh",
     "NoGaitError",
@@ -59,26 +50,20 @@ __all__ = [
     "solve",
 ]
 
+#: Modules, and the names that are imported from them.
 _MODULES = {
     "gaits.fronts": ("CotFront", "cot_front"),
     "gaits.periodic": ("NoGaitError", "periodic_gait"),
     "gaits.solution": ("Solution",),
     "gaits.verify": ("Verification",),
-    "ocp.interrupted": ("Interrupted",),
-    "ocp.pose.bounds": ("InfeasibleBoundsError",),
-    "ocp.pose.constraint": ("Constraint", "equal", "nonnegative"),
-    "ocp.pose.linkage": ("Linkage",),
-    "ocp.pose.phase": ("Phase",),
-    "ocp.pose.problem": ("Problem",),
-    "ocp.results.extremal": ("Extremal",),
-    "ocp.results.saved": ("ExtremalFileError", "load_phases"),
-    "ocp.search.continuation": ("continued",),
-    "ocp.search.curve": ("Curve",),
-    "ocp.search.multi_start": ("best_of", "multi_start"),
-    "ocp.search.search": ("Search",),
-    "ocp.solving.solve": ("solve",),
-    "ocp.transcribe.mesh": ("Mesh",),
-    "ocp.transcribe.trajectory": ("PhaseTrajectory",),
+    "ocp.constraints": ("Constraint", "InfeasibleBoundsError", "equal", "nonnegative"),
+    "ocp.continuation": ("Curve", "continued"),
+    "ocp.extremal": ("Extremal", "ExtremalFileError", "load_phases"),
+    "ocp.mesh": ("Mesh",),
+    "ocp.multi_start": ("Search", "best_of", "multi_start"),
+    "ocp.problem": ("Linkage", "Phase", "Problem"),
+    "ocp.solve": ("solve",),
+    "ocp.trajectory": ("PhaseTrajectory",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 

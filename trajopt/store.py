@@ -234,12 +234,12 @@ def write_arrays(
 
 
 def read_arrays(
-    path: str | Path, form: str, error: type[Exception], remedy: str
+    path: str | Path | IO[bytes], form: str, error: type[Exception], remedy: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """The header and the arrays that `write_arrays` wrote.
 
     Args:
-        path: of the file.
+        path: of the file, or the open file.
         form: the format that it must have.
         error: the exception to raise if it has another, or was edited or damaged.
         remedy: what to do then, for the message.
@@ -248,13 +248,13 @@ def read_arrays(
         FileNotFoundError: there is no such file.
         Exception: `error`, see above.
     """
-    path = Path(path)
-    if path.is_dir():
+    if isinstance(path, str | Path) and Path(path).is_dir():
         raise error(f"{path}: a folder; give the .npz file in it")
-    if not path.is_file():
+    if isinstance(path, str | Path) and not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+        source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
+        with source as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
         header = json.loads(str(arrays[HEADER]))
         written = header.pop("format")

@@ -38,7 +38,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.provenance import provenance
 
 COLUMNS = (

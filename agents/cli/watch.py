@@ -31,7 +31,7 @@ from rimless_gym.rendering.display import Window, ffmpeg, has_display, save_gif,
 from trajopt import Solution, periodic_gait
 from trajopt.feedback import laws
 from trajopt.files import write_bytes
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 #: How the name of a file ends that is to be an animated GIF, or a video.
 GIF, VIDEO = ".gif", ".mp4"

@@ -17,7 +17,7 @@ from agents.policies import Policy
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront
-from trajopt.ocp.solving.ties import tied
+from trajopt.ocp.ranking import tied
 
 #: Plain values and arrays.
 Result: TypeAlias = dict[str, Any]

@@ -53,7 +53,7 @@ class Law:
         name: of its stage.
         law: one of `trajopt.feedback.laws.names()`.
         speed: one of the study's (m/s).
-        effort, after: see `Entrant`. The first law for a gait plans the catch for all.
+        effort, after: see `Entrant`. The first law for a gait computes what starts up all.
     """
 
     name: str

@@ -9,9 +9,8 @@ from agents.comparison.arena import Arena, Result, Row
 from agents.comparison.report import gait_row
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt import NoGaitError, Solution, periodic_gait
-from trajopt.gaits.front_files import front_file
-from trajopt.gaits.fronts import cot_front
-from trajopt.gaits.shipped import leads_for
+from trajopt.gaits.fronts import cot_front, front_file
+from trajopt.gaits.library import warm_starts
 from trajopt.processes import cores
 
 
@@ -148,7 +147,7 @@ def swinging(arena: Arena) -> Solution | str:
     """The best gait whose pendulum does not whirl, where one is shipped to start from."""
     study = arena.study
     speed = study.on_tick(study.speed)
-    known = leads_for(arena.params, speed, study.steps)
+    known = warm_starts(arena.params, speed, study.steps)
     swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == arena.params]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"

@@ -10,8 +10,8 @@ from rimless_gym.checks import integer, positive, require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
-from trajopt.gaits.held.clock import held_speed, held_speeds
-from trajopt.gaits.power import lacks_power
+from trajopt.gaits.held_stride import held_speed, held_speeds
+from trajopt.gaits.problem import lacks_power
 
 
 @dataclasses.dataclass(frozen=True)

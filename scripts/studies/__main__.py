@@ -8,17 +8,16 @@ from agents.cli.command import run
 
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
-    "benchmark": "benchmarks.command",
+    "benchmark": "benchmark.run",
     "codesign": "codesign.command",
     "feedback": "feedback_laws.command",
-    "figures": "documents.command",
+    "figures": "documents.figures",
     "front": "fronts.command",
-    "fuzz": "fuzzing.command",
     "learning": "learning.command",
-    "processors": "processors.command",
+    "processors": "processors",
     "publish": "publish",
     "publish_policy": "publish_policy",
-    "returns": "episode_returns.command",
+    "returns": "returns",
     "textbook": "textbook",
     "thesis": "thesis.command",
 }

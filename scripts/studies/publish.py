@@ -19,7 +19,7 @@ from agents.comparison.study import Study
 from agents.policy_files import read_record
 from scripts.studies.documents.cards import card
 from scripts.studies.documents.headline import COMMAND, HEADLINE
-from scripts.studies.documents.marked import marks, refresh, wanted
+from scripts.studies.documents.markdown import marks, refresh, wanted
 from scripts.studies.documents.over_seeds import over_seeds
 
 ROOT = Path(__file__).resolve().parents[2]

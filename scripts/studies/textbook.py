@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from agents.cli.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
-from trajopt.gaits.passive import PASSIVE_WHEEL
+from trajopt.gaits.problem import PASSIVE_WHEEL
+from trajopt.ocp.schemes import SCHEMES
 from trajopt.ocp.textbook import EXAMPLES, Example
-from trajopt.ocp.transcribe.schemes import SCHEMES
 
 PROBLEMS = (*EXAMPLES, PASSIVE_WHEEL)
 

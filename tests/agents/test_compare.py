@@ -14,10 +14,9 @@ from agents.comparison.report import by_speed, format_table, gait_row, policy_ro
 from agents.comparison.stages import read_stage, write_stage
 from agents.comparison.study import Study
 from rimless_gym import BUILDABLE, Task
-from trajopt.feedback import laws
-from trajopt.feedback.catch import catch
+from trajopt.feedback import laws, startup
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 STUDY = {"seed": 0}
 
@@ -113,7 +112,7 @@ def test_every_feedback_law_enters_by_its_file(tmp_path: Path, monkeypatch) -> N
         "def design(solution):\n"
         "    return Law(solution.params, nothing, lqr.design(solution).data)\n"
     )
-    monkeypatch.setattr(catch, "catch_for", lambda *args: lambda x, mode: 0 * x[:, 0])
+    monkeypatch.setattr(startup, "startup_for", lambda *args: lambda x, mode: 0 * x[:, 0])
     before = [entrant.name for entrant in entrants(Study())]
     monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(tmp_path)])
     now = {entrant.name: entrant for entrant in entrants(Study())}

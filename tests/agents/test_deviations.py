@@ -11,7 +11,7 @@ from agents.comparison.deviations import Step, deviation_charts, deviations, ste
 from agents.conditions import Conditions
 from agents.rollout import Rollout
 from rimless_gym import BUILDABLE, WheelParams
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
 
 

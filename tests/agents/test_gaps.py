@@ -22,7 +22,7 @@ from agents.protocol import Protocol
 from rimless_gym import BUILDABLE, PROTOTYPE
 from trajopt import periodic_gait
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 
 def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() -> None:

@@ -17,7 +17,7 @@ from agents.reports.charts import Axis, Chart, Series
 from rimless_gym import BUILDABLE
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt.gaits.fronts import CotFront, NoFrontError
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 ROW = {
     "cot": 0.05,

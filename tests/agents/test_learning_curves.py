@@ -12,7 +12,7 @@ from agents.comparison.learning_curves import gap, plot_learning_curves
 from rimless_gym import BUILDABLE
 from tests.agents.runs import run
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from agents.conditions import Conditions
 from agents.rollout import Interval, Rollout
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
-from trajopt.gaits.passive import passive_wheel_rate
+from trajopt.gaits.problem import passive_wheel_rate
 
 LEGS, SLOPE = 8, 0.12
 #: Just before a touchdown (rad/s).

@@ -17,7 +17,7 @@ from agents.comparison.study import Study
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 FOUND = {
     "cot": 0.05,

@@ -8,8 +8,7 @@ from agents.rollout import at_rest
 from agents.walkers import walker
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL
 from rimless_gym.envs.arguments import USUAL
-from trajopt.gaits.shipped import FOLDER
-from trajopt.gaits.solution import Solution
+from trajopt.gaits.library import nearest
 
 
 def no_gait(params):
@@ -17,8 +16,7 @@ def no_gait(params):
 
 
 def shipped_gait(params):
-    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.5000.npz")
-    return Solution.load(path)
+    return nearest(THESIS_PHYSICAL, 0.5, 1)[0].load()
 
 
 def test_a_policy_of_the_package_walks_as_the_one_in_its_file():

@@ -1,4 +1,14 @@
-"""The front of optimal cost of transport over speed."""
+"""The front of optimal cost of transport over speed.
+
+It says too where a wheel should rather walk faster and rest in between, by a bound that any front
+gives. Resting draws the idle power alone. A wheel that walks at a speed v for a share s/v of the
+time and rests for the remainder travels at the mean speed s. Per weight and distance that takes
+
+    cot(v) + idle_power / weight (1 / s - 1 / v).
+
+The stop and the restart are taken to cost nothing, and they do cost something. So this is a bound:
+where it is not below the front, resting does not save energy; where it is, resting may save some.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +16,7 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +25,29 @@ from tqdm import tqdm
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
-from trajopt.gaits.front_files import Wanted, keep, kept
-from trajopt.gaits.held.clock import held_speed
+from trajopt.gaits.held_stride import held_speed
+from trajopt.gaits.library import Entry, candidates, ranked, shipped
 from trajopt.gaits.periodic import MOST_STEPS, NoGaitError, periodic_gait
-from trajopt.gaits.resting import Rest, rests
-from trajopt.gaits.shipped import by_promise, leads_for, shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.solving.ties import clearly_less
+from trajopt.ocp.ranking import clearly_less
+from trajopt.store import Store, key
+
+
+class Rest(NamedTuple):
+    """Walking faster than a mean speed, and resting in between.
+
+    Attributes:
+        speed: mean speed (m/s).
+        walking: speed while walking (m/s), more than `speed`.
+        share: of the time that is spent walking, between 0 and 1.
+        cot: least cost of transport, the stops and restarts free.
+    """
+
+    speed: float
+    walking: float
+    share: float
+    cot: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +76,7 @@ class CotFront:
     def rests(self) -> tuple[Rest | None, ...]:
         """For every gait of the envelope what walking faster and resting in between would cost.
 
-        None where walking on is no dearer. A bound: see `trajopt.gaits.resting`.
+        None where walking on costs no more. A bound: see the top of this module.
         """
         best, params = self.envelope, self.envelope[0].params
         speeds, cots = [s.speed for s in best], [s.cot for s in best]
@@ -84,17 +109,13 @@ def shipped_front(params: WheelParams) -> CotFront:
     Raises:
         NoFrontError: there are none.
     """
-    found = tuple(
-        gait
-        for gait in shipped()
-        if gait.params == params and not gait.regeneration and gait.verification.passed
-    )
-    if not found:
+    gaits = tuple(g for g in shipped(params) if not g.regeneration and g.verification.passed)
+    if not gaits:
         raise NoFrontError(
             "no gaits of this machine are shipped: choose a preset that has a front, such as "
-            "BUILDABLE, or search one with `rimless front`"
+            "BUILDABLE, or compute one with `trajopt.cot_front`"
         )
-    return CotFront(found)
+    return CotFront(gaits)
 
 
 def cot_front(
@@ -109,8 +130,8 @@ def cot_front(
 ) -> CotFront:
     """The best gaits known at each of `speeds`, by continuation from their neighbours.
 
-    With a `hold`, the gaits are those of `periodic_gait` with that hold, each led from one without
-    it. Their speeds are those nearest to `speeds` at which a *step* lasts a whole number of
+    With a `hold`, the gaits are those of `periodic_gait` with that hold, each continued from one
+    without it. Their speeds are those nearest to `speeds` at which a *step* lasts a whole number of
     periods, so that strides of any number of steps share them.
 
     Args:
@@ -138,22 +159,22 @@ def cot_front(
     missing: list[tuple[int, float, str]] = []
     bar = tqdm(total=len(steps) * len(speeds), desc="front", unit="gait", disable=not progress)
     for count in steps:
-        own: list[Solution] = []
+        free: list[Solution] = []
         held: list[Solution] = []
         for speed in _from_known_outwards(params, speeds, count):
             bar.set_postfix_str(f"{count} steps, {speed:g} m/s")
             wanted = Wanted(params, speed, count, regeneration)
-            solution = _known(wanted, own, folder)
-            if isinstance(solution, Solution):
-                own.append(solution)
+            gait = _solved(wanted, free, folder)
+            if isinstance(gait, Solution):
+                free.append(gait)
                 if hold is not None:
-                    solution = _known(wanted._replace(hold=hold), [solution], folder)
-            if isinstance(solution, str):
-                missing.append((count, speed, solution))
+                    gait = _solved(wanted._replace(hold=hold), [gait], folder)
+            if isinstance(gait, str):
+                missing.append((count, speed, gait))
             elif hold is not None:
-                held.append(solution)
+                held.append(gait)
             bar.update()
-        solutions += sorted(own if hold is None else held, key=lambda s: s.speed)
+        solutions += sorted(free if hold is None else held, key=lambda s: s.speed)
     bar.close()
     verified = tuple(s for s in solutions if s.verification.passed)
     for s in solutions:
@@ -172,41 +193,89 @@ def _row(name: str, values: Any) -> list[Any]:
     return list(array.tolist())
 
 
-def _known(wanted: Wanted, own: Sequence[Solution], folder: Path | None) -> Solution | str:
-    """A gait, or why there is none: from the folder if it is there, else solved and kept there."""
-    found = None if folder is None else kept(folder, wanted)
-    if found is None:
-        found = _best_of(wanted, own) if wanted.hold is None else _held(wanted, own[0])
-        if folder is not None:
-            keep(folder, wanted, found)
-    return found
+class Wanted(NamedTuple):
+    """A gait of a front: the arguments of `periodic_gait`."""
+
+    params: WheelParams
+    speed: float
+    steps: int
+    regeneration: bool
+    hold: float | None = None
 
 
-def _held(wanted: Wanted, lead: Solution) -> Solution | str:
-    """A gait under a clock, led from one without; or why there is none."""
-    params, speed, steps, regeneration, hold = wanted
-    try:
-        return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=lead)
-    except NoGaitError as error:
-        return str(error)
+def front_file(steps: int, speed: float, hold: float | None = None) -> str:
+    """The name of the file of a gait of a front."""
+    clock = "" if hold is None else f"_hold_{hold:g}"
+    return f"front_{steps}_steps_{speed:g}{clock}.npz"
 
 
-def _best_of(wanted: Wanted, own: Sequence[Solution]) -> Solution | str:
-    """A gait led from the most promising known one; or why there is none.
+def _solved(wanted: Wanted, known: Sequence[Solution], folder: Path | None) -> Solution | str:
+    """A gait, or why there is none: read from the folder if it is there, else solved and saved.
 
-    Known are the shipped gaits and those already on this front.
+    Args:
+        wanted: the gait.
+        known: gaits of this front to continue from.
+        folder: of the front, if it has one.
     """
-    params, speed, steps, regeneration, _ = wanted
-    known = [s for s in [*leads_for(params, speed, steps), *own] if s.params == params]
-    guess = next(iter(by_promise(known, params, speed)), None)
+    if folder is None:
+        return _found(wanted, known)
+    store, file = Store(folder), front_file(wanted.steps, wanted.speed, wanted.hold)
+    task = key(Path(file).stem, **wanted._asdict())
+    if task in store:
+        return str(store.load(task)) or Solution.load(folder / file)
+    gait = _found(wanted, known)
+    if isinstance(gait, str):
+        store.save(task, gait)
+    else:
+        gait.save(folder / file)
+        store.save(task, "", [file])
+    return gait
+
+
+def _found(wanted: Wanted, known: Sequence[Solution]) -> Solution | str:
+    """A gait continued from the most promising known one, or why there is none.
+
+    A held gait is continued from the free one of its speed, the only one in `known`. Others may be
+    continued from shipped gaits, too.
+    """
+    params, speed, steps, regeneration, hold = wanted
+    entries = [] if hold else [e for e in candidates(params, speed, steps) if e.params == params]
+    gaits: list[Entry | Solution] = [*entries, *known]
+    best = next(iter(ranked(gaits, params, speed)), None)
+    guess = best.load() if isinstance(best, Entry) else best
     try:
-        return periodic_gait(params, speed, steps, regeneration, guess=guess)
+        return periodic_gait(params, speed, steps, regeneration, hold=hold, guess=guess)
     except NoGaitError as error:
         return str(error)
 
 
 def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: int) -> list[float]:
-    known = [s.speed for s in leads_for(params, float(np.mean(speeds)), steps)]
-    centre = known[0] if known else float(np.mean(speeds))
+    centre = float(np.mean(speeds))
+    known = candidates(params, centre, steps)
+    centre = known[0].speed if known else centre
     # Rounded, so that of two speeds equally far from the centre the slower comes first.
     return sorted(map(float, speeds), key=lambda speed: (round(abs(speed - centre), 6), speed))
+
+
+def rests(
+    speeds: ArrayLike, cots: ArrayLike, weight: float, idle_power: float
+) -> tuple[Rest | None, ...]:
+    """For every speed of a front the best rest, or None where walking on costs no more.
+
+    Args:
+        speeds: of the front (m/s), ascending, shape (N,).
+        cots: its cost of transport at these, idle power included, shape (N,).
+        weight: of the machine (N).
+        idle_power: drawn at all times (W).
+    """
+    speeds, cots = np.asarray(speeds), np.asarray(cots)
+    return tuple(_best(i, speeds, cots, idle_power / weight) for i in range(len(speeds)))
+
+
+def _best(i: int, speeds: Array, cots: Array, idle: float) -> Rest | None:
+    s, v = float(speeds[i]), speeds[i + 1 :]
+    costs: Sequence[float] = (cots[i + 1 :] + idle * (1 / s - 1 / v)).tolist()
+    if not costs or not clearly_less(min(costs), float(cots[i])):
+        return None
+    best = int(np.argmin(costs))
+    return Rest(s, float(v[best]), s / float(v[best]), float(costs[best]))

@@ -1,33 +1,42 @@
-"""Periodic gaits of least cost of transport."""
+"""Periodic gaits of least cost of transport: the search, from warm starts and random ones."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
+
+import numpy as np
 
 from rimless_gym.checks import flag, integer, positive
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
-from trajopt.gaits.finishing import finished
-from trajopt.gaits.gait_problem import gait_problem
-from trajopt.gaits.held.clock import held_speed, ticks_of_stride
-from trajopt.gaits.held.gait import held_gait
-from trajopt.gaits.leading import led
-from trajopt.gaits.optimality import LocalOptimum
-from trajopt.gaits.power import lacks_power
+from trajopt.gaits.held_gait import held_gait
+from trajopt.gaits.held_stride import held_speed, ticks_of_stride
+from trajopt.gaits.library import warm_starts
+from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem, lacks_power
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
-from trajopt.gaits.shipped import leads_for
-from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE, SHORTEST_STEP
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.optima import Optimum, Outcome, distinct
-from trajopt.ocp.solving.refinement import MAX_ELEMENTS
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.gaits.solution import LocalOptimum, Optimality, Solution
+from trajopt.gaits.stability import monodromy
+from trajopt.gaits.verify import (
+    SPARE_TIMES,
+    STATE_TOLERANCE,
+    simulated_stride,
+    stride_error,
+    verify,
+)
+from trajopt.ocp.continuation import Curve, continued
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Optimum, Outcome, distinct
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.refinement import MAX_ELEMENTS
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
+from trajopt.provenance import provenance
 
 #: First mesh of a gait that comes from a random start.
 ELEMENTS, DEGREE = 16, 7
@@ -35,15 +44,13 @@ ELEMENTS, DEGREE = 16, 7
 #: Random starts where no gait of the machine is known, and how many of their optima are refined.
 DEFAULT_STARTS, REFINED = 24, 3
 
-#: Optima of random starts are refined if they cost less than this times the gait led from a known
-#: one: the search's mesh is coarse.
+#: Optima of random starts are refined if they cost less than this times the gait continued from
+#: a known one: the search's mesh is coarse.
 WORTH_REFINING = 1.05
 
-#: Most shipped gaits that are tried, one after the other, until one leads to the wanted speed.
-MAX_LEADS = 3
-
-#: Farthest that a second lead may be in speed (m/s).
-SECOND_LEAD = 0.06
+#: Most shipped gaits that are tried as warm starts, one after the other, until one succeeds; and
+#: how far the second one may be in speed (m/s).
+MOST_WARM_STARTS, SECOND_WARM_START = 3, 0.06
 
 #: Most steps in a stride: those for which a mesh has room.
 MOST_STEPS = MAX_ELEMENTS // ELEMENTS
@@ -75,14 +82,14 @@ def periodic_gait(
     """The periodic gait of least cost of transport that the search finds, verified.
 
     Many local optima exist. The search starts from `guess`, or else from the best gait nearby that
-    is shipped with the package, led to the wanted speed in small steps; and from `starts` random
-    motions. The best result is solved on a refined mesh and re-simulated.
+    is shipped with the package, continued to the wanted speed in small steps; and from `starts`
+    random motions. The best result is solved on a refined mesh and re-simulated.
 
     With a `hold`, the voltage is constant between the ticks of a clock, as it is in the
     environment with ``hold=0.01``. The touchdowns fall anywhere between two ticks; where, the
     optimisation chooses. A stride must last a whole number of periods to repeat itself. So the
     speed is not the one asked for, but the nearest of those that are possible
-    (`trajopt.gaits.held.clock.held_speed`): see the result's `speed`. The search starts from the
+    (`trajopt.gaits.held_stride.held_speed`): see the result's `speed`. The search starts from the
     gait with a continuous voltage at that speed.
 
     Args:
@@ -117,111 +124,110 @@ def periodic_gait(
         hold = positive("hold", hold)
         search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
         search_for |= {"starts": starts, "seed": seed, "workers": workers, "progress": progress}
-        lead = _unheld(params, (speed, hold), guess, **search_for)
-        return _held(lead, speed, hold, regeneration)
-    leads = [guess] if guess is not None else leads_for(params, speed, steps)[:MAX_LEADS]
+        free = _free_gait(params, (speed, hold), guess, **search_for)
+        return _held(free, speed, hold, regeneration)
+    known = [guess] if guess else warm_starts(params, speed, steps, MOST_WARM_STARTS)
     if starts is None:
-        known = any(lead.params == params for lead in leads)
-        starts = 0 if guess is not None or known else DEFAULT_STARTS
-    solved, failures = _from_leads(params, leads, speed, regeneration)
-    outcomes = [_outcome(found, turns) for found, turns in solved]
+        starts = 0 if guess or any(gait.params == params for gait in known) else DEFAULT_STARTS
+    solved, failures = _continued_from(known, params, speed, regeneration)
+    outcomes = [_outcome(extremal, turns) for extremal, turns in solved]
     if starts > 0:
-        family = GaitFamily.of(params, speed, steps, regeneration)
+        family = GaitFamily.create(params, speed, steps, regeneration)
         search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
         outcomes += search.outcomes
         failures += [outcome.failure for outcome in search.failures]
-        best_led = min((found.cost for found, _ in solved), default=math.inf)
-        solved += _best_refined(family, search.optima[:REFINED], WORTH_REFINING * best_led)
+        least = min((extremal.cost for extremal, _ in solved), default=math.inf)
+        solved += _best_refined(family, search.optima[:REFINED], WORTH_REFINING * least)
     if not solved:
         raise NoGaitError(_no_gait(params, speed, steps, failures))
     settings = {"speed": speed, "starts": starts, "seed": seed}
     weight = params.weight * steps * params.step_length
     optima = tuple(
-        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.found))
+        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.starts))
         for o in distinct(outcomes, same_gait)
     )
-    known_here = [lead for lead in leads if _is_of(lead, params, speed, regeneration)]
+    already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
     solutions = []
-    for found, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = finished(params, found, turns, regeneration, optima, settings)
+    for extremal, turns in least_first(solved, lambda pair: pair[0].cost):
+        solution = finished(params, extremal, turns, regeneration, optima, settings)
         if solution.verification.passed:
-            return least_first([solution, *known_here], lambda gait: gait.cot)[0]
+            return least_first([solution, *already], lambda gait: gait.cot)[0]
         solutions.append(solution)
     # A slow gait magnifies deviations so much that solved again it may fail where it passed once.
-    return least_first(known_here or solutions, lambda gait: gait.cot)[0]
+    return least_first(already or solutions, lambda gait: gait.cot)[0]
 
 
-def _is_of(lead: Solution, params: WheelParams, speed: float, regeneration: bool) -> bool:
-    """Whether a verified gait is itself one of this machine, speed and objective."""
-    same = lead.params == params and lead.regeneration == regeneration and lead.hold is None
-    return same and abs(lead.speed - speed) < SAME and lead.verification.passed
+def _answers(gait: Solution, params: WheelParams, speed: float, regeneration: bool) -> bool:
+    """Whether a known gait is itself a verified one of this machine, speed and objective."""
+    same = gait.params == params and gait.regeneration == regeneration and gait.hold is None
+    return same and abs(gait.speed - speed) < SAME and gait.verification.passed
 
 
-def _unheld(
+def _free_gait(
     params: WheelParams, wanted: tuple[float, float], guess: Solution | None, **search: Any
 ) -> Solution:
     """The gait from which the search for a held one starts.
 
     Args:
         params: the machine.
-        wanted: the speed asked for (m/s), and the hold (s).
+        wanted: the commanded speed (m/s), and the hold (s).
         guess: the caller's guess. It will do if it has a hold too, or the very speed.
         search: further arguments of `periodic_gait`.
     """
     (speed, hold), steps = wanted, search["steps"]
-    at = held_speed(params, speed, steps, hold)
+    possible = held_speed(params, speed, steps, hold)
     if guess is not None:
-        near = guess.hold is not None or abs(guess.speed - at) < SAME
+        near = guess.hold is not None or abs(guess.speed - possible) < SAME
         if near and guess.params == params:
             return guess
     try:
-        return periodic_gait(params, at, guess=guess, **search)
+        return periodic_gait(params, possible, guess=guess, **search)
     except NoGaitError as error:
         raise NoGaitError(
-            f"{error}\n({at:.6g} m/s is the speed nearest to {speed:g} m/s at which a stride lasts "
-            f"a whole number of intervals of hold = {hold:g} s)"
+            f"{error}\n({possible:.6g} m/s is the speed nearest to {speed:g} m/s at which a stride "
+            f"lasts a whole number of intervals of hold = {hold:g} s)"
         ) from None
 
 
-def _held(lead: Solution, speed: float, hold: float, regeneration: bool) -> Solution:
-    """The held gait that a known gait leads to."""
-    ticks = ticks_of_stride(lead.params, speed, lead.steps, hold)
-    settings = {"speed": speed, "hold": hold, "lead_cot": lead.cot}
-    gait, failures = held_gait(lead, hold, ticks, regeneration, settings)
+def _held(free: Solution, speed: float, hold: float, regeneration: bool) -> Solution:
+    """The held gait near a known gait."""
+    ticks = ticks_of_stride(free.params, speed, free.steps, hold)
+    settings = {"speed": speed, "hold": hold, "free_cot": free.cot}
+    gait, failures = held_gait(free, hold, ticks, regeneration, settings)
     if gait is None:
-        raise NoGaitError(_no_gait(lead.params, speed, lead.steps, failures))
+        raise NoGaitError(_no_gait(free.params, speed, free.steps, failures))
     return gait
 
 
-def _from_leads(
-    params: WheelParams, leads: Sequence[Solution], speed: float, regeneration: bool
+def _continued_from(
+    known: Sequence[Solution], params: WheelParams, speed: float, regeneration: bool
 ) -> tuple[list[Turning], list[str]]:
-    """The gaits to which the first suitable leads lead, if any; and why those before did not.
+    """The gaits continued from the first suitable known ones; and why earlier ones did not succeed.
 
-    The first gait will do if its lead has the very speed, or is of another machine. Between two
-    known gaits the nearer one need not lead to the cheaper gait, so that one more is tried.
+    The first gait will do if the known one has the very speed, or is of another machine. Between
+    two known gaits the nearer one need not lead to the gait of less cost, so one more is tried.
     """
     solved: list[Turning] = []
     failures: list[str] = []
-    for lead in leads:
-        gap = abs(lead.speed - speed)
-        if solved and gap > SECOND_LEAD:
+    for gait in known:
+        gap = abs(gait.speed - speed)
+        if solved and gap > SECOND_WARM_START:
             break
-        found, obstacle = led(params, lead, speed, regeneration)
-        if found is None:
+        extremal, obstacle = warm_started(params, gait, speed, regeneration)
+        if extremal is None:
             failures.append(obstacle)
             continue
-        solved.append((found, lead.theta_turns))
-        if len(solved) == 2 or gap < SAME or lead.params != params:
+        solved.append((extremal, gait.theta_turns))
+        if len(solved) == 2 or gap < SAME or gait.params != params:
             break
     return solved, failures
 
 
 def _best_refined(family: GaitFamily, optima: Sequence[Optimum], most: float) -> list[Turning]:
     """The optima that cost less than `most`, solved on a finer mesh."""
-    cheap = [optimum.best for optimum in optima if optimum.cost < most]
-    refined = [(_refined(family, outcome), int(outcome.kind)) for outcome in cheap]
-    return [(found, turns) for found, turns in refined if found.succeeded]
+    good = [optimum.best for optimum in optima if optimum.cost < most]
+    refined = [(_refined(family, outcome), int(outcome.kind)) for outcome in good]
+    return [(extremal, turns) for extremal, turns in refined if extremal.succeeded]
 
 
 def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
@@ -236,9 +242,9 @@ def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
     return solve(problem, outcome.phases, mesh, verify=False, mu_init=WARM_BARRIER)
 
 
-def _outcome(found: Extremal, turns: int) -> Outcome:
-    """A gait that was led here, counted as one more start."""
-    return Outcome(-1, str(turns), found.cost, found.phases, found.parameters, 0, "")
+def _outcome(extremal: Extremal, turns: int) -> Outcome:
+    """A gait continued from a known one, counted as one more start."""
+    return Outcome(-1, str(turns), extremal.cost, extremal.phases, extremal.parameters, 0, "")
 
 
 def _arguments(
@@ -273,12 +279,6 @@ def _arguments(
     return speed, steps, starts
 
 
-def fastest_walk(params: WheelParams) -> float:
-    """The highest mean speed (m/s) of steps within the rates that are considered."""
-    c = params.constants
-    return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
-
-
 def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[str]) -> str:
     tried = "\n  ".join(dict.fromkeys(failures)) or "no start was given"
     return (
@@ -286,3 +286,172 @@ def _no_gait(params: WheelParams, speed: float, steps: int, failures: Sequence[s
         f"voltage_limit = {params.voltage_limit} V and friction = {params.friction}:\n  {tried};\n"
         "try another speed or number of steps, more starts, or a higher voltage limit or friction"
     )
+
+
+# -- warm starts ----------------------------------------------------------------------------------
+
+#: Longest step of continuation in speed (m/s), and by what fraction a single one may be longer:
+#: the speeds of gaits a whole number of steps apart are exact only to a solver's tolerance.
+SPEED_STEP, STRETCH = 0.025, 1e-6
+
+#: Shortest step (m/s). Shorter ones come a little nearer to where a family of gaits ends, and take
+#: several times as long to find out that it does.
+LEAST_SPEED_STEP = SPEED_STEP / 2
+
+#: A gait of the same machine whose speed differs by less (m/s) is solved with a smaller barrier.
+#: (Not a round number, because differences of speeds are.)
+SAME_SPEED = 9e-4
+
+#: IPOPT's first barrier on the way and for the same gait again, and its iterations on the way.
+BARRIER, SAME_BARRIER, ITERATIONS = 1e-3, 1e-5, 150
+
+
+def warm_started(
+    params: WheelParams, gait: Solution, speed: float, regeneration: bool
+) -> tuple[Extremal | None, str]:
+    """A gait continued to a machine, speed and objective; or None, and what is in the way."""
+
+    def problem(speed: float) -> Problem:
+        return gait_problem(
+            params,
+            speed=speed,
+            steps=gait.steps,
+            theta_turns=gait.theta_turns,
+            regeneration=regeneration,
+        )
+
+    mesh = _mesh(gait, problem(gait.speed))
+    phases: Sequence[PhaseTrajectory] = gait.phases
+    reached = gait.speed
+    if abs(speed - gait.speed) > (1 + STRETCH) * SPEED_STEP:
+        curve = continued(
+            problem,
+            gait.phases,
+            [gait.speed, speed],
+            mesh=mesh,
+            step=SPEED_STEP,
+            shortest=LEAST_SPEED_STEP,
+            passes=0,
+            verify=False,
+            option_sets=({},),
+            mu_init=BARRIER,
+            max_iter=ITERATIONS,
+        )
+        if not curve.reached:
+            return None, _stopped(curve, gait.speed)
+        phases, reached = curve.solutions[-1].phases, speed
+    same = gait.params == params and abs(speed - gait.speed) < SAME_SPEED
+    extremal = solve(
+        problem(speed), phases, mesh, verify=False, mu_init=SAME_BARRIER if same else BARRIER
+    )
+    return (extremal, "") if extremal.succeeded else (None, _obstacle(extremal, reached))
+
+
+def _mesh(gait: Solution, problem: Problem) -> Mesh:
+    """The gait's mesh; a uniform one if its voltage is held, with an element per interval."""
+    if gait.hold is not None:
+        return Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
+    fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in gait.phases)
+    degrees = tuple((len(p.nodes) - 1,) * (len(p.edges) - 1) for p in gait.phases)
+    return Mesh(fractions, degrees, control_degree=CONTROL_DEGREE)
+
+
+def _stopped(curve: Curve, begin: float) -> str:
+    """Why a curve did not reach its goal."""
+    reached = curve.values[-1] if curve.values else begin
+    assert curve.obstacle is not None  # Ctrl-C raises
+    attempt = curve.obstacle.attempt
+    if attempt is None or attempt.succeeded:
+        return f"{curve.obstacle.reason}; {reached:.3f} m/s was reached"
+    return _obstacle(attempt, reached)
+
+
+def _obstacle(extremal: Extremal, reached: float) -> str:
+    worst = extremal.violations[0] if extremal.violations else "no constraint violated"
+    return f"{extremal.status}, {worst}; {reached:.3f} m/s was reached"
+
+
+# -- from an optimum to a gait --------------------------------------------------------------------
+
+#: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may
+#: magnify the error that the usual tolerance leaves, so that the simulation strays.
+FINE_TOLERANCE = 1e-9
+
+#: Newton steps at most, and the largest gap (rad, rad/s) that they are meant for.
+NEWTON_STEPS, LARGEST_GAP = 3, 1e-2
+
+
+def finished(
+    params: WheelParams,
+    optimum: Extremal,
+    turns: int,
+    regeneration: bool,
+    optima: tuple[LocalOptimum, ...],
+    settings: Mapping[str, object],
+) -> Solution:
+    """An optimum as a gait, verified by the reference simulator.
+
+    One that fails is solved again on a finer mesh.
+
+    Args:
+        params: the machine.
+        optimum: of the gait's problem.
+        turns: whole turns that theta gains in a stride.
+        regeneration: whether the objective was E.
+        optima: met in the search.
+        settings: of the search, for the provenance.
+    """
+
+    def gait(extremal: Extremal) -> Solution:
+        phases = polished(params, extremal.phases, turns)
+        return Solution(
+            params=params,
+            phases=phases,
+            theta_turns=turns,
+            regeneration=regeneration,
+            verification=verify(params, phases, turns),
+            optimality=Optimality.from_extremal(extremal),
+            optima=optima,
+            provenance=provenance(**settings),
+        )
+
+    solution = gait(optimum)
+    if solution.verification.passed:
+        return solution
+    finer = solve(
+        *(optimum.problem, optimum, optimum.mesh),
+        tolerance=FINE_TOLERANCE,
+        verify=False,
+        mu_init=WARM_BARRIER,
+    )
+    again = gait(finer) if finer.succeeded else solution
+    return again if again.verification.passed else solution
+
+
+def polished(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
+) -> tuple[PhaseTrajectory, ...]:
+    """The gait with its initial rates and pendulum angle corrected by rounding-sized amounts.
+
+    A stride magnifies deviations by up to 1e6, so that the 1e-12 which a solver leaves would show.
+    Newton's method on the reference simulation, with the gait's own linearisation.
+    """
+    current = list(phases)
+    best, polished_phases = stride_error(params, current, turns)[0], tuple(phases)
+    for _ in range(NEWTON_STEPS):
+        if best < 0.1 * STATE_TOLERANCE:
+            break
+        run = simulated_stride(params, current, SPARE_TIMES[:1])
+        target = polished_phases[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
+        gap = run.x[-1] - target
+        if run.steps != len(phases) or np.abs(gap).max() > LARGEST_GAP:
+            break
+        sensitivity = monodromy(params, current)[:, 1:]
+        shift = -np.linalg.lstsq(sensitivity, gap, rcond=1e-8)[0]
+        states = current[0].states.copy()
+        states[0, 0, 1:] += shift
+        current[0] = dataclasses.replace(current[0], states=states)
+        error = stride_error(params, current, turns)[0]
+        if error < best:
+            best, polished_phases = error, tuple(current)
+    return polished_phases

@@ -8,14 +8,11 @@ import math
 import numpy as np
 
 from rimless_gym.params import WheelParams
-from trajopt.gaits.gait_problem import gait_problem, posed
-from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.search.optima import Outcome, Start
-from trajopt.ocp.search.search import Search
-from trajopt.ocp.solving.guesses import Guess, polyline
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
+from trajopt.ocp.guesses import Guess, polyline
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Outcome, Search, Start, multi_start
+from trajopt.ocp.problem import Problem
 
 #: A mesh fine enough to tell good optima from bad ones; the best are refined.
 SEARCH_ELEMENTS, SEARCH_DEGREE = 14, 4
@@ -41,7 +38,9 @@ class GaitFamily:
     problem: Problem
 
     @classmethod
-    def of(cls, params: WheelParams, speed: float, steps: int, regeneration: bool) -> GaitFamily:
+    def create(
+        cls, params: WheelParams, speed: float, steps: int, regeneration: bool
+    ) -> GaitFamily:
         """The family of a machine at a speed."""
         problem = gait_problem(params, speed=speed, steps=steps, regeneration=regeneration)
         return cls(params, speed, steps, regeneration, problem)
@@ -69,7 +68,7 @@ def search_gaits(
     """Local optima from random starts; their `kind` is the number of turns of theta per stride.
 
     Raises:
-        Interrupted: Ctrl-C was pressed; see `trajopt.ocp.search.multi_start.multi_start`.
+        Interrupted: Ctrl-C was pressed; see `trajopt.ocp.multi_start.multi_start`.
     """
     problem = family.problem
     mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)

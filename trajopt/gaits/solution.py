@@ -1,31 +1,87 @@
-"""A solved gait: its states and voltage at any time, its figures of merit, a report."""
+"""A solved gait: its states and voltage at any time, its figures of merit, its report and file."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import real_array
+from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
-from trajopt.files import jsonable
-from trajopt.gaits.gait_file import read_gait, write_gait
-from trajopt.gaits.gait_problem import gait_problem
-from trajopt.gaits.gait_report import report
-from trajopt.gaits.optimality import LocalOptimum, Optimality
+from trajopt.gaits.problem import gait_problem
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory, require_side
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.trajectory import (
+    PhaseTrajectory,
+    phases_from_arrays,
+    phases_to_arrays,
+    require_side,
+)
 from trajopt.provenance import provenance
+from trajopt.store import jsonable, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
+MOST_TURNS = 600
+
+#: A gait that costs this many times an optimum of the search, whose mesh is coarse, clearly costs
+#: more.
+CLEARLY_MORE = 1.05
+
+#: The format of a gait's file, and what to do about a file that is not of it.
+FORMAT, REMEDY = "rimless-gym gait 3", "copy it again, or solve it again with `rimless gait`"
+
+
+class GaitFileError(ValueError):
+    """A file is not a gait that this version saved, or was edited or damaged since."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalOptimum:
+    """A local optimum met in a search.
+
+    Attributes:
+        cot: its cost of transport.
+        theta_turns: whole turns that theta gains in a stride.
+        found: number of starts that led there.
+    """
+
+    cot: float
+    theta_turns: int
+    found: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimality:
+    """How accurately a gait was solved for, and how well it meets first-order optimality.
+
+    Attributes:
+        mesh_error: largest estimated relative error of the states within an element.
+        hamiltonian_spread: see `trajopt.ocp.accuracy.Certificate`.
+        transversality_error: see there as well.
+    """
+
+    mesh_error: float
+    hamiltonian_spread: float
+    transversality_error: float
+
+    @classmethod
+    def from_extremal(cls, extremal: Extremal) -> Optimality:
+        """The optimality of a solved problem."""
+        certificate = extremal.certificate
+        return cls(
+            extremal.mesh_error, certificate.hamiltonian_spread, certificate.transversality_error
+        )
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -39,7 +95,7 @@ class Solution:
         phases: one single-stance phase per step.
         theta_turns: whole turns k that theta gains in a stride.
         regeneration: whether the objective was E (the battery takes energy back), not E+.
-        verification: what independent re-simulation says.
+        verification: what independent re-simulation measures.
         optimality: of the problem's solution that it came from.
         optima: distinct local optima met in the search, best first.
         provenance: versions, git revision and settings with which it was made.
@@ -58,11 +114,11 @@ class Solution:
     hold: float | None = None
 
     def __repr__(self) -> str:
-        verdict = "passed" if self.verification.passed else "FAILED"
+        outcome = "passed" if self.verification.passed else "FAILED"
         held = "" if self.hold is None else f"held for {1e3 * self.hold:g} ms, "
         return (
             f"Solution({self.steps} steps per stride at {self.speed:.4g} m/s, CoT {self.cot:.4g}, "
-            f"{held}verification {verdict})"
+            f"{held}verification {outcome})"
         )
 
     # -- trajectory ---------------------------------------------------------------------------
@@ -233,11 +289,11 @@ class Solution:
 
     def report(self) -> str:
         """The gait's figures as text; failures in capitals."""
-        return report(self)
+        return _report(self)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.ocp.results.plots import drawn
+        from trajopt.ocp.plots import plot
 
         problem = gait_problem(
             self.params,
@@ -246,22 +302,163 @@ class Solution:
             theta_turns=self.theta_turns,
             regeneration=self.regeneration,
         )
-        figure = drawn(problem, self.phases, np.empty(0), str(self))
+        figure = plot(problem, self.phases, np.empty(0), str(self))
         if path is not None:
             figure.savefig(Path(path))
         return figure
 
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""
-        write_gait(path, {f.name: getattr(self, f.name) for f in dataclasses.fields(self)})
+        header = {
+            "theta_turns": self.theta_turns,
+            "regeneration": self.regeneration,
+            "provenance": self.provenance,
+            "hold": self.hold,
+            "params": self.params.to_dict(),
+            "verification": self.verification.to_dict(),
+            "optimality": dataclasses.asdict(self.optimality),
+            "optima": [dataclasses.asdict(optimum) for optimum in self.optima],
+        }
+        write_arrays(path, FORMAT, header, phases_to_arrays(self.phases))
 
     @classmethod
-    def load(cls, path: str | Path) -> Solution:
+    def load(cls, path: str | Path | IO[bytes]) -> Solution:
         """Read what `save` wrote, if it has not changed since.
 
         Raises:
             FileNotFoundError: there is no such file.
-            trajopt.gaits.gait_file.GaitFileError: it is not a gait saved by this version, or was
+            trajopt.gaits.solution.GaitFileError: it is not a gait saved by this version, or was
                 edited or damaged.
         """
-        return cls(**read_gait(path))
+        header, arrays = read_arrays(path, FORMAT, GaitFileError, REMEDY)
+        try:
+            return cls(**_fields(header, arrays))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise GaitFileError(f"{path}: no valid gait ({error!r}); {REMEDY}") from error
+
+
+# -- report ---------------------------------------------------------------------------------------
+
+
+def _report(gait: Solution) -> str:
+    v = gait.verification
+    outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
+    hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
+    demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
+    lines = [
+        f"Periodic gait, {gait.steps} step(s) per stride at {gait.speed:.4f} m/s{_held(gait)}",
+        f"  verification            {outcome}",
+        f"  cost of transport       {gait.cot:.6f} at {gait.speed:.4f} m/s (with regeneration "
+        f"{gait.cot_with_regeneration:.6f})",
+        f"  energy of a stride      {gait.cost:.6f} J"
+        f" ({'E, with' if gait.regeneration else 'E+, no'} regeneration)",
+        f"  times of touchdown      {', '.join(f'{t:.6f}' for t in gait.phase_times[1:])} s",
+        f"  turns of theta          {gait.theta_turns} per stride",
+        f"  peak voltage            {v.peak_voltage:.3f} of {gait.params.voltage_limit:g} V",
+        f"  least normal force      {v.min_normal_force:.3f} N, "
+        f"{v.min_normal_force_over_weight:.4f} of the weight",
+        f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
+        f"(ground offers {gait.params.friction:g})",
+        f"  pendulum's clearance    {v.clearance:.3f} m",
+        f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
+        f"{v.phase_state_error:.1e} (a phase)",
+        f"  energy audit            off by {v.energy_audit:.1e} J",
+        f"  CoT if held for 10 ms   {hold}",
+        f"  mesh error              {gait.optimality.mesh_error:.1e}",
+        *_certainty(gait),
+        f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
+    ]
+    for o in gait.optima:
+        turns = f"{o.theta_turns} turn(s)"
+        lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
+    return "\n".join([*lines, *_doubt(gait)])
+
+
+def _doubt(gait: Solution) -> list[str]:
+    """A warning if the search met an optimum of clearly less cost that did not become a gait."""
+    least = min((o.cot for o in gait.optima), default=gait.cot)
+    if CLEARLY_MORE * least >= gait.cot:
+        return []
+    return [
+        f"  LESS COST WAS MET       CoT {least:.4f}, but it did not become a verified "
+        "gait; try more starts, another seed, or a guess"
+    ]
+
+
+def _held(gait: Solution) -> str:
+    """The clock, for the heading of a report."""
+    if gait.hold is None:
+        return ""
+    ticks = round(gait.duration / gait.hold)
+    return f", voltage held for {1e3 * gait.hold:g} ms ({ticks} intervals)"
+
+
+def _certainty(gait: Solution) -> list[str]:
+    """Lines on optimality or, under a clock, on how the stride repeats itself."""
+    v, o = gait.verification, gait.optimality
+    if gait.hold is None:
+        return [
+            f"  Hamiltonian             spread {o.hamiltonian_spread:.1e}, "
+            f"transversality {o.transversality_error:.1e}"
+        ]
+    return [
+        f"  stepped on the kernel   repeats itself to {v.repeat_error:.1e}, "
+        f"ledger off by {v.repeat_residual:.1e} J",
+        f"  first tick              {gait.first_tick:.6f} s after the touchdown",
+    ]
+
+
+# -- file -----------------------------------------------------------------------------------------
+
+
+def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Any]:
+    phases = phases_from_arrays(arrays)
+    unknown = sorted(set(arrays) - set(phases_to_arrays(phases)))
+    if unknown:
+        raise ValueError(f"{', '.join(unknown)}: no such arrays are known")
+    params = WheelParams(**header["params"])
+    verification = Verification.from_dict(header["verification"])
+    _require_stride(params, phases, verification)
+    hold = header.get("hold")  # gaits saved by earlier versions have none
+    if hold is not None:
+        _require_held(positive("hold", hold), phases)
+    return {
+        "params": params,
+        "phases": phases,
+        "theta_turns": integer("theta_turns", header["theta_turns"], -MOST_TURNS, MOST_TURNS),
+        "regeneration": flag("regeneration", header["regeneration"]),
+        "verification": verification,
+        "optimality": Optimality(**header["optimality"]),
+        "optima": tuple(LocalOptimum(**optimum) for optimum in header["optima"]),
+        "provenance": header["provenance"],
+        "hold": hold,
+    }
+
+
+def _require_stride(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], verification: Verification
+) -> None:
+    """Refuse phases that are not a stride of the wheel, or not the stride that was verified."""
+    for i, phase in enumerate(phases):
+        sizes = phase.states.shape[-1], phase.controls.shape[-1]
+        if sizes != (4, 1):
+            raise ValueError(f"phase{i}: {sizes[0]} states and {sizes[1]} controls, not 4 and 1")
+        if not np.array_equal(phase.control_nodes, phases[0].control_nodes):
+            raise ValueError(f"phase{i}: its control_nodes differ from those of phase0")
+        if not np.allclose(phase.states[1:, 0], phase.states[:-1, -1], rtol=0.0, atol=1e-6):
+            raise ValueError(f"phase{i}: its states jump between elements")
+    for name, own, verified in (
+        ("time", sum(phase.duration for phase in phases), verification.time),
+        ("distance", len(phases) * params.step_length, verification.distance),
+    ):
+        if not math.isclose(own, verified, rel_tol=1e-9):
+            raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
+
+
+def _require_held(hold: float, phases: Sequence[PhaseTrajectory]) -> None:
+    """Refuse phases whose voltage is not held over the periods of a clock."""
+    ticks = sum(phase.duration for phase in phases) / hold
+    if abs(ticks - round(ticks)) > 1e-6:
+        raise ValueError(f"its stride lasts {ticks:g} periods of its clock, not a whole number")
+    if any(phase.controls.shape[1] != 1 for phase in phases):
+        raise ValueError("its voltage is not held")

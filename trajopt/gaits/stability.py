@@ -11,8 +11,8 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.schemes.polynomials import differentiation_matrix, radau_nodes
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.schemes import differentiation_matrix, radau_nodes
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 
 @lru_cache(maxsize=8)

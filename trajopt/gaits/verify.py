@@ -1,10 +1,14 @@
-"""Independent verification: a gait is believed only as far as the reference simulator agrees."""
+"""Independent verification: a gait is accepted only as far as the reference simulator agrees.
+
+`verify` simulates a gait's voltage forward and measures the result; `playback` is that voltage as a
+function of time.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,18 +19,21 @@ from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.rules import LIMIT_TOLERANCE, VIOLATIONS, Extremes, violations
 from rimless_gym.trajectory import Trajectory
-from trajopt.gaits.playback import playback, played, played_to_last_touchdown
-from trajopt.gaits.stance import MIN_NORMAL_FORCE
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.gaits.problem import MIN_NORMAL_FORCE
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 STATE_TOLERANCE = 1e-6  # of re-simulated against interpolated states (rad, rad/s)
 AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last touchdown (s)
 
+#: Time around a touchdown (s) within which the simulation is expected to land.
+SWITCHED = 1e-6
+
 
 @dataclasses.dataclass(frozen=True)
 class Verification:
-    """What re-simulation says about a gait.
+    """What forward simulation measures of a gait.
 
     Attributes:
         state_error: largest deviation from the interpolated state when the whole stride is
@@ -91,7 +98,7 @@ def stride_error(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
 ) -> tuple[float, Trajectory]:
     """Largest deviation of a re-simulated stride from the interpolated states; the simulation."""
-    run = played_to_last_touchdown(params, phases, SPARE_TIMES)
+    run = simulated_stride(params, phases, SPARE_TIMES)
     touchdowns = run.touchdowns
     if len(touchdowns) != len(phases) or any(e.direction < 0 for e in touchdowns):
         return math.inf, run
@@ -110,7 +117,7 @@ def stride_error(
 def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
     """Largest deviation of one phase, re-simulated from its own start."""
     until = phase.duration * (1 - 1e-9)
-    run = played(params, [phase], until)
+    run = simulated(params, [phase], until)
     t = np.linspace(0.0, until, 200)
     if run.events:
         return math.inf
@@ -219,3 +226,78 @@ def _failures(params: WheelParams, f: dict[str, Any]) -> list[str]:
     ]
     failures = [message for good, message in checks if not good]
     return failures + [VIOLATIONS[name] for name in violations(params, extremes)]
+
+
+# -- forward simulation ---------------------------------------------------------------------------
+
+
+def playback(
+    phases: Sequence[PhaseTrajectory],
+) -> tuple[list[float], Callable[[float, Any], float]]:
+    """The voltage of phases one after the other, and the times at which it may jump.
+
+    Args:
+        phases: each with one control.
+
+    Returns:
+        Times (s), and a function (t, x) -> V of t alone, but for `SWITCHED` around a touchdown
+        between two phases: there a state shows whether the foot has landed. (The simulation lands a
+        picosecond early or late, and the next step's voltage could make the old foot slip.) The
+        state may be None. After the end the last element's polynomial goes on.
+    """
+    begins = np.cumsum([0.0, *(p.duration for p in phases)])
+    edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
+    edges = np.append(edges, begins[-1])
+    polynomials = [element for phase in phases for element in _polynomials(phase)]
+    first = np.cumsum([len(p.edges) - 1 for p in phases])
+
+    def law(t: float, x: Any) -> float:
+        i = int(np.searchsorted(edges, t, side="right")) - 1
+        i = min(max(i, 0), len(polynomials) - 1)
+        if x is not None:
+            for begin, landed in zip(begins[1:-1], first[:-1], strict=True):
+                if abs(t - begin) < SWITCHED:
+                    i = int(landed) - (x[0] > math.pi / 2)
+        s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
+        for coefficient in polynomials[i]:
+            value = value * s + coefficient
+        return float(value)
+
+    return [float(t) for t in edges[1:]], law
+
+
+def _polynomials(phase: PhaseTrajectory) -> Array:
+    """The voltage in every element over [0, 1]: coefficients, highest power first, by element."""
+    inverse = np.linalg.inv(np.vander(phase.control_nodes))
+    return np.asarray(phase.controls[:, :, 0] @ inverse.T)
+
+
+def simulated(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], duration: float
+) -> Trajectory:
+    """Simulate from the start of the phases, under their voltage, for a duration (s)."""
+    breakpoints, law = playback(phases)
+    return simulate(params, phases[0].start, law, duration, breakpoints=breakpoints)
+
+
+def simulated_stride(
+    params: WheelParams, phases: Sequence[PhaseTrajectory], spare_times: Sequence[float]
+) -> Trajectory:
+    """Simulate until there have been as many steps as there are phases.
+
+    The last touchdown is at the very end, but for rounding, so a little more is simulated, under
+    the first phase's voltage.
+
+    Args:
+        params: the machine.
+        phases: one per step.
+        spare_times: additions to the phases' duration (s), ascending. The first that is enough for
+            the last touchdown is taken; if none is, the last one.
+    """
+    duration = sum(p.duration for p in phases)
+    breakpoints, law = playback([*phases, phases[0]])
+    for spare in spare_times:
+        run = simulate(params, phases[0].start, law, duration + spare, breakpoints=breakpoints)
+        if run.steps >= len(phases):
+            break
+    return run

@@ -1,15 +1,15 @@
 """Optimal control of hybrid systems by direct collocation.
 
-The engine knows nothing of any particular system. Its folders are floors; each imports only from
-those before it:
+The engine knows nothing of any particular system. From the bottom to the top:
 
-    pose        phases of smooth motion, linkages between them, bounds, costs
-    transcribe  schemes and meshes; the problem on a mesh as a nonlinear program for IPOPT
-    judge       how good a solution on a mesh is: errors between the nodes, costates, playback
-    results     a solved problem: figures, report, file, pictures
-    solving     from a guess to a local minimum on a mesh that is fine enough
-    search      many starts, and following a solution along a parameter
+    constraints, problem        phases of smooth motion, linkages between them, bounds, costs
+    schemes, mesh, trajectory   how a problem is discretised
+    layout, equations, program, transcription
+                                the problem on a mesh as a nonlinear program, solved by IPOPT
+    accuracy, resimulation      errors between the nodes, costates; an independent simulation
+    extremal, plots             a solved problem: report, file, picture
+    refinement, guesses, solve  from a guess to a local minimum on a mesh that is fine enough
+    multi_start, continuation   many starts; following a solution along a parameter
 
-`arrays`, `checks` and `interrupted` lie below all of them; `textbook` has problems with known
-answers.
+`textbook` has problems with known answers.
 """

@@ -13,10 +13,8 @@ from typing import Any
 import casadi as ca
 from scipy.optimize import brentq
 
-from trajopt.ocp.pose.constraint import equal
-from trajopt.ocp.pose.linkage import Linkage
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import equal
+from trajopt.ocp.problem import Linkage, Phase, Problem
 
 #: In m/s^2.
 GRAVITY = 9.81

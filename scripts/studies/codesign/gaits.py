@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from scripts.studies.codesign.problem import SPEEDS, Case, chosen, regenerating
-from trajopt.gaits.finishing import finished
+from trajopt.gaits.periodic import finished
+from trajopt.gaits.problem import CONTROL_DEGREE
 from trajopt.gaits.search import random_guess
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.solving.guesses import Guess
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import Guess
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import solve
 
 #: Random starts of a case.
 STARTS = 3
@@ -88,7 +88,7 @@ def cheapest(
                     **_QUICK,
                 )
             )
-    good = [each for each in found if each.succeeded and not each.breaches]
+    good = [each for each in found if each.succeeded and not each.violations]
     reason = "no start led to a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
         gait = refined(case, each)

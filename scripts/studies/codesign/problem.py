@@ -13,10 +13,9 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from scripts.studies.codesign.budget import BOB_RADIUS, CLAMP, TUBE, Build
-from trajopt.gaits.designed import designed_gait
-from trajopt.ocp.pose.constraint import Constraint
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.gaits.problem import designed_gait
+from trajopt.ocp.constraints import Constraint
+from trajopt.ocp.problem import Phase, Problem
 
 #: Bounds on speed (m/s), bob (kg) and arm (m).
 SPEEDS, LIGHTEST_BOB, SHORTEST_ARM = (0.3, 1.2), 0.3, 0.08

@@ -8,7 +8,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.ranking import least_first
 
 #: How many of the known gaits, those of the nearest speeds, are led to a speed.
 LED = 3

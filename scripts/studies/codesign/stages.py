@@ -11,8 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from trajopt.files import jsonable, write_text
-from trajopt.gaits.gait_file import GaitFileError
-from trajopt.gaits.solution import Solution
+from trajopt.gaits.solution import GaitFileError, Solution
 from trajopt.processes import pool
 
 #: What a stage finds: a gait, plain JSON values, or words on why there is nothing.

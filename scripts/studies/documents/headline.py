@@ -6,12 +6,12 @@ from pathlib import Path
 
 from agents.comparison.headline import SHOWN
 from agents.reports.tables import NONE
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.documents.over_seeds import over_seeds
 
 #: The command whose section it is, and its name there.
 COMMAND, HEADLINE = "compare", "headline"
-MARKS, WANTED = marked.marks(COMMAND, (HEADLINE,)), marked.wanted(COMMAND, (HEADLINE,))
+MARKS, WANTED = markdown.marks(COMMAND, (HEADLINE,)), markdown.wanted(COMMAND, (HEADLINE,))
 
 
 def refresh_gaps(page: Path, learning: Path) -> None:
@@ -30,7 +30,7 @@ def refresh_gaps(page: Path, learning: Path) -> None:
     gaps = over_seeds(learning.read_text())
     told = {meaning: gaps.get(title, NONE) for title, meaning in SHOWN.items()}
     lines = [_told(line, told) for line in found[0].splitlines()[1:-1]]
-    marked.refresh(page, MARKS, {HEADLINE: "\n".join(lines) + "\n"})
+    markdown.refresh(page, MARKS, {HEADLINE: "\n".join(lines) + "\n"})
 
 
 def _told(line: str, told: dict[str, str]) -> str:

@@ -13,10 +13,9 @@ from tqdm import tqdm
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
-from trajopt.gaits.gait_file import GaitFileError
-from trajopt.gaits.held.clock import held_speed
+from trajopt.gaits.held_stride import held_speed
 from trajopt.gaits.periodic import periodic_gait
-from trajopt.gaits.solution import Solution
+from trajopt.gaits.solution import GaitFileError, Solution
 
 
 class Held(NamedTuple):

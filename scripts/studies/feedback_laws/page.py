@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.feedback_laws.gait_tables import gait_section
 from scripts.studies.feedback_laws.summary import summary
 
 SECTIONS = ("summary", "gaits")
-MARKS, WANTED = marked.marks("feedback", SECTIONS), marked.wanted("feedback", SECTIONS)
+MARKS, WANTED = markdown.marks("feedback", SECTIONS), markdown.wanted("feedback", SECTIONS)
 
 
 def refresh(page: Path, found: Mapping[str, Any]) -> None:
     """Put every section between its marks."""
-    marked.refresh(page, MARKS, sections(found))
+    markdown.refresh(page, MARKS, sections(found))
 
 
 def sections(found: Mapping[str, Any]) -> dict[str, str]:

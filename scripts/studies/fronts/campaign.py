@@ -17,7 +17,8 @@ from scripts.studies.fronts.board import STEPS, Board
 from scripts.studies.fronts.cells import Place
 from scripts.studies.fronts.crew import Crew, bar, while_affordable
 from scripts.studies.fronts.pieces import Lead, Piece, attempts
-from trajopt.gaits.periodic import NoGaitError, fastest_walk
+from trajopt.gaits.periodic import NoGaitError
+from trajopt.gaits.problem import fastest_walk
 
 #: The two independent seeds, and that of the last sweep, which begins with what both have found.
 SEEDS, LAST = (0, 1), 2

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trajopt.files import read_arrays, write_arrays
-from trajopt.ocp.transcribe.stored import phases_from_arrays, phases_to_arrays
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory, phases_from_arrays, phases_to_arrays
 
 FORMAT = "rimless-gym front cell 1"
 

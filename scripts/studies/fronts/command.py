@@ -28,7 +28,7 @@ from agents.cli.commandline import (
     whole,
 )
 from rimless_gym.params import WheelParams
-from scripts.studies.documents.plots import save
+from scripts.studies.documents.drawings import save
 from scripts.studies.fronts import page
 from scripts.studies.fronts.board import Board
 from scripts.studies.fronts.campaign import searched
@@ -38,8 +38,8 @@ from scripts.studies.fronts.fine import polished
 from scripts.studies.fronts.library import record_file, ship
 from scripts.studies.fronts.record import chosen, record, same_machine
 from trajopt.files import write_text
-from trajopt.gaits.periodic import fastest_walk
-from trajopt.gaits.shipped import FOLDER, shipped
+from trajopt.gaits.library import ARCHIVE, shipped
+from trajopt.gaits.problem import fastest_walk
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"--grid = {options.grid:g}: must be at most {fastest_walk(params):.3g} m/s, the "
                 "fastest walk of this machine"
             )
-    library = folder / "library" if trial else FOLDER
+    library = folder / "library" if trial else ARCHIVE.parent
     docs = folder / "docs" if trial else ROOT / "docs"
     try:
         with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):

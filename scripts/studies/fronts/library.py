@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from trajopt.files import write_text
+from trajopt.gaits.library import ARCHIVE, gait_files, write_archive
 from trajopt.gaits.solution import Solution
 
 
@@ -31,15 +33,16 @@ def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, An
         found: the record.
 
     Returns:
-        The files' size (bytes).
+        The archive's size (bytes).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / gait_file(name, gait) for gait in gaits]
-    for path, gait in zip(files, gaits, strict=True):
-        gait.save(path)
-    for path in folder.glob(f"{name.lower()}_*_steps_*.npz"):
-        if path not in files:
-            path.unlink()
-    files.append(folder / record_file(name))
-    write_text(files[-1], json.dumps(found, indent=1, allow_nan=False) + "\n")
-    return sum(path.stat().st_size for path in files)
+    archive = folder / ARCHIVE.name
+    files = {n: b for n, b in gait_files(archive).items() if not n.startswith(f"{name.lower()}_")}
+    with TemporaryDirectory() as temporary:
+        for gait in gaits:
+            path = Path(temporary) / gait_file(name, gait)
+            gait.save(path)
+            files[path.name] = path.read_bytes()
+    write_archive(archive, files)
+    write_text(folder / record_file(name), json.dumps(found, indent=1, allow_nan=False) + "\n")
+    return archive.stat().st_size

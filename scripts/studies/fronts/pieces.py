@@ -13,18 +13,15 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from scripts.studies.fronts.cells import Attempt, Found, Place
-from trajopt.gaits.gait_problem import gait_problem, posed
-from trajopt.gaits.leading import BARRIER
+from trajopt.gaits.periodic import BARRIER
+from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem, posed
 from trajopt.gaits.search import SEARCH_DEGREE, SEARCH_ELEMENTS, random_motion
 from trajopt.gaits.stability import floquet_multipliers
-from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.interrupted import heeded
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.solving.minimum import minimum
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.nlp import Result, Transcription
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.solve import WARM_BARRIER, minimize
+from trajopt.ocp.trajectory import PhaseTrajectory
+from trajopt.ocp.transcription import Result, Transcription, interruptible
 
 #: Longest element of the search's mesh (s), as far as the largest mesh allows; elements per step.
 #: Longer elements step over the kinks of dry friction and make slow walks look too cheap.
@@ -193,7 +190,7 @@ def _plain(phases: Sequence[PhaseTrajectory]) -> tuple[PhaseTrajectory, ...]:
     )
 
 
-@heeded()
+@interruptible()
 def _solved(
     params: WheelParams,
     place: Place,
@@ -211,7 +208,7 @@ def _solved(
     for _ in range(REMESHED + 1):
         first, transcription = _transcription(params, elements)
         problem = posed(first, params, place.speed, turns, regeneration)
-        result = minimum(transcription, guess, problem, None, **options)
+        result = minimize(transcription, guess, problem, None, **options)
         if not result.success or not math.isfinite(result.cost):
             return dataclasses.replace(result, success=False)
         needed, guess = elements_for(result.phases, duration), result.phases

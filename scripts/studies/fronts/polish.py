@@ -11,15 +11,11 @@ from rimless_gym.params import WheelParams
 from scripts.studies.fronts.cells import Found
 from scripts.studies.fronts.pieces import elements_for
 from trajopt.files import write_text
-from trajopt.gaits.finishing import finished
-from trajopt.gaits.gait_file import GaitFileError
-from trajopt.gaits.gait_problem import gait_problem
-from trajopt.gaits.periodic import DEGREE, ELEMENTS
-from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.gaits.periodic import DEGREE, ELEMENTS, finished
+from trajopt.gaits.problem import CONTROL_DEGREE, gait_problem
+from trajopt.gaits.solution import GaitFileError, Solution
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.solve import WARM_BARRIER, solve
 
 #: Refinements of the fine mesh at most and their tolerance: at first, and where the gait then fails
 #: its verification.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from scripts.studies.documents import marked
+from scripts.studies.documents import markdown
 from scripts.studies.documents.markdown import count, table
 from scripts.studies.learning.rows import (
     CLONING,
@@ -22,7 +22,7 @@ from scripts.studies.learning.summary import Average, Everywhere, Line, Seed
 
 SECTIONS = (LEARNED, PRICE, EXPLORATION, CLONING, THESIS, FRONT, DISTURBED, FIRST_EVENING)
 MARKED = (*SECTIONS, SEEDS)
-MARKS, WANTED = marked.marks("study", MARKED), marked.wanted("study", MARKED)
+MARKS, WANTED = markdown.marks("study", MARKED), markdown.wanted("study", MARKED)
 
 NONE = "-"
 
@@ -47,7 +47,7 @@ def refresh(page: Path, sections: dict[str, str], titles: Sequence[str]) -> None
         found = MARKS[name].search(published)
         old = found[0].splitlines()[1:-1] if found else []
         merged[name] = "\n".join(with_kept(new.splitlines(), old, titles)) + "\n"
-    marked.refresh(page, MARKS, merged)
+    markdown.refresh(page, MARKS, merged)
 
 
 def with_kept(new: Sequence[str], old: Sequence[str], titles: Sequence[str]) -> list[str]:

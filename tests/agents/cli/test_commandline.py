@@ -20,20 +20,19 @@ from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
 from agents.train import train
-from rimless_gym.presets import BUILDABLE
+from rimless_gym.presets import BUILDABLE, THESIS_PHYSICAL
 from trajopt import Solution
 from trajopt.gaits.fronts import shipped_front
-from trajopt.gaits.shipped import FOLDER
+from trajopt.gaits.library import nearest
 from trajopt.processes import KilledError
 
 #: The module of each command line, and what its work begins with, which must not be reached.
 WORK = {
-    "benchmark": ("scripts.studies.benchmarks.command", "measure_all"),
+    "benchmark": ("scripts.studies.benchmark.run", "measure_all"),
     "compare": ("agents.cli.compare", "Comparison.run"),
     "evaluate": ("agents.cli.evaluate", "evaluate"),
-    "figures": ("scripts.studies.documents.command", "numbers"),
-    "fuzz": ("scripts.studies.fuzzing.command", "campaign"),
-    "processors": ("scripts.studies.processors.command", "subprocess.run"),
+    "figures": ("scripts.studies.documents.figures", "numbers"),
+    "processors": ("scripts.studies.processors", "subprocess.run"),
     "publish": ("scripts.studies.publish", "shutil.copyfile"),
     "solve_gait": ("agents.cli.solve_gait", "periodic_gait"),
     "textbook": ("scripts.studies.textbook", "solve"),
@@ -243,12 +242,6 @@ def test_folders_without_permission_are_refused(refused: Callable, tmp_path: Pat
         ("benchmark", ["--only", "x"], "invalid choice"),
         ("evaluate", ["none.zip"], "none.zip"),
         ("evaluate", ["--preset", "x", "none.zip"], "invalid choice"),
-        ("fuzz", ["--steps", "0"], "--steps: '0': must be an integer of at least 1"),
-        ("fuzz", ["--steps", "2.5e0"], "must be an integer of at least 1"),
-        ("fuzz", ["--seeds", "some"], "must be an integer of at least 1"),
-        ("fuzz", ["--minutes", "nan"], "must be a number greater than 0"),
-        ("fuzz", ["--seed", "-1"], "must be an integer of at least 0"),
-        ("fuzz", ["--steps", "5", "--seeds", "5"], "not allowed with"),
         ("processors", ["Z80"], "unknown processor Z80: choose from ['Haswell',"),
         ("train", ["--ranges", "{"], "--ranges: '{': not JSON"),
         ("train", ["--ranges", "[1]"], "'[1]': must be a JSON object"),
@@ -337,9 +330,9 @@ def test_an_incomplete_study_is_refused(refused: Callable, tmp_path: Path) -> No
 
 
 @pytest.fixture
-def gait_file() -> Path:
-    [path] = FOLDER.glob("thesis_physical_1_steps_k-1_0.5000.npz")
-    return path
+def gait_file(tmp_path: Path) -> Path:
+    nearest(THESIS_PHYSICAL, 0.5, 1)[0].load().save(tmp_path / "gait.npz")
+    return tmp_path / "gait.npz"
 
 
 def test_a_law_about_a_gait_of_another_machine_is_refused(
@@ -353,7 +346,7 @@ def test_a_law_about_a_gait_of_another_machine_is_refused(
 def test_a_law_is_measured_beside_policies(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], gait_file: Path
 ) -> None:
-    monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
+    monkeypatch.setattr("trajopt.feedback.startup.COUNTS", (7, 9, 8, 17))  # a coarse plan
     short = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
     brief = partial(evaluate, protocol=short)
     monkeypatch.setattr(command, "evaluate", lambda *a, **k: brief(*a, **k | {"progress": False}))
@@ -393,7 +386,7 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
 def test_a_gait_at_another_speed_than_asked_for_says_both(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
     for asked, told in (["--speed", "0.56", "--hold", "0.01"], True), (["--speed", "0.55"], False):
         assert solve_gait.main(asked) == 0
@@ -405,7 +398,7 @@ def test_a_gait_at_another_speed_than_asked_for_says_both(
 def test_a_gait_for_which_the_disk_has_no_room_is_reported_all_the_same(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    known = Solution.load(FOLDER / "buildable_1_steps_k-1_0.5500.npz")
+    known = nearest(BUILDABLE, 0.55, 1)[0].load()
     monkeypatch.setattr("agents.cli.solve_gait.periodic_gait", lambda *what, **settings: known)
 
     def full(*_: Any) -> None:

@@ -21,7 +21,7 @@ from rimless_gym.checks import MissingExtraError
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish_policy
 from trajopt import Solution, periodic_gait
-from trajopt.gaits.shipped import nearest
+from trajopt.gaits.library import nearest
 
 #: Files that run a command in a checkout.
 SCRIPTS = Path(rimless.__file__).parents[1] / "scripts"
@@ -173,7 +173,7 @@ def test_a_saved_gait_is_watched_but_not_on_another_machine(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved = tmp_path / "own.npz"
-    nearest(BUILDABLE, 0.56, 1)[0].save(saved)
+    nearest(BUILDABLE, 0.56, 1)[0].load().save(saved)
     arguments = ["--seconds", "0.3", "--size", "240", "160", "--out", str(tmp_path / "walk.gif")]
     assert watch.main([str(saved), *arguments]) == 0
     with Image.open(tmp_path / "walk.gif") as picture:

@@ -12,7 +12,7 @@ import pytest
 from scripts.studies.feedback_laws import sizes
 from scripts.studies.feedback_laws.gaits import GAITS
 from scripts.studies.feedback_laws.study import study
-from trajopt.feedback.catch import catch as catching
+from trajopt.feedback import startup
 from trajopt.feedback.law import Law
 
 HELD = GAITS[2]
@@ -35,13 +35,13 @@ FEWEST = dataclasses.replace(
 
 
 def finished(folder: Path, numbers: sizes.Sizes) -> None:
-    """Finish a trial of one law about one gait in a folder, with a coarse catch."""
+    """Finish a trial of one law about one gait in a folder, with a coarse start-up controller."""
 
-    def coarse(law: Law, near: float, folder: Path | None = None) -> catching.Catch:
-        return catching.Catch.to(law, near, counts=(5, 16, 11, 13))
+    def coarse(law: Law, near: float, folder: Path | None = None) -> startup.StartUpController:
+        return startup.StartUpController.to(law, near, counts=(5, 16, 11, 13))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catching, "catch_for", coarse)
+        patch.setattr(startup, "startup_for", coarse)
         patch.setattr(sizes, "FOR_A_TRIAL", numbers)
         study(folder, [HELD], ["lqr"], 1, True)
 

@@ -19,7 +19,7 @@ from scripts.studies.codesign.parts import GPX_22_UP
 from scripts.studies.codesign.problem import LIFTED_SHARE, Case, chosen, neighbours
 from scripts.studies.codesign.stages import stage
 from scripts.studies.codesign.startup import figures
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 
 DOCS = Path(__file__).parents[3] / "docs"
 GEAR = min(GPX_22_UP, key=lambda gear: abs(gear.ratio - BUILDABLE.gear_ratio))

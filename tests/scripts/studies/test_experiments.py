@@ -23,8 +23,8 @@ from scripts.studies.thesis.experiments.steps import steps
 from scripts.studies.thesis.experiments.tables import COST_4_5, TABLE_4_4
 from tests.agents.reports.checks import assert_loads_nothing, assert_valid
 from trajopt import Mesh, solve
-from trajopt.gaits.playback import played
-from trajopt.ocp.search.multi_start import multi_start
+from trajopt.gaits.verify import simulated
+from trajopt.ocp.multi_start import multi_start
 
 KEYS = {
     "experiment": int,
@@ -213,7 +213,7 @@ def test_a_case_that_does_not_converge_says_so(elastic_chain):
 def test_the_energy_is_the_shaft_work_of_the_reference_simulation(elastic_chain):
     solution = elastic_chain[1]
     duration = sum(phase.duration for phase in solution.motion)
-    shaft = played(solution.machine, solution.motion, duration).ledger.shaft
+    shaft = simulated(solution.machine, solution.motion, duration).ledger.shaft
     assert solution.energy == pytest.approx(shaft, rel=1e-6)
     drawn = [powers(solution.machine, phase) for phase in solution.motion]
     assert sum(np.trapezoid(d.total, d.times) for d in drawn) == pytest.approx(shaft, rel=1e-2)

@@ -18,7 +18,7 @@ from scripts.studies.feedback_laws.columns.pushes import Survived, pushed_states
 from scripts.studies.feedback_laws.gaits import GAITS
 from scripts.studies.feedback_laws.sizes import sizes_for
 from trajopt.feedback.law import Floats
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
 
 DOCS = Path(__file__).parents[3] / "docs"

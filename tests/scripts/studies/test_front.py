@@ -27,8 +27,8 @@ from scripts.studies.fronts.pieces import Family, Join, Lead, Piece, Screen, att
 from scripts.studies.fronts.plans import families, leads, one_step
 from scripts.studies.fronts.polish import Polished
 from scripts.studies.fronts.record import SHIPPED, chosen, record
+from trajopt.gaits.library import ARCHIVE, index, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
-from trajopt.gaits.shipped import FOLDER, shipped
 from trajopt.gaits.solution import Solution
 
 #: Spacing of the pretended searches' speeds (m/s).
@@ -369,7 +369,7 @@ def test_a_search_without_the_record_of_its_machine_is_refused(
 def recorded() -> list[tuple[str, dict[str, Any]]]:
     """The fronts of the shipped records, some speeds of each."""
     rows = []
-    for path in sorted(FOLDER.glob(record_file("*"))):
+    for path in sorted(ARCHIVE.parent.glob(record_file("*"))):
         content = json.loads(path.read_text())
         rows += [(content["machine"], row) for row in content["front"]]
     return rows
@@ -378,7 +378,7 @@ def recorded() -> list[tuple[str, dict[str, Any]]]:
 def test_every_gait_of_a_recorded_front_is_shipped() -> None:
     assert recorded()
     for _, row in recorded():
-        same = [g.cot for g in shipped() if round(g.speed, 4) == row["speed"]]
+        same = [g.cot for g in index() if round(g.speed, 4) == row["speed"]]
         assert row["cot"] in same
 
 
@@ -387,7 +387,7 @@ def test_every_gait_of_a_recorded_front_is_shipped() -> None:
 def test_a_periodic_gait_is_never_dearer_than_the_searched_front(share: float) -> None:
     rows = recorded()
     name, row = rows[round(share * (len(rows) - 1))]
-    gaits = [g for g in shipped() if round(g.speed, 4) == row["speed"]]
+    gaits = [g for g in index() if round(g.speed, 4) == row["speed"]]
     params = next(g.params for g in gaits if g.cot == row["cot"])
     gait = periodic_gait(params, row["speed"], row["steps"])
     assert gait.verification.passed, name
@@ -415,7 +415,7 @@ def test_only_a_search_of_a_preset_itself_is_shipped(
     monkeypatch.setattr(command, "_searched", searched)
     assert main([*arguments, "--out", str(tmp_path)]) == command.INTERRUPTED
     assert into[0] == tmp_path / folder
-    assert (into[1] == FOLDER) == shipped
+    assert (into[1] == ARCHIVE.parent) == shipped
 
 
 def test_a_shorter_search_does_not_replace_the_record_of_a_longer_one(tmp_path: Path) -> None:

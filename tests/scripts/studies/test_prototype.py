@@ -16,11 +16,10 @@ from scripts.studies.thesis.prototype.points import Point, store
 from scripts.studies.thesis.prototype.starts import MOST_TURNS, StartsAtScale, whirling
 from scripts.studies.thesis.prototype.study import shared, study
 from scripts.studies.thesis.prototype.variant import SCALES, VARIANTS
-from trajopt.gaits.playback import played
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
+from trajopt.gaits.problem import MIN_NORMAL_FORCE
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import MIN_NORMAL_FORCE
-from trajopt.gaits.verify import verify
+from trajopt.gaits.verify import simulated, verify
 
 DOCS = Path(__file__).parents[3] / "docs"
 STOCK, STRONG, GEARED = VARIANTS
@@ -143,7 +142,7 @@ def test_the_machine_as_built_walks_with_another_gear(published: dict) -> None:
     expected = GEARED.machine(1.0, gait.params.gear_ratio / PROTOTYPE.gear_ratio)
     assert gait.params == expected
     assert verify(gait.params, gait.phases, gait.theta_turns).passed
-    run = played(gait.params, gait.phases, gait.duration + 1e-6)
+    run = simulated(gait.params, gait.phases, gait.duration + 1e-6)
     assert run.steps == 1
     assert run.min_normal_force > 0.0
     assert run.friction_demand <= 1.001

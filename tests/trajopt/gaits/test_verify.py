@@ -10,13 +10,13 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, hybrid, simulate
 from trajopt import Problem, Solution, periodic_gait
-from trajopt.gaits.playback import played_to_last_touchdown
-from trajopt.gaits.shipped import nearest
-from trajopt.gaits.stance import WheelPhases
-from trajopt.gaits.verify import SPARE_TIMES, verify
+from trajopt.gaits.library import index, nearest
+from trajopt.gaits.problem import WheelPhases
+from trajopt.gaits.verify import SPARE_TIMES, playback, simulated, simulated_stride, verify
 
 P = THESIS_PHYSICAL
-ONE = nearest(P, 0.5, 1)[0]
+ONE = nearest(P, 0.5, 1)[0].load()
+TWO = nearest(P, 0.5, 2)[0].load()
 
 
 def gait_end(params):
@@ -31,43 +31,34 @@ def slowed(factor: float) -> list:
     return [dataclasses.replace(p, edges=p.edges * factor) for p in ONE.phases]
 
 
-@pytest.fixture(scope="module", params=[0.01, -0.01], ids=["downhill", "uphill"])
-def sloped(request: pytest.FixtureRequest) -> Solution:
-    return periodic_gait(P.replace(slope=request.param), ONE.speed, 1, guess=ONE)
-
-
 @pytest.mark.parametrize("phases", [disturbed(0.1), slowed(1.002)], ids=["voltage", "time"])
 def test_the_energy_audit_measures_the_energy_missing_over_a_stride(phases: list) -> None:
     found = verify(P, phases, ONE.theta_turns)
-    run = played_to_last_touchdown(P, phases, SPARE_TIMES)
+    run = simulated_stride(P, phases, SPARE_TIMES)
     start, end = (hybrid.mechanical_energy(*x, P.constants) for x in (run.x[0], run.x[-1]))
     assert abs(end - start) > 1e-3
     assert found.energy_audit == pytest.approx(abs(end - start), rel=1e-3)
     assert "the energy balance does not close" in found.failures
 
 
-def test_the_energy_audit_closes_on_a_slope(sloped: Solution) -> None:
+@pytest.mark.parametrize("slope", [0.01, -0.01], ids=["downhill", "uphill"])
+def test_the_energy_audit_closes_on_a_slope_and_downhill_costs_less(slope: float) -> None:
+    sloped = periodic_gait(P.replace(slope=slope), ONE.speed, 1, guess=ONE)
     v, p = sloped.verification, sloped.params
     work = p.weight * math.sin(p.slope) * v.distance
     assert v.energy_audit < 1e-6 < 1e-2 < abs(work)
     assert v.passed
-
-
-def test_downhill_is_cheaper_than_uphill(sloped: Solution) -> None:
-    assert (sloped.cot < ONE.cot) == (sloped.params.slope > 0)
+    assert (sloped.cot < ONE.cot) == (slope > 0)
 
 
 def test_the_cost_at_a_hundred_hertz_hold_is_that_of_a_simulation_with_held_voltages() -> None:
-    costs = []
-    for gait in (ONE, nearest(P, 0.6, 1)[0]):
-        ticks = 0.01 * np.arange(math.ceil(gait.duration / 0.01))
-        run = simulate(P, gait.state(0.0), gait.control(ticks + 1e-9), gait.duration)
-        found = verify(P, gait.phases, gait.theta_turns)
-        assert found.passed
-        assert found.hold_failure == ""
-        assert found.cot_at_100hz_hold == pytest.approx(run.ledger.cost_of_transport(P), rel=1e-6)
-        costs.append(found.cot_at_100hz_hold)
-    assert np.ptp(costs) > 1e-3
+    ticks = 0.01 * np.arange(math.ceil(ONE.duration / 0.01))
+    run = simulate(P, ONE.state(0.0), ONE.control(ticks + 1e-9), ONE.duration)
+    found = verify(P, ONE.phases, ONE.theta_turns)
+    assert found.passed
+    assert found.hold_failure == ""
+    assert found.cot_at_100hz_hold == pytest.approx(run.ledger.cost_of_transport(P), rel=1e-6)
+    assert found.cot_at_100hz_hold > ONE.cot + 1e-4
 
 
 @pytest.mark.parametrize(
@@ -91,6 +82,11 @@ def test_verification_names_a_touchdown_that_slips() -> None:
     assert "a touchdown slips" in over.failures
 
 
+def test_verification_fails_on_a_changed_machine() -> None:
+    other = P.replace(wheel_mass=1.01 * P.wheel_mass)
+    assert not verify(other, ONE.phases, ONE.theta_turns).passed
+
+
 def test_a_gait_whose_pendulum_enters_the_floor_fails_where_there_is_one() -> None:
     assert ONE.verification.clearance < -0.1
     assert ONE.verification.passed
@@ -106,30 +102,23 @@ def test_gaits_may_not_enter_the_floor_where_there_is_one(
 ) -> None:
     params = P.replace(pendulum_length=length)
     path = Problem((WheelPhases(params).single_stance(),)).phases[0].path
-    low, high = ([params.constants.a, theta, 0.0, 0.0] for theta in (0.0, 2.0))
-    refused = [
-        {
-            name
-            for name, by in zip(
-                path.names,
-                path.violation(np.asarray(path.function(x, [0.0], [])).ravel()),
-                strict=True,
-            )
-            if by > 0
-        }
-        for x in (low, high)
-    ]
-    assert [("pendulum's clearance" in names) for names in refused] == [reaches_floor, False]
+
+    def violated(theta: float) -> set[str]:
+        values = np.asarray(path.function([params.constants.a, theta, 0.0, 0.0], [0.0], []))
+        by_name = zip(path.names, path.violation(values.ravel()), strict=True)
+        return {name for name, by in by_name if by > 0}
+
+    low, high = violated(0.0), violated(2.0)
+    assert [("pendulum's clearance" in names) for names in (low, high)] == [reaches_floor, False]
 
 
-@pytest.mark.parametrize("friction", [0.45, 0.52, 0.6])
-@pytest.mark.parametrize("slope", [0.0, 0.05])
+@pytest.mark.parametrize(("friction", "slope"), [(0.45, 0.0), (0.52, 0.05), (0.6, 0.0)])
 def test_a_phase_may_end_only_where_friction_holds_the_touchdown(
     friction: float, slope: float
 ) -> None:
     params = P.replace(friction=friction, slope=slope)
     p, end = params.constants, gait_end(params)
-    rng, verdicts = np.random.default_rng(0), []
+    rng, outcomes = np.random.default_rng(0), []
     for _ in range(400):
         before = np.array([p.b, *rng.uniform([-math.pi, 0.0, -10.0], [math.pi, 5.0, 10.0])])
         _, phi, dphi, dtheta, _, _ = hybrid.after_touchdown(1, *before[1:], 0.0, p)
@@ -140,5 +129,71 @@ def test_a_phase_may_end_only_where_friction_holds_the_touchdown(
         holds = jy > 0 and abs(jx) <= friction * jy
         values = np.asarray(end.function(before, [])).ravel()
         assert (end.violation(values).max() == 0) == holds
-        verdicts.append(holds)
-    assert 10 < sum(verdicts) < len(verdicts) - 10
+        outcomes.append(holds)
+    assert 10 < sum(outcomes) < len(outcomes) - 10
+
+
+# -- forward simulation ---------------------------------------------------------------------------
+
+
+def test_an_independent_simulation_follows_the_gait_over_the_whole_stride(gait: Solution) -> None:
+    breakpoints, volts = playback(gait.phases)
+    run = simulate(
+        gait.params,
+        gait.state(0.0),
+        volts,
+        gait.duration,
+        breakpoints=breakpoints,
+        rtol=1e-9,  # far below what is asked for; finer, it takes much longer
+        atol=1e-10,
+    )
+    t = np.linspace(0, gait.duration, 301)[1:-1]
+    # Where the voltage jumps, rounding decides which one acts: nothing is compared there.
+    jumps = np.concatenate([gait.phase_times, gait.breakpoints])
+    t = t[np.abs(t[:, None] - jumps).min(axis=1) > 1e-6]
+    assert len(t) > 250
+    assert np.abs(run.state(t) - gait.state(t)).max() < 1e-6
+    np.testing.assert_allclose([volts(time, None) for time in t], gait.control(t), atol=1e-9)
+
+
+def test_phases_of_different_control_degrees_are_played_one_after_the_other() -> None:
+    first, second = TWO.phases
+    volts = np.linspace(0.0, 3.0, len(second.controls))[:, None, None]  # constant in each element
+    second = dataclasses.replace(
+        second, control_nodes=np.array([0.0, 1.0]), controls=np.repeat(volts, 2, axis=1)
+    )
+    breakpoints, law = playback([first, second])
+    assert breakpoints[-1] == pytest.approx(TWO.duration)
+    assert len(breakpoints) == len(first.controls) + len(second.controls)
+    for begin, phase in ((0.0, first), (first.duration, second)):
+        for middle in 0.5 * (phase.edges[1:] + phase.edges[:-1]):
+            expected = phase.control(middle)[0, 0]
+            assert law(begin + middle, None) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_stride_is_simulated_just_far_enough_for_the_last_touchdown() -> None:
+    early, late, later = -1e-6, 1e-6, 1e-3
+    assert simulated(TWO.params, TWO.phases, TWO.duration + early).steps == 1
+    run = simulated_stride(TWO.params, TWO.phases, (early, late, later))
+    assert run.steps == 2
+    assert run.t[-1] == pytest.approx(TWO.duration + late, abs=1e-12)
+
+
+def test_around_a_touchdown_the_state_shows_which_steps_voltage_acts() -> None:
+    first, second = TWO.phases
+    _, law = playback(TWO.phases)
+    before, after = first.end, second.start
+    last, next_ = first.control([first.duration], "left")[0, 0], second.control(0.0)[0, 0]
+    assert last != pytest.approx(next_)
+    for t in (first.duration - 1e-9, first.duration + 1e-9):
+        assert law(t, before) == pytest.approx(last, abs=1e-5)
+        assert law(t, after) == pytest.approx(next_, abs=1e-5)
+    assert law(first.duration + 1e-4, before) == law(first.duration + 1e-4, None)
+
+
+def test_after_the_last_touchdown_the_next_strides_voltage_acts() -> None:
+    gaits = (entry.load() for entry in index())
+    gait = next(g for g in gaits if abs(g.control(0.0) - g.control(g.duration, "left")) > 1.0)
+    run = simulated_stride(gait.params, gait.phases, [1e-6])
+    assert run.t[-1] > run.touchdowns[-1].time
+    assert run.u[-1] == pytest.approx(gait.control(0.0), abs=1e-3)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from trajopt import Phase, PhaseTrajectory
-from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
+from trajopt.ocp.schemes import radau_nodes
 
 
 def block(force: float = 1.0) -> Phase:

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
 from trajopt.ocp import textbook
-from trajopt.ocp.judge.accuracy import assess, audit, cost_errors
-from trajopt.ocp.judge.resimulation import played, resimulated
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.accuracy import assess, audit, cost_errors
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.resimulation import resimulate, simulate_phase
+from trajopt.ocp.transcription import Transcription
 
 NONE = np.zeros(0)
 
@@ -121,7 +121,7 @@ def test_playing_back_finds_the_exact_cost_of_a_power_that_passes_its_floor(floo
         inside = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
         pieces = np.diff(excess.integ()(np.array([0.0, *np.sort(inside), 1.0])))
         exact = pieces.sum() if math.isinf(floor) else floor + pieces[pieces > 0].sum()
-        error, _, paid = played(phase, trajectory, trajectory.start, NONE)
+        error, _, paid = simulate_phase(phase, trajectory, trajectory.start, NONE)
         assert error < 1e-12
         assert paid == pytest.approx(exact, abs=1e-13)
 
@@ -130,7 +130,7 @@ def test_the_error_of_the_cost_is_what_its_quadrature_misses() -> None:
     problem = textbook.least_effort_move()
     transcription = Transcription(problem, Mesh.uniform(problem, 4, scheme="trapezoid"))
     result = transcription.solve(straight_lines(problem))
-    _, _, paid = played(problem.phases[0], result.phases[0], result.phases[0].start, NONE)
+    _, _, paid = simulate_phase(problem.phases[0], result.phases[0], result.phases[0].start, NONE)
     errors = cost_errors(transcription, result)[0]
     assert errors.sum() * (1 + result.cost) == pytest.approx(result.cost - paid, rel=1e-9)
 
@@ -155,7 +155,7 @@ def test_a_perturbed_solution_is_found_out() -> None:
     )
     assert assess(problem.phases[0], right, NONE).state_error.max() < 1e-7
     assert assess(problem.phases[0], wrong, NONE).state_error.max() > 1e-6
-    assert max(resimulated(problem, [wrong], NONE).phase_errors) > 1e-4
+    assert max(resimulate(problem, [wrong], NONE).phase_errors) > 1e-4
 
 
 def test_violations_between_the_nodes_are_seen_even_close_to_an_edge() -> None:

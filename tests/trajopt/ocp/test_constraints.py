@@ -11,9 +11,9 @@ import pytest
 
 from trajopt import Constraint, Mesh, Phase, Problem, equal, nonnegative, solve
 from trajopt.ocp import textbook
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.margins import tightened
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.solve import tightened
+from trajopt.ocp.transcription import Transcription
 
 FREE = math.inf
 
@@ -116,7 +116,7 @@ def test_the_maximum_of_a_power_and_its_floor_is_exact_at_the_nodes() -> None:
 
 
 def _radau_times(edges: np.ndarray) -> np.ndarray:
-    from trajopt.ocp.transcribe.schemes.polynomials import radau_nodes
+    from trajopt.ocp.schemes import radau_nodes
 
     return (edges[:-1, None] + np.diff(edges)[:, None] * radau_nodes(5)[1:]).ravel()
 

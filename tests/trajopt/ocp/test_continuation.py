@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import trajopt.ocp.search.continuation
-from trajopt.ocp.interrupted import Interrupted
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.continuation import continued, distance, extrapolated
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.nlp import Transcription
+import trajopt.ocp.continuation
+from trajopt.ocp.continuation import continued, distance, extrapolated
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
+from trajopt.ocp.transcription import Transcription
 
 
 def trolley() -> Problem:
@@ -128,9 +126,9 @@ def test_a_start_that_is_no_solution_is_an_obstacle_at_once(start: Extremal) -> 
 
 
 def test_a_step_that_leads_elsewhere_is_not_taken(start: Extremal) -> None:
-    curve = continued(slower_than, start, (3.0, 1.2), leap=1e-9, verify=False, passes=0)
+    curve = continued(slower_than, start, (3.0, 1.2), max_jump=1e-9, verify=False, passes=0)
     assert curve.obstacle is not None
-    assert "leap" in curve.obstacle.reason
+    assert "a jump" in curve.obstacle.reason
 
 
 def test_a_leap_is_measured_from_the_extrapolated_solution(start: Extremal) -> None:
@@ -148,7 +146,7 @@ def count_transcriptions(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
         made.append(problem)
         return Transcription(problem, mesh)
 
-    monkeypatch.setattr(trajopt.ocp.search.continuation, "Transcription", counted)
+    monkeypatch.setattr(trajopt.ocp.continuation, "Transcription", counted)
     return made
 
 
@@ -175,18 +173,6 @@ def test_problems_traced_anew_are_transcribed_anew(
     curve = continued(stronger, start, (1.0, 1.5), step=0.25, verify=False)
     assert curve.reached
     assert len(made) == 3
-
-
-def test_ctrl_c_keeps_the_curve_so_far(start: Extremal) -> None:
-    def unplugged(duration: float) -> Problem:
-        if duration > 1.3:
-            raise KeyboardInterrupt
-        return lasting(duration)
-
-    with pytest.raises(Interrupted) as stopped:
-        continued(unplugged, start, (1.0, 2.0), step=0.125, verify=False)
-    assert stopped.value.partial.values == (1.0, 1.125, 1.25)
-    assert not stopped.value.partial.reached
 
 
 @pytest.mark.parametrize("values", [(1.0,), (1.0, 1.0), ()])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trajopt import Constraint, Extremal, Linkage, Mesh, Phase, Problem, solve
-from trajopt.ocp.solving.guesses import line
+from trajopt.ocp.guesses import line
 
 
 def block(name: str, **more: Any) -> Phase:
@@ -146,7 +146,7 @@ def test_wrong_linkages_say_what_is_wrong() -> None:
     problem = two_halves()
     with pytest.raises(ValueError, match="target = 2: there are 2 phases"):
         dataclasses.replace(problem, linkages=(Linkage(0, 2),))
-    with pytest.raises(ValueError, match=r"'first' to 'second': its map gives 1 numbers for the 2"):
+    with pytest.raises(ValueError, match=r"'first' to 'second': map gives 1 numbers for the 2"):
         dataclasses.replace(problem, linkages=(Linkage(0, 1, lambda x, p: x[0]),))
     with pytest.raises(
         ValueError, match=r"flow was traced for .* \(2, 1, 0\), here .* \(2, 1, 1\)"

@@ -8,11 +8,10 @@ from typing import Any
 import casadi as ca
 import pytest
 
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.solving.guesses import Waves
-from trajopt.ocp.solving.solve import solve
+from trajopt.ocp.guesses import Waypoints
+from trajopt.ocp.multi_start import multi_start
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
 
 
 def drift(cost: Any, **changes: Any) -> Problem:
@@ -70,6 +69,6 @@ def test_a_guess_on_a_saddle_leads_away_from_it() -> None:
 
 def test_a_search_does_not_count_a_saddle_as_an_optimum() -> None:
     problem = valley()
-    search = multi_start(problem, Waves(problem), 2)
+    search = multi_start(problem, Waypoints(problem), 2)
     assert not search.optima
     assert all("Diverging" in outcome.failure for outcome in search.failures)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
 
 
 @pytest.mark.parametrize("scheme", ["radau", "trapezoid", "hermite-simpson"])

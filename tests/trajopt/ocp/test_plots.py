@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from trajopt.ocp.pose.linkage import Linkage
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.problem import Linkage, Phase, Problem
+from trajopt.ocp.solve import solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 
 def flight() -> Problem:

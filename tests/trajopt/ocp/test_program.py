@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from trajopt import Constraint, Linkage, Mesh, Phase, Problem
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.transcribe.nlp import Transcription
-from trajopt.ocp.transcribe.packing import pack, unpack
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.layout import pack, unpack
+from trajopt.ocp.transcription import Transcription
 
 
 def everything() -> Problem:

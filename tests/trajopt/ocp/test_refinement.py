@@ -12,10 +12,9 @@ import pytest
 
 from tests.trajopt.ocp.motions import block, sampled
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
-from trajopt.ocp import textbook
-from trajopt.ocp.judge.accuracy import Quality, assess
-from trajopt.ocp.solving import refinement
-from trajopt.ocp.solving.refinement import Tolerances, certified, refined
+from trajopt.ocp import refinement, textbook
+from trajopt.ocp.accuracy import Quality, assess
+from trajopt.ocp.refinement import Tolerances, certified, refined
 
 NONE = np.zeros(0)
 
@@ -213,7 +212,7 @@ def test_each_tolerance_costs_a_few_meshes_and_is_met() -> None:
 
 
 def test_the_best_mesh_is_kept_when_a_finer_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    module, calls = importlib.import_module("trajopt.ocp.solving.solve"), []
+    module, calls = importlib.import_module("trajopt.ocp.solve"), []
     refine_ = module.refined
 
     def recorded(mesh: Mesh, *rest: object) -> Mesh:

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from trajopt import Mesh, Phase, Problem
-from trajopt.ocp.solving.guesses import straight_lines
-from trajopt.ocp.transcribe.nlp import Result, Transcription
-from trajopt.ocp.transcribe.schemes import hermite_simpson, radau, trapezoid
-from trajopt.ocp.transcribe.schemes.polynomials import (
+from trajopt.ocp.guesses import straight_lines
+from trajopt.ocp.schemes import (
     bernstein_matrix,
     differentiation_matrix,
+    hermite_simpson,
     lagrange_matrix,
     quadrature_weights,
+    radau,
     radau_nodes,
+    trapezoid,
 )
+from trajopt.ocp.transcription import Result, Transcription
 
 #: (scheme, degree, elements): errors there are far above rounding.
 LADDERS = [

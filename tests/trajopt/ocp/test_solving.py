@@ -23,9 +23,9 @@ from trajopt import (
     solve,
 )
 from trajopt.ocp import textbook
-from trajopt.ocp.solving.guesses import line, polyline, straight_lines
-from trajopt.ocp.solving.runs import LADDER
-from trajopt.ocp.transcribe.nlp import Transcription
+from trajopt.ocp.guesses import line, polyline, straight_lines
+from trajopt.ocp.solve import OPTION_SETS
+from trajopt.ocp.transcription import Transcription
 
 FREE = math.inf
 
@@ -61,7 +61,7 @@ def swing() -> Extremal:
 def test_every_rung_of_the_ladder_is_logged() -> None:
     found = solve(impossible())
     assert not found.converged
-    assert [attempt.options for attempt in found.attempts] == [dict(rung) for rung in LADDER]
+    assert [attempt.options for attempt in found.attempts] == [dict(rung) for rung in OPTION_SETS]
     assert not any(attempt.succeeded for attempt in found.attempts)
     assert "retried" in found.report()
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.trajopt.ocp.motions import block, sampled
 from trajopt import PhaseTrajectory
-from trajopt.ocp.solving.switches import breaks, is_smooth, switch_points
+from trajopt.ocp.refinement import breaks, is_smooth, switch_points
 
 NONE = np.zeros(0)
 

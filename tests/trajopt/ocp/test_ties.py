@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajopt.ocp.search.optima import Outcome, distinct
-from trajopt.ocp.solving.guesses import line
-from trajopt.ocp.solving.ties import clearly_less, least_first, tied
+from trajopt.ocp.guesses import line
+from trajopt.ocp.multi_start import Outcome, distinct
+from trajopt.ocp.ranking import clearly_less, least_first, tied
 
 
 def test_items_that_clearly_differ_are_in_order_of_cost() -> None:
@@ -33,5 +33,5 @@ def test_of_starts_that_led_to_one_optimum_the_first_stands_for_it(hair: float) 
     mirrored = line(np.zeros(1), -np.ones(1), np.zeros(1), 1.0)
     ends = {4: (way, 1.0), 2: (mirrored, 1.0 + hair), 7: (way, 1.0 - hair), 5: (way, 0.5)}
     outcomes = [Outcome(i, "", cost, (end,), np.empty(0), 1, "") for i, (end, cost) in ends.items()]
-    found = [(optimum.best.index, optimum.found) for optimum in distinct(outcomes)]
+    found = [(optimum.best.index, optimum.starts) for optimum in distinct(outcomes)]
     assert found == [(5, (5,)), (2, (2,)), (4, (4, 7))]

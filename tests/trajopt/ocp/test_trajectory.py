@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from trajopt.ocp.search.continuation import extrapolated
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.continuation import extrapolated
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 ENDS = np.array([0.0, 1.0])
 EDGES = np.array([0.0, 0.1, 0.3, 0.7])

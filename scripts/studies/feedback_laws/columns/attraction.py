@@ -16,7 +16,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from scripts.studies.feedback_laws.sizes import Sizes
 from scripts.studies.feedback_laws.subject import Subject
-from trajopt.feedback.joined import NEAR
+from trajopt.feedback.controller import NEAR
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Orbit, squared_distances
 

@@ -10,8 +10,7 @@ import numpy as np
 from rimless_gym.equations import SINGLE
 from scripts.studies.feedback_laws.sizes import Sizes
 from scripts.studies.feedback_laws.subject import Subject
-from trajopt.feedback.guard import Guarded
-from trajopt.feedback.joined import Joined
+from trajopt.feedback.controller import ContactGuard, SwitchingController
 from trajopt.feedback.law import Controller, Floats
 
 #: Wheels of a batch.
@@ -23,7 +22,7 @@ SECONDS, REPEATS = 0.1, 5
 
 def timing(subject: Subject, sizes: Sizes) -> dict[str, Any]:
     """Seconds per decision on the gait, where the catch is not asked."""
-    controller = Guarded(subject.params, Joined(subject.law, _no_catch))
+    controller = ContactGuard(subject.params, SwitchingController(subject.law, _no_startup))
     t = subject.gait.duration * (np.arange(BATCH) + 0.5) / BATCH
     states, modes = subject.gait.state(t), np.full(BATCH, SINGLE)
     single = [state.copy() for state in states]
@@ -33,7 +32,7 @@ def timing(subject: Subject, sizes: Sizes) -> dict[str, Any]:
     }
 
 
-def _no_catch(x: Floats, mode: Any) -> Floats:
+def _no_startup(x: Floats, mode: Any) -> Floats:
     return np.zeros(len(x))
 
 

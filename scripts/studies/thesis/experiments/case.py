@@ -9,9 +9,9 @@ from typing import TypeAlias
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.optima import StartFamily
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.multi_start import StartFamily
+from trajopt.ocp.problem import Problem
 
 
 @dataclasses.dataclass(frozen=True)

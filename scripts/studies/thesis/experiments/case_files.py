@@ -10,8 +10,7 @@ from pathlib import Path
 from scripts.studies.thesis.experiments.case import Case, Key
 from scripts.studies.thesis.experiments.solve import of_durations, simulated
 from scripts.studies.thesis.experiments.solved import Solved
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.results.saved import ExtremalFileError
+from trajopt.ocp.extremal import Extremal, ExtremalFileError
 from trajopt.provenance import provenance
 
 #: Fields of `Solved` about the search, which a file keeps beside the best solution.

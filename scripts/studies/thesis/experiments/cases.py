@@ -45,8 +45,8 @@ from scripts.studies.thesis.experiments.tables import (
     Weights,
     symmetric,
 )
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.problem import Problem
 
 NOMINAL = THESIS_NOMINAL.replace(motor_mount="frame", impact_law="relabel")
 PHYSICAL = THESIS_PHYSICAL.replace(motor_mount="frame", voltage_limit=65.0)

@@ -11,9 +11,9 @@ from agents.reports.charts import Axis, Chart, Series
 from scripts.studies.thesis.experiments.power import powers
 from scripts.studies.thesis.experiments.replay import Replay, sampled_times
 from scripts.studies.thesis.experiments.solved import Solved
-from trajopt.gaits.stance import STATES
+from trajopt.gaits.problem import STATES
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Charts of states: what they show, the unit, the columns.
 PANELS = (("Angles", "angle / pi", (0, 1)), ("Rates", "rate / (pi/s)", (2, 3)))

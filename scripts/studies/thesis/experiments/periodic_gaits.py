@@ -14,12 +14,12 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
-from trajopt.gaits.designed import designed_gait
 from trajopt.gaits.periodic import periodic_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.optima import Start
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.multi_start import Start
+from trajopt.ocp.problem import Problem
 
 #: Of the gaits: m/s, and steps per stride.
 SPEED, STEPS = 0.5, 2

@@ -14,7 +14,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
 from scripts.studies.thesis.experiments.replay import SAMPLES, sampled_times
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
 

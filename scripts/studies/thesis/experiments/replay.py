@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
-from trajopt.gaits.playback import playback, played_to_last_touchdown
+from trajopt.gaits.verify import playback, simulated_stride
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Times per element of a mesh at which motions are compared.
 SAMPLES = 24
@@ -58,7 +58,7 @@ class Replay:
 
 def replayed(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Replay:
     """Simulate under the solution's own control."""
-    return _compared(played_to_last_touchdown(params, phases, SPARE_TIMES), phases)
+    return _compared(simulated_stride(params, phases, SPARE_TIMES), phases)
 
 
 def resampled(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Replay:

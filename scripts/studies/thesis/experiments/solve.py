@@ -13,16 +13,13 @@ from scripts.studies.thesis.experiments.case import Case
 from scripts.studies.thesis.experiments.replay import replayed, resampled
 from scripts.studies.thesis.experiments.solved import Solved
 from scripts.studies.thesis.experiments.starts import WaypointStarts
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.search.optima import Outcome
-from trajopt.ocp.search.search import Search
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Outcome, Search, multi_start
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: Costs that differ by less (relative, absolute) count as equal.
 AS_GOOD = (1e-4, 1e-7)
@@ -62,9 +59,9 @@ def solved(case: Case, before: Solved | None = None) -> Solved:
     return Solved(
         key=case.key,
         extremal=extremal,
-        optima=tuple((o.cost, len(o.found), _duration(o.best)) for o in search.optima),
+        optima=tuple((o.cost, len(o.starts), _duration(o.best)) for o in search.optima),
         failed=len(search.failures),
-        reaching=len(search.optima[0].found),
+        reaching=len(search.optima[0].starts),
         **simulated(case, extremal, before),
         seconds=time.perf_counter() - begin,
     )
@@ -94,7 +91,7 @@ def _best(search: Search, quickest: bool) -> Outcome:
     best = search.optima[0]
     if not quickest:
         return best.best
-    return least_first((o for o in search.outcomes if o.index in best.found), _duration)[0]
+    return least_first((o for o in search.outcomes if o.index in best.starts), _duration)[0]
 
 
 def of_durations(problem: Problem, phases: Sequence[PhaseTrajectory]) -> Problem:

@@ -13,8 +13,8 @@ from scripts.studies.thesis.experiments.case import Case, Key
 from scripts.studies.thesis.experiments.cases import case_of
 from scripts.studies.thesis.experiments.power import energy, least_normal_force
 from scripts.studies.thesis.experiments.replay import Replay, sampled_times
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 #: The largest errors of a converged case: of the mesh, the simulated states, the touchdowns (s).
 MESH_ERROR, STATE_ERROR, TIME_ERROR = 1e-7, 1e-6, 1e-8

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.solving.guesses import Guess, Waypoints
-from trajopt.ocp.transcribe.trajectory import PhaseTrajectory
+from trajopt.ocp.constraints import pair
+from trajopt.ocp.guesses import Guess, Waypoints
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,12 +11,10 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import Design
 from scripts.studies.thesis.experiments.tables import Table, Weights
-from trajopt.gaits.stance import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
+from trajopt.gaits.problem import CONTROLS, GUARD_MARGIN, STATES, WheelPhases
 from trajopt.ocp.arrays import Array
-from trajopt.ocp.pose.bounds import Bounds
-from trajopt.ocp.pose.constraint import Constraint
-from trajopt.ocp.pose.phase import Phase
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import Bounds, Constraint
+from trajopt.ocp.problem import Phase, Problem
 
 #: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
@@ -69,7 +67,7 @@ def step(
         name=f"step {index + 1}",
         states=STATES,
         controls=CONTROLS,
-        flow=wheel.of("flow"),
+        flow=wheel.function("flow"),
         cost=weights,
         path=_contact(wheel) if contact else None,
         at_end=_impulse(wheel) if contact and not last else None,
@@ -89,7 +87,7 @@ def least_final_swing(params: WheelParams, table: Table) -> Problem:
 def least_pull(params: WheelParams, table: Table) -> Problem:
     """The step whose foot must be held down least; its cost is that force, in weights."""
     wheel = WheelPhases(params)
-    force, weight = wheel.of("ground_reaction"), wheel.of("weight")
+    force, weight = wheel.function("ground_reaction"), wheel.function("weight")
     held = Constraint(
         lambda x, u, p: force(x, u, p)[1] / weight(x, p) + p[0],
         np.zeros(1),
@@ -106,7 +104,7 @@ def least_pull(params: WheelParams, table: Table) -> Problem:
 
 def _contact(wheel: WheelPhases) -> Constraint:
     """The ground can only push, and holds by friction."""
-    force, weight = wheel.of("ground_reaction"), wheel.of("weight")
+    force, weight = wheel.function("ground_reaction"), wheel.function("weight")
 
     def cone(x: Any, u: Any, p: Any) -> Any:
         return wheel.inside_cone(*ca.vertsplit(force(x, u, p) / weight(x, p)))
@@ -116,7 +114,9 @@ def _contact(wheel: WheelPhases) -> Constraint:
 
 def _impulse(wheel: WheelPhases) -> Constraint:
     """The same for the impulse of the touchdown."""
-    momentum, touchdown, weight = (wheel.of(n) for n in ("linear_momentum", "touchdown", "weight"))
+    momentum, touchdown, weight = (
+        wheel.function(n) for n in ("linear_momentum", "touchdown", "weight")
+    )
 
     def cone(x: Any, p: Any) -> Any:
         jump = momentum(touchdown(x, p), p) - momentum(x, p)

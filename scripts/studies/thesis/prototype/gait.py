@@ -10,20 +10,16 @@ import numpy as np
 
 from scripts.studies.thesis.prototype.starts import StartsAtScale
 from scripts.studies.thesis.prototype.variant import Variant
-from trajopt.gaits.finishing import finished
-from trajopt.gaits.optimality import LocalOptimum
+from trajopt.gaits.periodic import finished
+from trajopt.gaits.problem import CONTROL_DEGREE
 from trajopt.gaits.search import same_gait
-from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import CONTROL_DEGREE
-from trajopt.ocp.results.extremal import Extremal
-from trajopt.ocp.search.continuation import continued
-from trajopt.ocp.search.curve import Curve, Obstacle
-from trajopt.ocp.search.multi_start import multi_start
-from trajopt.ocp.search.optima import Outcome
-from trajopt.ocp.solving.runs import WARM_BARRIER
-from trajopt.ocp.solving.solve import solve
-from trajopt.ocp.solving.ties import least_first
-from trajopt.ocp.transcribe.mesh import Mesh
+from trajopt.gaits.solution import LocalOptimum, Solution
+from trajopt.ocp.continuation import Curve, Obstacle, continued
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Outcome, multi_start
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import WARM_BARRIER, solve
 
 #: Random starts per scale, and how many of their optima are refined until one is verified.
 STARTS, REFINED = 16, 2
@@ -57,7 +53,7 @@ def cheapest(
     mesh = Mesh.uniform(base, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
     search = multi_start(*(base, family, STARTS + len(known)), seed=seed, mesh=mesh, same=same_gait)
     reasons = [outcome.failure for outcome in search.failures]
-    optima = tuple(LocalOptimum(o.cost, int(o.best.kind), len(o.found)) for o in search.optima)
+    optima = tuple(LocalOptimum(o.cost, int(o.best.kind), len(o.starts)) for o in search.optima)
     for optimum in search.optima[:REFINED]:
         best = optimum.best
         found = refined(variant, scale, best, int(best.kind), optima)

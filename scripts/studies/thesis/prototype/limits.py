@@ -6,8 +6,8 @@ import numpy as np
 
 from rimless_gym import hybrid
 from rimless_gym.symbolic import HybridModel
+from trajopt.gaits.problem import MIN_NORMAL_FORCE
 from trajopt.gaits.solution import Solution
-from trajopt.gaits.stance import MIN_NORMAL_FORCE
 
 
 def binding(gait: Solution) -> dict[str, float]:

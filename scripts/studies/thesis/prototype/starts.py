@@ -11,9 +11,9 @@ from rimless_gym.params import WheelParams
 from scripts.studies.thesis.prototype.variant import GEARS, SPEEDS, Variant
 from trajopt.gaits.search import random_guess
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.pose.problem import Problem
-from trajopt.ocp.search.optima import Start
-from trajopt.ocp.solving.guesses import Guess
+from trajopt.ocp.guesses import Guess
+from trajopt.ocp.multi_start import Start
+from trajopt.ocp.problem import Problem
 
 #: Most turns of theta per step, either way: light pendulums whirl.
 MOST_TURNS = 8

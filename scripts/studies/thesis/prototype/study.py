@@ -13,9 +13,9 @@ from rimless_gym.presets import THESIS_PHYSICAL
 from scripts.studies.thesis.prototype.gait import cheaper, cheapest
 from scripts.studies.thesis.prototype.points import Point, store, stored
 from scripts.studies.thesis.prototype.variant import SCALES, VARIANTS, Variant
-from trajopt.gaits.shipped import shipped
+from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.solving.ties import least_first
+from trajopt.ocp.ranking import least_first
 from trajopt.processes import Submit, pool
 
 

@@ -11,10 +11,10 @@ from typing import Any
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PROTOTYPE
 from rimless_gym.symbolic import Design
-from trajopt.gaits.designed import designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.solution import Solution
-from trajopt.ocp.pose.bounds import pair
-from trajopt.ocp.pose.problem import Problem
+from trajopt.ocp.constraints import pair
+from trajopt.ocp.problem import Problem
 
 #: Mass and length of the pendulum in units of those as built; 4 is the machine of Table 4.6.
 SCALES = (4.0, 3.5, 3.0, 2.5, 2.0, 1.75, 1.6, 1.5, 1.4, 1.3, 1.2, 1.15, 1.1, 1.0)

@@ -1,0 +1,178 @@
+"""Searches from many starts: their optima, workers, interruptions and files."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from trajopt.ocp.constraints import nonnegative, pair
+from trajopt.ocp.guesses import Guess, Waypoints, straight_lines
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Search, Start, best_of, multi_start
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.solve import solve
+
+
+def clearance(x: ca.SX, u: ca.SX, p: ca.SX) -> Any:
+    return [(x[0] - 0.5) ** 2 + (x[1] - 0.05) ** 2 - 0.3**2]
+
+
+def around(duration: Any = 1.0, speed: float = 10.0) -> Problem:
+    """From (0, 0) to (1, 0) past a disc whose centre is a little to the left of the way."""
+    way = Phase(
+        "way",
+        states=("x", "y"),
+        controls=("vx", "vy"),
+        flow=lambda x, u, p: u,
+        cost=lambda x, u, p: ca.sumsqr(u),
+        path=nonnegative(clearance, "clearance"),
+        bounds={"y": (-1.0, 1.0), "vx": (-speed, speed), "vy": (-speed, speed)},
+        start={"x": 0.0, "y": 0.0},
+        end={"x": 1.0, "y": 0.0},
+        duration=duration,
+    )
+    return Problem((way,))
+
+
+AROUND = around()
+FAMILY = Waypoints(AROUND)
+
+
+@pytest.fixture(scope="module")
+def search() -> Search:
+    return multi_start(AROUND, FAMILY, 16)
+
+
+def test_both_ways_past_a_disc_are_found_the_shorter_one_first(search: Search) -> None:
+    right, left = search.optima[:2]
+    assert right.cost < left.cost
+    middle = [optimum.phases[0].state(0.5)[0, 1] for optimum in (right, left)]
+    assert middle[0] < -0.24
+    assert middle[1] > 0.34
+
+
+def test_every_start_led_to_an_optimum_or_says_why_not(search: Search) -> None:
+    found = [index for optimum in search.optima for index in optimum.starts]
+    failed = [outcome.index for outcome in search.failures]
+    assert sorted(found + failed) == list(range(16))
+
+
+def test_the_report_says_how_often_each_optimum_was_found(search: Search) -> None:
+    share = len(search.optima[0].starts) / 16
+    assert f"{share:.1%}" in search.report()
+
+
+def test_the_best_are_refined_and_verified(search: Search) -> None:
+    best, second = best_of(search, 2)
+    assert best.converged
+    assert second.converged
+    assert best.cost < second.cost
+    assert best.cost == pytest.approx(search.optima[0].cost, rel=0.02)
+
+
+def test_the_same_seed_gives_the_same_outcomes_whatever_the_number_of_workers(
+    search: Search,
+) -> None:
+    parallel = multi_start(AROUND, FAMILY, 16, workers=2)
+    for one, other in zip(search.outcomes, parallel.outcomes, strict=True):
+        assert (one.index, one.cost, one.failure) == (other.index, other.cost, other.failure)
+        assert np.array_equal(one.phases[0].states, other.phases[0].states)
+
+
+def test_another_seed_gives_other_guesses_but_start_0_is_the_straight_line() -> None:
+    family = FAMILY
+    first, second = (family(np.random.default_rng([seed, 1]), 1)[0] for seed in (0, 1))
+    assert not np.array_equal(first.states, second.states)
+    line = straight_lines(AROUND)[0]
+    assert np.array_equal(family(np.random.default_rng(5), 0)[0].states, line.states)
+
+
+def test_guesses_keep_to_the_bounds() -> None:
+    problem = around(duration=(0.5, 2.0))
+    phase = problem.phases[0]
+    for index in range(20):
+        guess = Waypoints(problem)(np.random.default_rng(index), index)[0]
+        lower, upper = phase.state_bounds()
+        assert np.all(guess.states >= lower)
+        assert np.all(guess.states <= upper)
+        lower, upper = phase.control_bounds()
+        assert np.all(guess.controls >= lower)
+        assert np.all(guess.controls <= upper)
+        least, most = pair(phase.duration)
+        assert least <= guess.duration <= most
+
+
+@dataclasses.dataclass
+class Unplugged:
+    """Ctrl-C is pressed at one start; counts the others."""
+
+    at: int = -1
+    drawn: int = 0
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
+        if index == self.at:
+            raise KeyboardInterrupt
+        self.drawn += 1
+        return FAMILY(rng, index)
+
+
+def test_an_interrupted_search_continues_from_its_folder(search: Search, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        multi_start(AROUND, Unplugged(at=5), 16, folder=tmp_path)
+    family = Unplugged()
+    whole = multi_start(AROUND, family, 16, folder=tmp_path)
+    assert family.drawn == 11
+    for one, other in zip(whole.outcomes, search.outcomes, strict=True):
+        assert (one.index, one.cost, one.iterations) == (other.index, other.cost, other.iterations)
+        assert np.array_equal(one.phases[0].states, other.phases[0].states)
+    assert whole.report() == search.report()
+
+
+def test_the_folder_of_another_search_is_refused(tmp_path: Path) -> None:
+    multi_start(AROUND, FAMILY, 1, folder=tmp_path)
+    multi_start(AROUND, FAMILY, 2, folder=tmp_path)  # more starts are the same search
+    for other in ({"seed": 1}, {"mesh": Mesh.uniform(AROUND, 5)}, {"tol": 1e-6}):
+        with pytest.raises(ValueError, match="choose another folder"):
+            multi_start(AROUND, FAMILY, 1, folder=tmp_path, **other)
+    with pytest.raises(ValueError, match="choose another folder"):
+        multi_start(around(speed=9.0), FAMILY, 1, folder=tmp_path)
+
+
+def test_a_problem_without_solutions_yields_none_and_the_reasons() -> None:
+    slow = around(speed=0.5)
+    search = multi_start(slow, Waypoints(slow), 3)
+    assert not search.optima
+    assert "NO LOCAL OPTIMUM" in search.report()
+    assert all("violated" in outcome.failure for outcome in search.failures)
+    assert best_of(search) == ()
+
+
+@dataclasses.dataclass(frozen=True)
+class TwoTurns:
+    """The way in two durations, which are different problems and different optima."""
+
+    problem: Problem
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Start:
+        duration = 1.0 + index % 2
+        phase = dataclasses.replace(self.problem.phases[0], duration=duration)
+        timed = dataclasses.replace(self.problem, phases=(phase,))
+        problems = (self.problem, timed)
+        return Start(straight_lines(self.problem), problems=problems, kind=f"{duration:g} s")
+
+
+def test_starts_may_differ_in_the_numbers_of_their_problem() -> None:
+    search = multi_start(AROUND, TwoTurns(AROUND), 4)
+    slow, quick = search.optima
+    assert (slow.best.kind, quick.best.kind) == ("2 s", "1 s")
+    assert slow.cost == pytest.approx(quick.cost / 2, rel=1e-3)
+    assert best_of(search)[0].duration == 2.0
+
+
+def test_what_solve_finds_by_itself_is_not_better(search: Search) -> None:
+    assert solve(AROUND).cost >= best_of(search)[0].cost - 1e-6

@@ -1,1 +1,0 @@
-"""Periodic gaits whose voltage is held over every interval of a clock."""

@@ -1,0 +1,220 @@
+"""The gaits that are shipped with the package, from which searches near them start.
+
+They are in one archive: the file of each gait, as `Solution.save` writes it, and an index. Thus a
+search reads only the gaits from which it starts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+import zipfile
+from collections.abc import Mapping, Sequence
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from trajopt.gaits.solution import Solution
+from trajopt.ocp.ranking import least_first
+from trajopt.store import write_bytes
+
+ARCHIVE = Path(__file__).parent / "library" / "gaits.zip"
+
+INDEX = "index.json"
+
+#: Gaits whose distances in speed differ by less than this (m/s) are ranked by their CoT.
+NEAR = 0.02
+
+
+class Entry(NamedTuple):
+    """A gait in the index.
+
+    Attributes:
+        name: of the gait's file in the archive.
+        params: the machine.
+        steps: touchdowns per stride.
+        theta_turns: whole turns that theta gains in a stride.
+        speed: m/s.
+        cot: cost of transport.
+        repeated: how many strides of the file make this one.
+    """
+
+    name: str
+    params: WheelParams
+    steps: int
+    theta_turns: int
+    speed: float
+    cot: float
+    repeated: int = 1
+
+    def load(self) -> Solution:
+        """Read the gait."""
+        return repeated(shipped_gait(self.name), self.repeated)
+
+
+class Gait(Protocol):
+    """What ranks gaits: an `Entry` or a `Solution`."""
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+
+    @property
+    def theta_turns(self) -> int:
+        """Whole turns that theta gains in a stride."""
+
+    @property
+    def speed(self) -> float:
+        """Mean speed (m/s)."""
+
+    @property
+    def cot(self) -> float:
+        """Cost of transport."""
+
+
+G = TypeVar("G", bound=Gait)
+
+
+@lru_cache
+def index() -> tuple[Entry, ...]:
+    """All gaits of the archive, in order of file name."""
+    with zipfile.ZipFile(ARCHIVE) as archive:
+        content = json.loads(archive.read(INDEX))
+    machines = [WheelParams(**fields) for fields in content["machines"]]
+    return tuple(Entry(name, machines[i], *figures) for name, i, *figures in content["gaits"])
+
+
+@cache
+def shipped_gait(name: str) -> Solution:
+    """The gait of a file in the archive."""
+    with zipfile.ZipFile(ARCHIVE) as archive:
+        return Solution.load(io.BytesIO(archive.read(name)))
+
+
+def shipped(params: WheelParams | None = None) -> tuple[Solution, ...]:
+    """The shipped gaits, or those of one machine, in order of file name."""
+    return tuple(each.load() for each in index() if params in (None, each.params))
+
+
+def gait_files(path: Path) -> dict[str, bytes]:
+    """The files of all gaits in an archive, by name; none if there is no archive."""
+    if not path.exists():
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if name != INDEX}
+
+
+def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write the archive anew.
+
+    Args:
+        path: of the archive.
+        files: the files of all its gaits, by name.
+    """
+    machines: list[dict[str, object]] = []
+    gaits: list[tuple[object, ...]] = []
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in sorted(files):
+            archive.writestr(zipfile.ZipInfo(name), files[name])
+            gait = Solution.load(io.BytesIO(files[name]))
+            if gait.params.to_dict() not in machines:
+                machines.append(gait.params.to_dict())
+            machine = machines.index(gait.params.to_dict())
+            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
+        text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
+        archive.writestr(zipfile.ZipInfo(INDEX), text)
+    write_bytes(path, content.getvalue())
+
+
+# -- warm starts ----------------------------------------------------------------------------------
+
+
+def warm_starts(
+    params: WheelParams, speed: float, steps: int, most: int | None = None
+) -> list[Solution]:
+    """Shipped gaits to start from, the most promising first (see `ranked`), at most `most`."""
+    return [entry.load() for entry in candidates(params, speed, steps)[:most]]
+
+
+def candidates(params: WheelParams, speed: float, steps: int) -> list[Entry]:
+    """The entries of `warm_starts`: gaits of as many steps, or of a divisor of them, repeated."""
+    entries = []
+    for divisor in range(1, steps + 1):
+        if steps % divisor == 0:
+            times = steps // divisor
+            for entry in nearest(params, speed, divisor):
+                turns = entry.theta_turns * times
+                entries.append(entry._replace(steps=steps, theta_turns=turns, repeated=times))
+    return ranked(entries, params, speed)
+
+
+def nearest(params: WheelParams, speed: float, steps: int) -> list[Entry]:
+    """The shipped gaits of as many steps that are nearest: by legs, by machine, then by speed.
+
+    One for every number of turns of theta.
+    """
+    fitting = [entry for entry in index() if entry.steps == steps]
+    least = min((_legs_apart(entry, params) for entry in fitting), default=0)
+    fitting = [entry for entry in fitting if _legs_apart(entry, params) == least]
+    families: dict[int, Entry] = {}
+
+    def distance(entry: Entry) -> tuple[int, float]:
+        differing, gap = _distance(entry, params, speed)
+        return differing, round(gap, 6)  # m/s; rounding must not decide between equal distances
+
+    for entry in sorted(fitting, key=distance):
+        families.setdefault(entry.theta_turns, entry)
+    return list(families.values())
+
+
+def ranked(gaits: Sequence[G], params: WheelParams, speed: float) -> list[G]:
+    """Gaits sorted by distance in machine, by distance in speed to within `NEAR`, then by cost.
+
+    The cost that counts is a family's, all gaits of one number of turns of the pendulum: it is that
+    of its gait nearest in speed. A slower gait of the family costs less and is no better a guess.
+    """
+
+    def nearness(gait: G) -> tuple[int, int]:
+        differing, gap = _distance(gait, params, speed)
+        return differing, round(gap / NEAR - 1e-3)  # shifted, so that round speeds are not on edge
+
+    def gap(gait: G) -> float:
+        return round(_distance(gait, params, speed)[1], 6)
+
+    families: dict[tuple[tuple[int, int], int], list[G]] = {}
+    for gait in sorted(least_first(gaits, lambda gait: gait.cot), key=gap):
+        families.setdefault((nearness(gait), gait.theta_turns), []).append(gait)
+    best = least_first(families.values(), lambda family: family[0].cot)
+    best.sort(key=lambda family: nearness(family[0]))
+    return [gait for family in best for gait in family]
+
+
+def _legs_apart(gait: Gait, params: WheelParams) -> int:
+    return abs(gait.params.n_legs - params.n_legs)
+
+
+def _distance(gait: Gait, params: WheelParams, speed: float) -> tuple[int, float]:
+    return _fields_apart(gait.params, params), abs(gait.speed - speed)
+
+
+@lru_cache
+def _fields_apart(one: WheelParams, other: WheelParams) -> int:
+    mine, theirs = (dataclasses.asdict(params) for params in (one, other))
+    return sum(mine[name] != theirs[name] for name in mine)
+
+
+def repeated(solution: Solution, times: int) -> Solution:
+    """The same gait with `times` strides as one; its verification remains that of one stride."""
+    if times == 1:
+        return solution
+    turns, phases = solution.theta_turns, []
+    for stride in range(times):
+        turned = np.array([0.0, 2 * math.pi * turns * stride, 0.0, 0.0])
+        phases += [dataclasses.replace(p, states=p.states + turned) for p in solution.phases]
+    return dataclasses.replace(solution, phases=tuple(phases), theta_turns=turns * times)

@@ -1,0 +1,401 @@
+"""The wheel's optimal control problems: its modes as phases, its resets as linkages.
+
+`gait_problem` is the problem of a periodic gait; `WheelPhases` has the phases and linkages of which
+any other problem of the wheel is made. `lacks_power` shows where no gait exists.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from rimless_gym import hybrid
+from rimless_gym.equations import PLASTIC, equations
+from rimless_gym.hybrid import MAX_RATE
+from rimless_gym.params import WheelParams
+from rimless_gym.rules import may_touch
+from rimless_gym.symbolic import Design, HybridModel
+from trajopt.ocp.constraints import Bounds, Constraint
+from trajopt.ocp.problem import Linkage, Phase, Problem
+from trajopt.ocp.textbook import Example
+
+STATES = ("phi", "theta", "phi'", "theta'")
+CONTROLS = ("V",)
+
+#: Highest degree of the control polynomials. Where the motor coasts, V = K psi' is curved.
+CONTROL_DEGREE = 3
+
+#: Least normal force, in weights: feedback could not hold a gait on the brink of lift-off. This is
+#: a margin of the design; a walk counts while its foot is pressed down (`rimless_gym.rules`).
+MIN_NORMAL_FORCE = 0.05
+
+#: Least phi' just before and just after a touchdown (rad/s), so that the guard is crossed.
+MIN_TOUCHDOWN_RATE = 0.01
+
+#: Shortest duration of a phase (s): a tenth of the quickest step of any machine that walks.
+SHORTEST_STEP = 0.02
+
+#: Distance that phi keeps from the guards within a step (rad): a graze of 1e-7 rad would be a
+#: touchdown.
+GUARD_MARGIN = 1e-6
+
+
+def gait_problem(
+    params: WheelParams,
+    *,
+    speed: float,
+    steps: int,
+    theta_turns: int = 0,
+    regeneration: bool = False,
+) -> Problem:
+    """The problem of a periodic gait: `steps` single-stance phases in a ring, least energy.
+
+    Problems of one machine and number of steps differ only in numbers, and share their functions.
+
+    Args:
+        params: the machine.
+        speed: mean speed along the ground (m/s), imposed through the stride's duration.
+        steps: touchdowns per stride.
+        theta_turns: whole turns that theta gains in a stride.
+        regeneration: whether the battery takes energy back.
+    """
+    return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
+
+
+def posed(
+    ring: Problem, params: WheelParams, speed: float, theta_turns: int, regeneration: bool
+) -> Problem:
+    """A `gait_problem` of the same machine and steps with other numbers; shares its functions."""
+    turns = {"theta": -2 * math.pi * theta_turns}
+    floor = -math.inf if regeneration else params.idle_power
+    return dataclasses.replace(
+        ring,
+        phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
+        linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
+        duration=len(ring.phases) * params.step_length / speed,
+    )
+
+
+@lru_cache(maxsize=8)
+def _ring(params: WheelParams, steps: int) -> Problem:
+    wheel = WheelPhases(params)
+    step = wheel.single_stance()
+    links = [wheel.touchdown(i, (i + 1) % steps) for i in range(steps)]
+    return Problem((step,) * steps, tuple(links))
+
+
+def designed_gait(
+    params: WheelParams,
+    design: Design,
+    bounds: Bounds,
+    *,
+    steps: int,
+    duration: float | tuple[float, float],
+    theta_turns: int = 0,
+) -> Problem:
+    """The problem of a periodic gait of least E+ per weight and distance, and of its machine.
+
+    Args:
+        params: the machine, apart from what is to be chosen.
+        design: what is to be chosen: the problem's static parameters.
+        bounds: on the static parameters, by name.
+        steps: touchdowns per stride.
+        duration: of a stride (s), or bounds on it.
+        theta_turns: whole turns that theta gains in a stride.
+    """
+    wheel = WheelPhases(params, design)
+    power, weight = wheel.function("electrical_power"), wheel.function("weight")
+    distance = steps * params.step_length
+
+    def per_weight_and_distance(x: Any, u: Any, p: Any) -> Any:
+        return power(x, u, p) / (weight(x, p) * distance)
+
+    def idle(x: Any, u: Any, p: Any) -> Any:
+        return params.idle_power / (weight(x, p) * distance)
+
+    stance = dataclasses.replace(
+        wheel.single_stance(),
+        powers=per_weight_and_distance,
+        floor=0.0,
+        cost=idle if params.idle_power else None,
+    )
+    links = [wheel.touchdown(i, i + 1) for i in range(steps - 1)]
+    links.append(wheel.touchdown(steps - 1, 0, theta_turns))
+    return Problem((stance,) * steps, tuple(links), parameters=bounds, duration=duration)
+
+
+class WheelPhases:
+    """Phases and linkages of one machine, from which problems are put together.
+
+    Args:
+        params: the machine.
+        design: what of it is to be chosen, if anything: the problem's static parameters.
+        regeneration: whether the battery takes energy back (cost E), or not (E+).
+    """
+
+    def __init__(
+        self, params: WheelParams, design: Design | None = None, *, regeneration: bool = False
+    ) -> None:
+        self.params, self.design, self.regeneration = params, design, regeneration
+        self.model = HybridModel(params, design)
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """A function of the hybrid model, whose last argument is the static parameters."""
+        function = self.model.functions[name]
+        return function if self.design else lambda *inputs: function(*inputs[:-1])
+
+    def single_stance(self, name: str = "single stance") -> Phase:
+        """From one forward touchdown to the next; phi may go backwards in between."""
+        c, V = self.params.constants, self.params.voltage_limit
+        momentum, touchdown, weight = (
+            self.function(n) for n in ("linear_momentum", "touchdown", "weight")
+        )
+
+        def impulse(x: Any, p: Any) -> Any:
+            after = touchdown(x, p)
+            px, py = ca.vertsplit(momentum(after, p) - momentum(x, p))
+            mass = weight(x, p) / self.params.gravity
+            return ca.vertcat(self.inside_cone(px / mass, py / mass), after[2])
+
+        return Phase(
+            name=name,
+            states=STATES,
+            controls=CONTROLS,
+            flow=self.function("flow"),
+            powers=self._power,
+            floor=self._floor,
+            path=self._limits(),
+            at_end=Constraint(
+                impulse,
+                np.array([0.0, 0.0, 0.0, MIN_TOUCHDOWN_RATE]),
+                np.full(4, np.inf),
+                (
+                    "upward touchdown impulse",
+                    "friction cone of the touchdown impulse (forward)",
+                    "friction cone of the touchdown impulse (backward)",
+                    "phi' after touchdown",
+                ),
+            ),
+            bounds=_rates() | {"phi": (c.a + GUARD_MARGIN, c.b - GUARD_MARGIN), "V": (-V, V)},
+            start={"phi": c.a, "phi'": (0.0, MAX_RATE)},
+            end={"phi": c.b, "phi'": (MIN_TOUCHDOWN_RATE, MAX_RATE)},
+            duration=(SHORTEST_STEP, math.inf),
+        )
+
+    def last_stance(self, name: str = "last stance") -> Phase:
+        """Single stance that ends so slowly that the wheel comes to rest on two feet."""
+        c = self.params.constants
+        energy = hybrid.REST_ENERGY * c.S1 * self.params.gravity
+        slow = math.sqrt(2 * energy / (c.Je1 + c.Jr * c.d1))
+        end = {"phi": c.b, "phi'": (0.1 * slow, 0.9 * slow)}
+        return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
+
+    def double_stance(self, name: str = "double stance") -> Phase:
+        """At rest on two feet, both pressed down; only the pendulum moves, and phi is a."""
+        c, V = self.params.constants, self.params.voltage_limit
+        guards = self.function("lift_off_guards")
+
+        def pressing(x: Any, u: Any, p: Any) -> Any:
+            leading, trailing = ca.vertsplit(guards(x, u, p))
+            return ca.vertcat(-leading, trailing)
+
+        # The guards are accelerations of phi (rad/s^2).
+        least = MIN_NORMAL_FORCE * self.params.gravity / self.params.leg_length
+        names = ("leading foot", "trailing foot")
+        return Phase(
+            name=name,
+            states=STATES,
+            controls=CONTROLS,
+            flow=self.function("flow_double_stance"),
+            powers=self._power,
+            floor=self._floor,
+            path=Constraint(pressing, np.full(2, least), np.full(2, np.inf), names),
+            bounds=_rates() | {"phi": c.a, "phi'": 0.0, "V": (-V, V)},
+            duration=(SHORTEST_STEP, math.inf),
+        )
+
+    def touchdown(self, source: int, target: int, theta_turns: int = 0) -> Linkage:
+        """Forward touchdown, after which `theta_turns` whole turns are subtracted from theta."""
+        offset = {"theta": -2 * math.pi * theta_turns} if theta_turns else {}
+        return Linkage(source, target, self.function("touchdown"), offset)
+
+    def stop(self, source: int, target: int) -> Linkage:
+        """The touchdown that leaves the wheel on two feet; `source` is a `last_stance`."""
+        stop, a = self.function("stop_on_two_feet"), self.params.constants.a
+        return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
+
+    def lift_off(self, source: int, target: int) -> Linkage:
+        """The trailing foot leaves the ground; the state does not jump."""
+        return Linkage(source, target)
+
+    def inside_cone(self, fx: Any, fy: Any) -> Any:
+        """Normal force and distances from the friction cone's two sides; none may be negative."""
+        mu = self.params.friction
+        return ca.vertcat(fy, mu * fy - fx, mu * fy + fx)
+
+    @property
+    def _floor(self) -> float:
+        return -math.inf if self.regeneration else self.params.idle_power
+
+    def _power(self, x: Any, u: Any, p: Any) -> Any:
+        return self.function("electrical_power")(x, u, p) + self.params.idle_power
+
+    def _limits(self) -> Constraint:
+        """The friction cone; and the pendulum's clearance, where it may touch the floor.
+
+        Of a machine that is to be designed, the pendulum is not known here: verification checks it.
+        """
+        force, weight = self.function("ground_reaction"), self.function("weight")
+        height, length = self.function("pendulum_clearance"), self.params.leg_length
+        clears = self.design is None and may_touch(self.params)
+
+        def inside(x: Any, u: Any, p: Any) -> Any:
+            fx, fy = ca.vertsplit(force(x, u, p) / weight(x, p))
+            cone = self.inside_cone(fx, fy)
+            return ca.vertcat(cone, height(x, p) / length) if clears else cone
+
+        least = [MIN_NORMAL_FORCE, 0.0, 0.0]
+        names = ["normal force", "friction cone (forward)", "friction cone (backward)"]
+        if clears:
+            least.append(0.0)
+            names.append("pendulum's clearance")
+        return Constraint(inside, np.array(least), np.full(len(least), np.inf), tuple(names))
+
+
+def _rates() -> dict[str, float | tuple[float, float]]:
+    return {"phi'": (-MAX_RATE, MAX_RATE), "theta'": (-MAX_RATE, MAX_RATE)}
+
+
+# -- where there is no gait ------------------------------------------------------------------------
+#
+# Over a stride the mechanical energy changes only by the work of the slope, and plastic touchdowns
+# take energy. So what the motor delivers at the hub, less the friction there, and what the slope
+# gives, must on average cover the air drag at least. Two things are known of every gait:
+#
+# - the leg turns by n alpha in a stride of n steps, so air drag, whose power is convex in phi',
+#   takes at least its power at the mean rate;
+# - psi turns by n alpha (0 with the frame mount) and a whole number of turns of theta, so |psi'| is
+#   on average at least the least of these over the stride's duration.
+#
+# Where the power at the hub falls with psi', the second bounds it: by weak duality the mean of
+# g(|psi'|) with a mean of |psi'| >= m is at most max_x [g(x) + k (x - m)] for every k >= 0.
+
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)
+
+#: Rates psi' (rad/s) at which the power at the hub is tabulated: up to the fastest of a gait.
+_RATES = np.append(0.0, np.geomspace(1e-4, 2 * MAX_RATE, 4000))
+
+#: Share of the terms by which they must fail to balance, far more than the table's errors.
+_CERTAIN = 1e-3
+
+#: The fields that dissipate energy; an error names those that are not zero.
+_LOSSES = ("hub_damping", "hub_friction", "drag", "slope")
+
+
+def fastest_walk(params: WheelParams) -> float:
+    """The highest mean speed (m/s) of steps within the rates that are considered."""
+    c = params.constants
+    return params.step_length / max((c.b - c.a) / MAX_RATE, SHORTEST_STEP)
+
+
+def lacks_power(params: WheelParams, speed: float, steps: int) -> str:
+    """Why no voltage within the limit makes this machine walk at this speed; empty if one might.
+
+    The bound is sufficient, not necessary: where it is silent, there may still be no gait.
+
+    Args:
+        params: the machine.
+        speed: mean speed (m/s).
+        steps: touchdowns per stride.
+    """
+    p = params.constants
+    if p.law != PLASTIC:  # other touchdowns may create energy
+        return ""
+    mean = least_mean_rate(params, speed, steps)
+    hub = most_power_at_hub(params, mean)
+    turning = p.alpha * speed / params.step_length
+    drag = float(_eq.air_drag(turning, p)) * turning
+    slope = params.weight * math.sin(params.slope) * speed
+    if hub + slope >= drag - _CERTAIN * (abs(hub) + abs(slope) + drag):
+        return ""
+    losses = [f", {name} = {getattr(params, name):g}" for name in _LOSSES if getattr(params, name)]
+    return (
+        f"speed = {speed:g} m/s: the motor is too weak. With |psi'| of at least {mean:.3g} rad/s "
+        f"on average, voltage_limit = {params.voltage_limit:g} V{''.join(losses)}, friction at the "
+        f"hub leaves it at most {hub:.4g} W. The slope adds {slope:.4g} W, and air drag takes "
+        f"{drag:.4g} W, which is more than both: lower the losses, raise voltage_limit, or try "
+        "another speed"
+    )
+
+
+def least_mean_rate(params: WheelParams, speed: float, steps: int) -> float:
+    """The least mean of |psi'| (rad/s) that a stride of so many steps can have at this speed."""
+    wheel = params.constants.d1 * steps * params.leg_angle
+    duration = steps * params.step_length / speed
+    return abs(math.remainder(wheel, 2 * math.pi)) / duration
+
+
+def most_power_at_hub(params: WheelParams, mean: float) -> float:
+    """The largest mean power (W) that reaches wheel and pendulum if |psi'| >= `mean` on average."""
+    p = params.constants
+    friction = p.F0 * _eq.slide(_RATES, p)  # the least there can be: without load
+    torque = _eq.hub_torque(_RATES, params.voltage_limit, p) - friction
+    power: NDArray[np.float64] = _RATES * torque
+    near = min(int(np.searchsorted(_RATES, mean)), len(_RATES) - 2)
+    falling = (power[near] - power[near + 1]) / (_RATES[near + 1] - _RATES[near])
+    slope = max(falling, 0.0)
+    return float(np.max(power + slope * (_RATES - mean)))
+
+
+# -- a problem with a known answer ----------------------------------------------------------------
+
+
+def passive_wheel(legs: int = 8, slope: float = 0.12) -> Problem:
+    """The only cycle of a bare wheel down a slope; the cost is its rate after touchdown (rad/s)."""
+    params = _bare_wheel(legs, slope)
+    model = HybridModel(params)
+
+    def full(x: Any) -> Any:
+        return ca.vertcat(x[0], 0, x[1], 0)
+
+    stance = Phase(
+        "stance",
+        states=("phi", "dphi"),
+        flow=lambda x, u, p: model.flow(full(x), 0.0)[[0, 2]],
+        start={"phi": params.constants.a, "dphi": (0.1, 10.0)},
+        end={"phi": (params.constants.a, params.constants.a + 2 * params.constants.alpha)},
+        duration=(0.05, 5.0),
+    )
+    return Problem(
+        (stance,),
+        linkages=(Linkage(0, 0, lambda x, p: model.touchdown(full(x))[[0, 2]]),),
+        endpoint_cost=lambda starts, ends, durations, p: starts[0][1],
+    )
+
+
+def passive_wheel_rate(legs: int = 8, slope: float = 0.12) -> float:
+    """The cycle's rate after touchdown (rad/s): Tedrake, Underactuated Robotics, "Simple legs"."""
+    params, a = _bare_wheel(legs, slope), math.pi / legs
+    push = 4 * params.gravity / params.leg_length * math.sin(a) * math.sin(slope)
+    return math.sqrt(push) / math.tan(2 * a)
+
+
+def _bare_wheel(legs: int, slope: float) -> WheelParams:
+    return WheelParams(
+        n_legs=legs,
+        slope=slope,
+        wheel_inertia=0.0,
+        pendulum_length=0.0,
+        pendulum_inertia=0.1,
+        motor_constant=0.0,
+    )
+
+
+PASSIVE_WHEEL = Example(passive_wheel, passive_wheel_rate)

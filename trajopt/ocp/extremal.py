@@ -1,0 +1,431 @@
+"""A solved problem, as users see it: states and controls by time, whether it converged, its file.
+
+A file has everything but the problem, whose functions are not plain data. `Extremal.load` is
+therefore given the problem, and detects a wrong one; `load_phases` needs none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rimless_gym.checks import real
+from trajopt.ocp.accuracy import Certificate, audit, hamiltonian
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.constraints import Violation
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.resimulation import Resimulation
+from trajopt.ocp.trajectory import (
+    SAME_TIME,
+    PhaseTrajectory,
+    phases_from_arrays,
+    phases_to_arrays,
+    require_side,
+)
+from trajopt.ocp.transcription import DIVERGING
+from trajopt.provenance import provenance
+from trajopt.store import array_of, jsonable, read_arrays, write_arrays
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: How far simulated states may be off, relative to the tolerance of the mesh.
+RESIMULATION_FACTOR = 100.0
+
+#: IPOPT's status for a success.
+SUCCESS = "Solve_Succeeded"
+
+FORMAT = "trajopt extremal 2"
+
+REMEDY = "copy it again, or solve its problem again"
+
+
+class ExtremalFileError(ValueError):
+    """A file is no solution saved by this version, is damaged, or belongs to another problem."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Attempt:
+    """One run of IPOPT.
+
+    Attributes:
+        elements: of the mesh, in all phases together.
+        options: of IPOPT.
+        status: IPOPT's name for how the run ended.
+        iterations: that it took.
+    """
+
+    elements: int
+    options: dict[str, Any]
+    status: str
+    iterations: int
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether IPOPT succeeded."""
+        return self.status == SUCCESS
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Extremal:
+    """A trajectory that satisfies the first-order conditions of optimality, or the nearest miss.
+
+    Attributes:
+        problem: what was solved.
+        mesh: the best one, on which the solution is given.
+        phases: the trajectory, phase by phase.
+        parameters: values of the static parameters, shape (np,).
+        tolerance: the limit of `mesh_error`.
+        limit_tolerance: of violations between the nodes.
+        transcribed_cost: the objective of the nonlinear program.
+        mesh_error: largest estimated relative error of the states within an element.
+        status: IPOPT's name for how the run on `mesh` ended.
+        attempts: every run of IPOPT, in order; the last may be on a mesh that was given up.
+        violations: constraints that the program's solution violates, worst first.
+        audit: limits that are violated between the nodes, worst first.
+        certificate: costates and Hamiltonian.
+        resimulation: the forward simulation; None if `solve` was called with ``verify=False``.
+        provenance: versions and git revision.
+    """
+
+    problem: Problem
+    mesh: Mesh
+    phases: tuple[PhaseTrajectory, ...]
+    parameters: Array
+    tolerance: float
+    limit_tolerance: float
+    transcribed_cost: float
+    mesh_error: float
+    status: str
+    attempts: tuple[Attempt, ...]
+    violations: tuple[Violation, ...]
+    audit: tuple[Violation, ...]
+    certificate: Certificate
+    resimulation: Resimulation | None
+    provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
+
+    @property
+    def cost(self) -> float:
+        """The objective along the forward simulation, or else `transcribed_cost`."""
+        return self.transcribed_cost if self.resimulation is None else self.resimulation.cost
+
+    @property
+    def duration(self) -> float:
+        """Sum of the phases' durations (s)."""
+        return float(self._ends[-1])
+
+    @property
+    def cost_gaps(self) -> tuple[Array, ...]:
+        """What each element may cost too much; see `Certificate.cost_gaps`."""
+        return self.certificate.cost_gaps(self.phases, self.cost)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether IPOPT solved the program on the mesh; this says nothing about accuracy."""
+        return self.status == SUCCESS
+
+    @property
+    def converged(self) -> bool:
+        """Whether nothing is wrong.
+
+        That is: IPOPT succeeded, the mesh is fine enough, limits hold, and the forward simulation
+        agrees with the solution.
+        """
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is wrong, in words; empty if the solution converged."""
+        failures = []
+        if not self.succeeded:
+            failures.append(f"IPOPT: {self.status}{self._divergence}")
+        failures += [str(violation) for violation in self.violations[:3]]
+        if not self.mesh_error <= self.tolerance:
+            failures.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
+        failures += [
+            f"between the nodes, {b}" for b in self.audit[:3] if b.amount > self.limit_tolerance
+        ]
+        if self.resimulation is not None:
+            worst = max(self.resimulation.phase_errors)
+            if not worst <= RESIMULATION_FACTOR * self.tolerance:
+                failures.append(f"simulated, a phase is off by {worst:.1e}")
+        return tuple(failures)
+
+    @property
+    def outcome(self) -> str:
+        """Whether the solution converged, or why not, in one line."""
+        return "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
+
+    @property
+    def _divergence(self) -> str:
+        """What grew, where the cost has no minimum."""
+        if self.status != DIVERGING:
+            return ""
+        pairs = zip(self.problem.parameters, self.parameters, strict=True)
+        sizes = {f"parameter {name}": abs(float(value)) for name, value in pairs}
+        for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
+            sizes[f"the duration of phase {phase.name!r}"] = abs(trajectory.duration)
+            both = (phase.states, trajectory.states), (phase.controls, trajectory.controls)
+            for names, values in both:
+                for name, size in zip(names, np.abs(values).max(axis=(0, 1)), strict=True):
+                    sizes[f"{name} of phase {phase.name!r}"] = float(size)
+        name, size = max(sizes.items(), key=lambda item: item[1])
+        return (
+            f": {name} grew to {size:.1e} and the cost came to {self.transcribed_cost:.1e}: it has "
+            "no minimum, or limits contradict each other; bound what grows"
+        )
+
+    # -- by time --------------------------------------------------------------------------------
+
+    def state(self, t: float, side: str = "right") -> Array:
+        """State (nx,) at time t (s) from the start of the first phase, with phases in a row.
+
+        Args:
+            t: from 0 to `duration`.
+            side: "left" or "right", where one phase ends and the next begins.
+
+        Raises:
+            TypeError: t is not a real number.
+            ValueError: t or `side` is out of its range.
+        """
+        phase, local = self._locate(t, side)
+        return np.asarray(self.phases[phase].state(local)[0])
+
+    def control(self, t: float, side: str = "right") -> Array:
+        """Control (nu,) at time t (s), likewise; `side` matters wherever the control jumps."""
+        phase, local = self._locate(t, side)
+        return np.asarray(self.phases[phase].control(local, side)[0])
+
+    @property
+    def _ends(self) -> Array:
+        """When each phase ends (s)."""
+        return np.cumsum([phase.duration for phase in self.phases])
+
+    def _locate(self, t: float, side: str) -> tuple[int, float]:
+        """The index of the phase at time t, and the time from that phase's start."""
+        t = real("t", t)
+        require_side(side)
+        ends = self._ends
+        rounding = SAME_TIME * ends[-1]
+        if not -rounding <= t <= ends[-1] + rounding:
+            raise ValueError(f"t = {t}: must be from 0 to {ends[-1]} s")
+        # Rounding must not decide on which side of a phase's end a time lies that is meant to be
+        # on it.
+        past = t + rounding if side == "right" else t - rounding
+        index = min(int(np.searchsorted(ends, past)), len(self.phases) - 1)
+        return index, t - (ends[index] - self.phases[index].duration)
+
+    # -- reports --------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        return f"Extremal(cost {self.cost:.6g}, {len(self.phases)} phase(s), {self.outcome})"
+
+    def report(self) -> str:
+        """Everything worth knowing, as text; failures in capitals."""
+        elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
+        iterations = sum(a.iterations for a in self.attempts)
+        gap = sum(gaps.sum() for gaps in self.cost_gaps)
+        lines = [
+            f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
+            f"  outcome              {self.outcome}",
+            f"  cost                 {self.cost:.9g} (transcribed {self.transcribed_cost:.9g})",
+            f"  mesh                 {self.mesh.scheme}, {elements} elements, "
+            f"error {self.mesh_error:.1e}",
+            f"  IPOPT                {len(self.attempts)} run(s), {iterations} iterations",
+            f"  Hamiltonian          spread {self.certificate.hamiltonian_spread:.1e}, "
+            f"transversality {self.certificate.transversality_error:.1e}",
+            f"  control              costs up to {gap:.1e} (relative) too much, by the above",
+        ]
+        if self.resimulation is not None:
+            lines.append(
+                f"  simulated            off by {max(self.resimulation.phase_errors):.1e} a phase, "
+                f"{self.resimulation.chain_error:.1e} in all"
+            )
+        for name, value in zip(self.problem.parameters, self.parameters, strict=True):
+            lines.append(f"  parameter            {name} = {value:.9g}")
+        for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
+            pairs = zip(phase.states, trajectory.end, strict=True)
+            end = ", ".join(f"{name} {value:.6g}" for name, value in pairs)
+            lines.append(f"  {phase.name:<20} {trajectory.duration:.6g} s, ends at {end}")
+        lines += [f"  between the nodes    {violation}" for violation in self.audit[:5]]
+        retried = [a for a in self.attempts if not a.succeeded]
+        lines += [f"  retried              {a.status} with {a.options}" for a in retried]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Figures and provenance as plain JSON values (infinities and NaN as null)."""
+        pairs = zip(self.problem.phases, self.phases, strict=True)
+        values = {
+            "converged": self.converged,
+            "failures": self.failures,
+            "cost": self.cost,
+            "duration": self.duration,
+            "durations": [[phase.name, trajectory.duration] for phase, trajectory in pairs],
+            "parameters": dict(zip(self.problem.parameters, self.parameters, strict=True)),
+            "hamiltonian_spread": self.certificate.hamiltonian_spread,
+            "transversality_error": self.certificate.transversality_error,
+            **_header(self),
+        }
+        return dict(jsonable(values))
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """States, controls and Hamiltonian against time; see `trajopt.ocp.plots.plot`.
+
+        Args:
+            path: where to write a picture too, if anywhere; its suffix says which kind.
+        """
+        from trajopt.ocp.plots import plot  # matplotlib takes a second to import
+
+        outcome = "converged" if self.converged else "FAILED: " + self.failures[0]
+        title = f"cost {self.cost:.6g}, {outcome}"
+        figure = plot(self.problem, self.phases, self.parameters, title, self.certificate)
+        if path is not None:
+            figure.savefig(Path(path))
+        return figure
+
+    # -- files ----------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write everything but the problem to an .npz file.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        write_arrays(path, FORMAT, _header(self), _arrays(self))
+
+    @classmethod
+    def load(cls, path: str | Path, problem: Problem) -> Extremal:
+        """Read what `save` wrote, a solution of `problem`.
+
+        To detect another problem, its names, the Hamiltonian along the trajectory and the limits
+        between the nodes are compared with what was saved.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            ExtremalFileError: it is not a solution saved by this version, was edited or damaged,
+                or is of another problem.
+        """
+        header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
+        try:
+            extremal = _from_file(header, arrays, problem)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
+        difference = "it has other names" if extremal is None else _difference(extremal)
+        if extremal is None or difference:
+            raise ExtremalFileError(
+                f"{path}: the solution of another problem than the one given: {difference}; "
+                "`load_phases` reads it as a guess"
+            )
+        return extremal
+
+
+def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
+    """The trajectory that `Extremal.save` wrote: a guess for any problem with such phases.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ExtremalFileError: it is not a solution saved by this version, or was edited or damaged.
+    """
+    arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1]
+    try:
+        return phases_from_arrays(arrays)
+    except ValueError as error:
+        raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
+
+
+#: Attributes that are dataclasses, or tuples of them.
+_TABLES = ("mesh", "resimulation", "attempts", "violations", "audit")
+
+#: Attributes that are JSON values: all but the tables, the arrays and the problem.
+_PLAIN = tuple(
+    field.name
+    for field in dataclasses.fields(Extremal)
+    if field.name not in (*_TABLES, "problem", "phases", "parameters", "certificate")
+)
+
+
+def _header(extremal: Extremal) -> dict[str, Any]:
+    return {
+        "names": _names(extremal.problem),
+        **{name: _as_dicts(getattr(extremal, name)) for name in _TABLES},
+        **{name: getattr(extremal, name) for name in _PLAIN},
+    }
+
+
+def _names(problem: Problem) -> dict[str, Any]:
+    phases = [[phase.name, list(phase.states), list(phase.controls)] for phase in problem.phases]
+    return {"phases": phases, "parameters": list(problem.parameters)}
+
+
+def _as_dicts(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [dataclasses.asdict(item) for item in value]
+    return None if value is None else dataclasses.asdict(value)
+
+
+def _arrays(extremal: Extremal) -> dict[str, Array]:
+    certificate, arrays = extremal.certificate, phases_to_arrays(extremal.phases)
+    for i, costates in enumerate(certificate.costates):
+        arrays[f"phase{i}_costates"] = costates
+        arrays[f"phase{i}_hamiltonian"] = certificate.hamiltonian[i]
+        arrays[f"phase{i}_mean_hamiltonian"] = certificate.mean_hamiltonian[i]
+    arrays["parameters"] = extremal.parameters
+    arrays["duration_price"] = certificate.duration_price
+    return arrays
+
+
+def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal | None:
+    """What a file has; None if it is the solution of a problem with other names."""
+    if header["names"] != _names(problem):
+        return None
+    phases, simulated = phases_from_arrays(arrays), header["resimulation"]
+    if simulated is not None:
+        simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
+    extremal = Extremal(
+        problem=problem,
+        mesh=Mesh.from_dict(header["mesh"]),
+        phases=phases,
+        parameters=array_of(arrays, "parameters", (len(problem.parameters),)),
+        certificate=_certificate(arrays, phases),
+        resimulation=simulated,
+        attempts=tuple(Attempt(**a) for a in header["attempts"]),
+        violations=tuple(Violation(**v) for v in header["violations"]),
+        audit=tuple(Violation(**v) for v in header["audit"]),
+        **{name: header[name] for name in _PLAIN},
+    )
+    return extremal
+
+
+def _certificate(arrays: dict[str, Any], phases: tuple[PhaseTrajectory, ...]) -> Certificate:
+    tables: list[list[Array]] = [[], [], []]
+    for i, phase in enumerate(phases):
+        elements = len(phase.edges) - 1
+        shapes = (elements + 1, phase.states.shape[-1]), (elements, 2), (elements,)
+        names = ("costates", "hamiltonian", "mean_hamiltonian")
+        for table, name, shape in zip(tables, names, shapes, strict=True):
+            table.append(array_of(arrays, f"phase{i}_{name}", shape))
+    costates, values, means = map(tuple, tables)
+    return Certificate(costates, values, means, array_of(arrays, "duration_price", (len(phases),)))
+
+
+def _difference(extremal: Extremal) -> str:
+    """How the saved figures differ from those computed with the problem; "" if they agree."""
+    problem, p, certificate = extremal.problem, extremal.parameters, extremal.certificate
+    saved = zip(certificate.costates, certificate.hamiltonian, strict=True)
+    pairs = zip(problem.phases, extremal.phases, saved, strict=True)
+    for phase, trajectory, (costates, before) in pairs:
+        if phase.integral is not None:  # its multipliers, which are not saved, count as well
+            continue
+        gap = before - hamiltonian(phase, trajectory, costates, p)
+        if np.any(np.abs(gap) > 1e-8 * (1.0 + np.abs(before))):
+            return f"the flow or the running cost of phase {phase.name!r} is different"
+    known = {(v.kind, v.name, v.phase): v.amount for v in extremal.audit}
+    for violation in audit(problem, extremal.phases, p):
+        key = violation.kind, violation.name, violation.phase
+        if violation.amount > known.get(key, 0.0) + 1e-8:
+            return str(violation)
+    return ""

@@ -1,0 +1,135 @@
+"""Guesses for a problem of which no solution is known: straight lines, and random ones."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TypeAlias
+
+import numpy as np
+
+from rimless_gym.checks import integer, positive, require_kind
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.constraints import pair
+from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.trajectory import PhaseTrajectory
+
+#: One trajectory per phase, on any mesh.
+Guess: TypeAlias = tuple[PhaseTrajectory, ...]
+
+
+def straight_lines(problem: Problem) -> Guess:
+    """States on straight lines from the middle of the start's bounds to the middle of the end's.
+
+    A state that is free at one end has the value of the other end; if it is free at both, 0.
+    Controls are in the middle of their bounds. Durations are equal shares of the total, if that is
+    bounded, or else 1 s, each moved into its own bounds.
+    """
+    phases = []
+    _, high = pair(problem.duration)
+    share = 1.0 if not np.isfinite(high) else high / len(problem.phases)
+    for phase in problem.phases:
+        least, most = pair(phase.duration)
+        T = min(max(share, least), most)
+        first, last = (middles(*phase.state_bounds(where)) for where in ("start", "end"))
+        first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+        control = np.nan_to_num(middles(*phase.control_bounds()))
+        phases.append(line(np.nan_to_num(first), np.nan_to_num(last), control, T))
+    return tuple(phases)
+
+
+@dataclasses.dataclass(frozen=True)
+class Waypoints:
+    """Random guesses by index, as `trajopt.multi_start` takes them.
+
+    Guess 0 is `straight_lines`. The others are straight lines from the start through random points
+    to the end, of random durations.
+
+    Attributes:
+        problem: what the guesses are for.
+        points: how many points there are at most.
+        spread: how far points may lie from the start, on a side without a bound, relative to the
+            distance from start to end (to 1, if that is less).
+    """
+
+    problem: Problem
+    points: int = 3
+    spread: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check types and ranges."""
+        require_kind("problem", self.problem, Problem)
+        integer("points", self.points, 1)
+        positive("spread", self.spread)
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
+        """Guess number `index`."""
+        lines = straight_lines(self.problem)
+        if index == 0:
+            return lines
+        pairs = zip(self.problem.phases, lines, strict=True)
+        return tuple(self.varied(phase, trajectory, rng) for phase, trajectory in pairs)
+
+    def varied(
+        self, phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator
+    ) -> PhaseTrajectory:
+        """A straight line bent through random points."""
+        count = int(rng.integers(1, self.points, endpoint=True))
+        knots = np.array([0.0, *np.sort(rng.uniform(0.1, 0.9, count)), 1.0])
+        values = _values(trajectory, knots)
+        lower, upper = _all_bounds(phase)
+        width = self.spread * np.maximum(np.abs(values[-1] - values[0]), 1.0)
+        low = np.where(np.isfinite(lower), lower, np.minimum(values[0], upper) - width)
+        high = np.where(np.isfinite(upper), upper, np.maximum(values[0], lower) + width)
+        values[1:-1] = rng.uniform(low, high, (count, len(low)))
+        times = random_duration(phase, trajectory, rng) * knots
+        return _joined(times, values, len(phase.states))
+
+
+def random_duration(phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Generator) -> float:
+    """A random duration (s): uniform within the phase's bounds.
+
+    Without an upper bound, the trajectory's duration times a random factor from 1/e to e.
+    """
+    least, most = pair(phase.duration)
+    if np.isfinite(most):
+        return float(rng.uniform(least, most))
+    return max(least, trajectory.duration * float(np.exp(rng.uniform(-1.0, 1.0))))
+
+
+def _values(trajectory: PhaseTrajectory, fractions: Array) -> Array:
+    """States and controls at fractions of the duration, shape (N, nx + nu)."""
+    times = trajectory.duration * fractions
+    return np.hstack([trajectory.state(times), trajectory.control(times)])
+
+
+def _all_bounds(phase: Phase) -> tuple[Array, Array]:
+    """(lower, upper) of states and controls all along, each (nx + nu,)."""
+    both = zip(phase.state_bounds(), phase.control_bounds(), strict=True)
+    lower, upper = (np.concatenate(side) for side in both)
+    return lower, upper
+
+
+def _joined(t: Array, values: Array, states: int) -> PhaseTrajectory:
+    """Straight lines between values at times t (N,): so many columns of states, then controls."""
+    ends = np.array([0.0, 1.0])
+    pieces = np.stack([values[:-1], values[1:]], axis=1)
+    return PhaseTrajectory(t, ends, pieces[..., :states], ends, pieces[..., states:])
+
+
+def line(first: Array, last: Array, control: Array, duration: float) -> PhaseTrajectory:
+    """A straight line between two states in `duration` (s), at constant control."""
+    ends = np.array([0.0, 1.0])
+    controls = np.tile(control, (1, 2, 1))
+    return PhaseTrajectory(duration * ends, ends, np.stack([first, last])[None], ends, controls)
+
+
+def polyline(t: Array, x: Array, controls: int = 1) -> PhaseTrajectory:
+    """Straight lines between states x (N, nx) at times t (N,), with controls of 0."""
+    return _joined(t, np.hstack([x, np.zeros((len(t), controls))]), x.shape[1])
+
+
+def middles(lower: Array, upper: Array) -> Array:
+    """Middles of bounds (n,): the finite one where there is only one, NaN where there is none."""
+    both = np.isfinite(lower) & np.isfinite(upper)
+    one = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, np.nan))
+    return np.where(both, 0.5 * (np.where(both, lower, 0.0) + np.where(both, upper, 0.0)), one)

@@ -1,0 +1,365 @@
+"""Multi-start: a problem has many local optima, and only trying finds the good ones.
+
+Every start is solved once, on one coarse mesh that all of them share. That is quick, and it tells
+good optima from bad ones. `best_of` refines and verifies the best.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, nullcontext
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import cloudpickle
+import numpy as np
+
+from rimless_gym.checks import flag, integer, require_callable, require_kind
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import Guess
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
+from trajopt.ocp.trajectory import PhaseTrajectory, phases_from_arrays, phases_to_arrays
+from trajopt.ocp.transcription import Transcription, require_options
+from trajopt.pool import run
+from trajopt.store import Store
+
+#: The mesh that starts share if no other is given: elements per phase and their degree.
+ELEMENTS, DEGREE = 14, 4
+
+#: Options over `trajopt.ocp.transcription.IPOPT`: a start that takes longer seldom leads anywhere.
+OPTIONS = {"max_iter": 300}
+
+#: By how much costs (relative) and states along the phases (relative to 1 + their magnitude) of one
+#: optimum may differ.
+SAME_COST, SAME_STATES = 1e-4, 1e-2
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """A guess, and how to solve from it.
+
+    Attributes:
+        guess: one trajectory per phase.
+        parameters: guess of the static parameters; the middle of their bounds by default.
+        problems: what is solved, each from the solution of the one before; by default the search's
+            problem. They differ from it in numbers alone, and must be made from the copy that the
+            family holds: then they share its functions in another process too.
+        kind: of optimum ("2 turns"); optima of different kinds are different.
+    """
+
+    guess: Guess
+    parameters: Array | None = None
+    problems: tuple[Problem, ...] = ()
+    kind: str = ""
+
+
+#: (generator, index) -> where start number `index` begins. Every start has a generator of its own.
+StartFamily: TypeAlias = Callable[[np.random.Generator, int], Guess | Start]
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How one start ended.
+
+    Attributes:
+        index: of the start.
+        kind: see `Start`.
+        cost: the objective of the nonlinear program.
+        phases: the last trajectory.
+        parameters: the static parameters.
+        iterations: of IPOPT, for all of the start's problems.
+        failure: in words; empty if it is a local optimum.
+    """
+
+    index: int
+    kind: str
+    cost: float
+    phases: tuple[PhaseTrajectory, ...]
+    parameters: Array
+    iterations: int
+    failure: str
+
+    @cached_property
+    def _samples(self) -> list[Array]:
+        fractions = np.linspace(0.0, 1.0, 33)
+        return [phase.state(phase.duration * fractions) for phase in self.phases]
+
+    def same_as(self, other: Outcome) -> bool:
+        """Whether both are the same optimum, as far as a coarse mesh can tell."""
+        if self.kind != other.kind:
+            return False
+        if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=1e-9):
+            return False
+        mine, theirs = ([p.duration for p in o.phases] for o in (self, other))
+        pairs = zip(self._samples, other._samples, strict=True)
+        return np.allclose(mine, theirs, rtol=SAME_STATES) and all(_alike(a, b) for a, b in pairs)
+
+
+def _alike(a: Array, b: Array) -> bool:
+    return bool(np.all(np.abs(a - b) <= SAME_STATES * (1.0 + np.abs(a).max(axis=0))))
+
+
+#: Whether two outcomes are one optimum.
+Same: TypeAlias = Callable[[Outcome, Outcome], bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum:
+    """A local optimum, and the starts that led to it.
+
+    Attributes:
+        best: the outcome of least cost; the first of those that tie.
+        starts: indices of all these starts, ascending.
+    """
+
+    best: Outcome
+    starts: tuple[int, ...]
+
+    @property
+    def cost(self) -> float:
+        """On the search's mesh."""
+        return self.best.cost
+
+    @property
+    def phases(self) -> tuple[PhaseTrajectory, ...]:
+        """The trajectory, on the search's mesh."""
+        return self.best.phases
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Search:
+    """Starts of a multi-start and what they led to.
+
+    Attributes:
+        problem: what was solved.
+        family: of the starts.
+        seed: of the family.
+        mesh: that all starts share.
+        options: of IPOPT, over `trajopt.ocp.transcription.IPOPT`.
+        outcomes: of the starts, by index.
+        same: (outcome, outcome) -> whether they are the same optimum.
+    """
+
+    problem: Problem
+    family: StartFamily
+    seed: int
+    mesh: Mesh
+    options: Mapping[str, Any]
+    outcomes: tuple[Outcome, ...] = ()
+    same: Same = Outcome.same_as
+
+    def start(self, index: int) -> Start:
+        """Start number `index`, the same one every time.
+
+        Raises:
+            TypeError: the family gives something else than a guess or a `Start`.
+        """
+        drawn = self.family(np.random.default_rng([self.seed, index]), index)
+        if not isinstance(drawn, (Start, Sequence)):
+            raise TypeError(f"family: gives {drawn!r}; must be a Start, or a trajectory per phase")
+        start = drawn if isinstance(drawn, Start) else Start(tuple(drawn))
+        return dataclasses.replace(start, problems=start.problems or (self.problem,))
+
+    @cached_property
+    def optima(self) -> tuple[Optimum, ...]:
+        """Different local optima, best first."""
+        return distinct(self.outcomes, self.same)
+
+    @property
+    def failures(self) -> tuple[Outcome, ...]:
+        """The starts that led nowhere, by index."""
+        return tuple(outcome for outcome in self.outcomes if outcome.failure)
+
+    def __repr__(self) -> str:
+        best = f"best cost {self.optima[0].cost:.6g}" if self.optima else "none found"
+        return (
+            f"Search({len(self.outcomes)} starts, {len(self.optima)} local optima, {best}, "
+            f"{len(self.failures)} failed)"
+        )
+
+    def report(self, most: int = 10) -> str:
+        """At most so many of the best optima and the reasons of failure, as text."""
+        count, optima = len(self.outcomes), self.optima
+        lines = [f"Multi-start, {count} starts (seed {self.seed})"]
+        for optimum in optima[: integer("most", most, 0)]:
+            times, kind = len(optimum.starts), optimum.best.kind
+            lines.append(
+                f"  cost {optimum.cost:<15.9g} from {times} start(s), {times / count:.1%}"
+                + (f", {kind}" if kind else "")
+            )
+        if len(optima) > most:
+            lines.append(f"  and {len(optima) - most} more, up to {optima[-1].cost:.9g}")
+        if not optima:
+            lines.append("  NO LOCAL OPTIMUM FOUND")
+        reasons = collections.Counter(o.failure.split(":")[0] for o in self.failures)
+        lines += [f"  {number} failed: {reason}" for reason, number in reasons.most_common()]
+        return "\n".join(lines)
+
+
+def multi_start(
+    problem: Problem,
+    family: StartFamily,
+    starts: int,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    mesh: Mesh | None = None,
+    folder: str | Path | None = None,
+    same: Same = Outcome.same_as,
+    progress: bool = False,
+    **options: Any,
+) -> Search:
+    """Solve a problem from many starts, each once and on one mesh.
+
+    The same seed gives the same starts, and the same results, whatever the number of workers.
+
+    Args:
+        problem: what to solve.
+        family: (generator, index) -> a guess, or a `Start`; see `trajopt.ocp.guesses`.
+        starts: how many.
+        seed: of the generators.
+        workers: processes; with one, this process does the work.
+        mesh: 14 elements of degree 4 per phase by default.
+        folder: where outcomes are stored as they come, if anywhere. A search that was interrupted
+            or killed continues from there; so does one of more starts.
+        same: (outcome, outcome) -> whether they are the same optimum.
+        progress: whether to show a bar.
+        options: of IPOPT, over `OPTIONS`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed.
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of its range, `folder` holds another search, or IPOPT has no
+            such option.
+    """
+    require_kind("problem", problem, Problem)
+    starts, seed = integer("starts", starts, 0), integer("seed", seed, 0)
+    workers, progress = integer("workers", workers, 1), flag("progress", progress)
+    for name, function in (("family", family), ("same", same)):
+        require_callable(name, function)
+    require_options(options)
+    mesh = Mesh.uniform(problem, ELEMENTS, DEGREE) if mesh is None else mesh
+    require_kind("mesh", mesh, Mesh)
+    search = Search(problem, family, seed, mesh, OPTIONS | options, same=same)
+    store = None if folder is None else Store(folder, _inputs(search))
+    with store or nullcontext():
+        stored = {} if store is None else dict(_stored(store, range(starts)))
+        missing = [index for index in range(starts) if index not in stored]
+        title = "starts" if progress else ""
+        with closing(run(_Solver(search), missing, workers, progress=title)) as results:
+            for index, outcome in results:
+                stored[index] = outcome
+                if store is not None:
+                    store.save(str(index), _to_json(outcome))
+    outcomes = tuple(outcome for _, outcome in sorted(stored.items()))
+    return dataclasses.replace(search, outcomes=outcomes)
+
+
+def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, ...]:
+    """The best optima, refined and verified by `solve`, best first; failures come last.
+
+    Args:
+        search: what to take them from.
+        count: how many, at most.
+        settings: of `solve`, options of IPOPT included.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument is out of its range.
+    """
+    require_kind("search", search, Search)
+    count = integer("count", count, 0)
+    settings = {"mu_init": WARM_BARRIER} | settings
+    refined = []
+    for optimum in search.optima[:count]:
+        problem = search.start(optimum.best.index).problems[-1]
+        guess, parameters = optimum.phases, optimum.best.parameters
+        refined.append(solve(problem, guess, search.mesh, parameters=parameters, **settings))
+    ranked = least_first(refined, lambda e: e.cost)
+    return tuple(sorted(ranked, key=lambda e: not e.converged))
+
+
+def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple[Optimum, ...]:
+    """The different optima among the outcomes that are no failures, best first."""
+    successes = [outcome for outcome in outcomes if not outcome.failure]
+    groups: list[list[Outcome]] = []
+    in_turn = sorted(successes, key=lambda o: o.index)
+    for outcome in least_first(in_turn, lambda o: o.cost):
+        group = next((g for g in groups if same(g[0], outcome)), None)
+        if group is None:
+            groups.append([outcome])
+        else:
+            group.append(outcome)
+    return tuple(Optimum(g[0], tuple(sorted(o.index for o in g))) for g in groups)
+
+
+class _Solver:
+    """Solves the starts of a search; every process makes one transcription for all of them."""
+
+    def __init__(self, search: Search) -> None:
+        self.search = search
+
+    def __call__(self, index: int) -> Outcome:
+        """Solve start number `index`: its problems one after the other."""
+        start = self.search.start(index)
+        guess, parameters, iterations = start.guess, start.parameters, 0
+        for problem in start.problems:
+            result = minimize(
+                self._transcription, guess, problem, parameters, **self.search.options
+            )
+            guess, parameters = result.phases, result.parameters
+            iterations += result.iterations
+        failure = "" if result.success else f"{result.status}: {result.worst}"
+        solution = result.cost, result.phases, result.parameters
+        return Outcome(index, start.kind, *solution, iterations, failure)
+
+    @cached_property
+    def _transcription(self) -> Transcription:
+        return Transcription(self.search.problem, self.search.mesh)
+
+    @cached_property
+    def _pickled(self) -> bytes:
+        return cloudpickle.dumps(self.search)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self._pickled,)
+
+
+@lru_cache(maxsize=1)  # a task comes with its solver
+def _unpickled(pickled: bytes) -> _Solver:
+    return _Solver(cloudpickle.loads(pickled))
+
+
+# -- stored outcomes ----------------------------------------------------------------------------
+
+
+def _inputs(search: Search) -> dict[str, Any]:
+    """What the outcomes of a search depend on."""
+    problem = hashlib.sha256(cloudpickle.dumps(search.problem)).hexdigest()
+    return {
+        "problem": problem,
+        "seed": search.seed,
+        "mesh": dataclasses.asdict(search.mesh),
+        "options": dict(search.options),
+    }
+
+
+def _to_json(outcome: Outcome) -> dict[str, Any]:
+    values = {field.name: getattr(outcome, field.name) for field in dataclasses.fields(outcome)}
+    return values | {"phases": phases_to_arrays(outcome.phases)}
+
+
+def _stored(store: Store, indices: Iterable[int]) -> Iterator[tuple[int, Outcome]]:
+    for index in indices:
+        if str(index) in store:
+            values = store.load(str(index))
+            yield index, Outcome(**values | {"phases": phases_from_arrays(values["phases"])})

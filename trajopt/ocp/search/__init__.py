@@ -1,1 +1,0 @@
-"""Looking for better solutions: many starts, and following a solution along a parameter."""

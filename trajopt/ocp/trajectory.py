@@ -1,0 +1,175 @@
+"""Trajectories: states and controls as piecewise polynomials, and the arrays that store them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.checks import real_array
+from trajopt.ocp.arrays import Array, Indices
+from trajopt.ocp.schemes import lagrange_matrix
+from trajopt.store import array_of
+
+#: Times that differ by less than this fraction of their phase are the same. Otherwise rounding
+#: would decide on which side of an edge a time lies that is meant to be on it.
+SAME_TIME = 1e-12
+
+
+@dataclasses.dataclass(frozen=True)
+class PhaseTrajectory:
+    """State and control of one phase, as polynomials on the elements of a mesh.
+
+    The control may jump at the elements' edges; there it is the limit from the right, unless the
+    limit from the left is asked for.
+
+    Attributes:
+        edges: times of the M + 1 element edges, from 0 (s).
+        nodes: the state polynomial's nodes in [0, 1], n of them, the first 0 and the last 1.
+        states: values at the nodes, shape (M, n, nx).
+        control_nodes: the control polynomial's nodes in [0, 1], m of them.
+        controls: values there, shape (M, m, nu).
+    """
+
+    edges: Array
+    nodes: Array
+    states: Array
+    control_nodes: Array
+    controls: Array
+
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together; `require_sound` checks their numbers."""
+        for field in dataclasses.fields(self):
+            array = real_array(field.name, getattr(self, field.name))
+            object.__setattr__(self, field.name, array.astype(np.float64, copy=False))
+        elements, nodes, knots = (
+            len(a) if a.ndim == 1 else 0 for a in (self.edges, self.nodes, self.control_nodes)
+        )
+        for name, least in (("edges", 2), ("nodes", 2), ("control_nodes", 1)):
+            array = getattr(self, name)
+            if array.ndim != 1 or len(array) < least:
+                raise ValueError(f"{name}: of shape {array.shape}, not ({least} or more,)")
+        for name, count in (("states", nodes), ("controls", knots)):
+            shape = getattr(self, name).shape
+            if len(shape) != 3 or shape[:2] != (elements - 1, count):
+                raise ValueError(
+                    f"{name}: of shape {shape}, not ({elements - 1}, {count}, any): {elements - 1} "
+                    f"elements between {elements} edges, {count} nodes"
+                )
+
+    def require_sound(self, where: str) -> None:
+        """Refuse a trajectory whose numbers make no sense.
+
+        Args:
+            where: what it is, for messages.
+
+        Raises:
+            ValueError: a number is not finite, or edges or nodes are not in order.
+        """
+        for field in dataclasses.fields(self):
+            if not np.isfinite(getattr(self, field.name)).all():
+                raise ValueError(f"{where}: {field.name}: must all be finite")
+        for name, array in (("edges", self.edges), ("nodes", self.nodes)):
+            if array[0] != 0.0 or not (np.diff(array) > 0.0).all():
+                raise ValueError(f"{where}: {name} = {array}: must increase from 0")
+        knots = self.control_nodes
+        if knots[0] < 0.0 or knots[-1] > 1.0 or not (np.diff(knots) > 0.0).all():
+            raise ValueError(f"{where}: control_nodes = {knots}: must increase within [0, 1]")
+        if self.nodes[-1] != 1.0:
+            raise ValueError(f"{where}: nodes = {self.nodes}: must end with 1")
+
+    @property
+    def duration(self) -> float:
+        """Duration (s)."""
+        return float(self.edges[-1])
+
+    @property
+    def start(self) -> Array:
+        """State at the start, shape (nx,)."""
+        return np.asarray(self.states[0, 0])
+
+    @property
+    def end(self) -> Array:
+        """State at the end, shape (nx,)."""
+        return np.asarray(self.states[-1, -1])
+
+    def state(self, t: ArrayLike) -> Array:
+        """State at times t (N,), shape (N, nx); extrapolated outside the phase."""
+        element, s = self._locate(t, "right")
+        basis = lagrange_matrix(self.nodes, s)
+        return np.asarray(np.einsum("tn,tnx->tx", basis, self.states[element]))
+
+    def control(self, t: ArrayLike, side: str = "right") -> Array:
+        """Control at times t (N,), shape (N, nu); `side` "left" or "right" of jumps."""
+        element, s = self._locate(t, side)
+        basis = lagrange_matrix(self.control_nodes, s)
+        return np.asarray(np.einsum("tn,tnx->tx", basis, self.controls[element]))
+
+    @cached_property
+    def element_durations(self) -> Array:
+        """Durations of the elements (s), shape (M,)."""
+        return np.diff(self.edges)
+
+    def _locate(self, times: ArrayLike, side: str) -> tuple[Indices, Array]:
+        """The element in which each time lies, and where in it, from 0 to 1."""
+        t = np.atleast_1d(real_array("t", times))
+        require_side(side)
+        past = t + SAME_TIME * self.duration if side == "right" else t - SAME_TIME * self.duration
+        where = np.searchsorted(self.edges, past, side="right" if side == "right" else "left") - 1
+        element = np.clip(where, 0, len(self.edges) - 2)
+        return element, (t - self.edges[element]) / self.element_durations[element]
+
+
+def require_side(side: str) -> None:
+    """Refuse a `side` of a jump that is not one.
+
+    Raises:
+        ValueError: it is neither "left" nor "right".
+    """
+    if not isinstance(side, str) or side not in ("left", "right"):
+        raise ValueError(f"side = {side!r}: choose 'left' or 'right'")
+
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(PhaseTrajectory))
+
+
+def phases_to_arrays(
+    phases: Sequence[PhaseTrajectory], prefix: str = ""
+) -> dict[str, NDArray[Any]]:
+    """The arrays of a trajectory by name: "phase0_edges" and so on, after the prefix."""
+    return {
+        f"{prefix}phase{i}_{name}": getattr(phase, name)
+        for i, phase in enumerate(phases)
+        for name in _FIELDS
+    }
+
+
+def phases_from_arrays(
+    arrays: Mapping[str, NDArray[Any]], prefix: str = ""
+) -> tuple[PhaseTrajectory, ...]:
+    """The trajectory in arrays that `phases_to_arrays` named.
+
+    Raises:
+        ValueError: there is none, or one of its arrays is missing, does not fit the others, or has
+            numbers that are not finite floating-point numbers or not in order.
+    """
+    count = 0
+    while f"{prefix}phase{count}_edges" in arrays:
+        count += 1
+    if not count:
+        raise ValueError("it has no phases")
+    return tuple(_phase_from_arrays(arrays, f"{prefix}phase{i}_") for i in range(count))
+
+
+def _phase_from_arrays(arrays: Mapping[str, NDArray[Any]], prefix: str) -> PhaseTrajectory:
+    fields = [array_of(arrays, prefix + name) for name in _FIELDS]
+    try:
+        trajectory = PhaseTrajectory(*fields)
+    except ValueError as error:
+        raise ValueError(f"{prefix}{error}") from None
+    trajectory.require_sound(prefix.removesuffix("_"))
+    return trajectory

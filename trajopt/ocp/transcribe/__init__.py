@@ -1,1 +1,0 @@
-"""From a problem to a nonlinear program: schemes, meshes, unknowns, constraints, IPOPT."""

@@ -1,0 +1,289 @@
+"""A problem on a mesh as a nonlinear program, built once and solved by IPOPT from many guesses."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import io
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from types import FrameType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rimless_gym.checks import require_kind
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.constraints import Violation
+from trajopt.ocp.equations import Equations, Rows
+from trajopt.ocp.layout import pack, unpack
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.program import assembled
+from trajopt.ocp.trajectory import PhaseTrajectory
+
+#: IPOPT's options where a caller sets no others.
+IPOPT = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-8,
+    "constr_viol_tol": 1e-10,
+    "compl_inf_tol": 1e-8,
+    "acceptable_iter": 0,
+    "max_iter": 500,
+    "mu_strategy": "monotone",
+    "bound_relax_factor": 0.0,
+    "honor_original_bounds": "yes",
+}
+
+QUIET = {"print_time": False, "error_on_fail": False}
+
+#: IPOPT's status where the cost falls without bound.
+DIVERGING = "Diverging_Iterates"
+
+#: IPOPT's status after Ctrl-C, which CasADi catches and reports in no other way.
+INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What IPOPT returned.
+
+    Attributes:
+        phases: the trajectory, phase by phase.
+        parameters: the static parameters.
+        cost: the objective of the program.
+        success: whether IPOPT succeeded.
+        status: IPOPT's name for how it ended.
+        iterations: of IPOPT.
+        may_be_saddle: whether it need not be a minimum: IPOPT never moved, or met negative
+            curvature in its last step.
+        violations: the most violated constraint of each kind, worst first, none below 1e-9.
+        unknowns: of the program.
+        multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
+        bound_multipliers: of the bounds on its unknowns, likewise.
+    """
+
+    phases: tuple[PhaseTrajectory, ...]
+    parameters: Array
+    cost: float
+    success: bool
+    status: str
+    iterations: int
+    may_be_saddle: bool
+    violations: tuple[Violation, ...]
+    unknowns: Array = dataclasses.field(repr=False)
+    multipliers: Array = dataclasses.field(repr=False)
+    bound_multipliers: Array = dataclasses.field(repr=False)
+
+    @property
+    def worst(self) -> str:
+        """The constraint that is violated most, in words."""
+        return str(self.violations[0]) if self.violations else "no constraint violated"
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Make Ctrl-C in this context raise KeyboardInterrupt, at the latest at the context's end.
+
+    Without it, CasADi's wrappers lose about one Ctrl-C in ten, or turn it into a SystemError. What
+    CasADi itself says of it on stderr is not shown.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed = threading.Event()
+    former, stderr = signal.getsignal(signal.SIGINT), sys.stderr
+
+    def press(number: int, frame: FrameType | None) -> None:
+        pressed.set()
+        sys.stderr = io.StringIO()
+        if callable(former):
+            former(number, frame)
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    except Exception as error:
+        if pressed.is_set():
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        signal.signal(signal.SIGINT, former)
+        sys.stderr = stderr
+    if pressed.is_set() and former is signal.default_int_handler:
+        raise KeyboardInterrupt
+
+
+class Transcription:
+    """A problem on a mesh as a nonlinear program.
+
+    All bounds, offsets and floors are data of `solve`: one transcription serves all problems that
+    differ in numbers alone.
+
+    Attributes:
+        problem: what is solved unless `solve` is given another.
+        mesh: that discretises it.
+        equations: its constraints and costs, and the layout of its unknowns.
+        program: the same, assembled for IPOPT, with exact derivatives.
+    """
+
+    def __init__(self, problem: Problem, mesh: Mesh) -> None:
+        require_kind("problem", problem, Problem)
+        require_kind("mesh", mesh, Mesh)
+        if len(mesh.degrees) != len(problem.phases):
+            raise ValueError(
+                f"the mesh has {len(mesh.degrees)} phases, the problem {len(problem.phases)}: "
+                "make it with Mesh.uniform(problem, ...)"
+            )
+        _require_inequalities(problem, mesh)
+        self.problem, self.mesh = problem, mesh
+        self.equations = Equations(problem, mesh)
+        self.layout = self.equations.layout
+        self.program = assembled(self.equations.blocks, self.layout.size, self.equations.count)
+        self._solvers: dict[Any, ca.Function] = {}
+
+    def for_problem(self, problem: Problem) -> Transcription:
+        """This transcription for another problem, which differs in numbers alone.
+
+        Raises:
+            ValueError: it differs in more.
+        """
+        if problem is self.problem:
+            return self
+        if problem.functions != self.problem.functions:
+            raise ValueError("the problem differs from the one transcribed in more than numbers")
+        twin = copy.copy(self)
+        twin.problem = problem
+        return twin
+
+    def solver(self, **options: Any) -> ca.Function:
+        """IPOPT on this program, with options over `IPOPT`."""
+        require_options(options)
+        key = tuple(sorted(options.items()))
+        if key not in self._solvers:
+            settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
+            settings |= self.program.derivatives
+            self._solvers[key] = ca.nlpsol("nlp", "ipopt", self.program.symbols, settings)
+        return self._solvers[key]
+
+    @interruptible()
+    def solve(
+        self,
+        guess: Sequence[PhaseTrajectory],
+        problem: Problem | None = None,
+        parameters: Array | None = None,
+        **options: Any,
+    ) -> Result:
+        """A local optimum near `guess`.
+
+        Args:
+            guess: one trajectory per phase, on any mesh.
+            problem: one that differs in numbers from the one transcribed.
+            parameters: guess of the static parameters; by default the middle of their bounds.
+            options: of IPOPT, over `IPOPT`.
+
+        Raises:
+            TypeError: the guess or an option is of the wrong type.
+            ValueError: `problem` differs in more than numbers, the guess does not fit it or is not
+                finite, or IPOPT has no such option.
+            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        """
+        problem = self.for_problem(problem or self.problem).problem
+        lower, upper = self.layout.bounds(problem)
+        start = np.clip(pack(self.layout, problem, guess, parameters), lower, upper)
+        if not np.isfinite(start).all():
+            raise ValueError("guess: its states, controls and parameters must all be finite")
+        least, most = self.equations.bounds(problem)
+        solver = self.solver(**options)
+        solution = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=most)
+        stats = solver.stats()
+        if stats["return_status"] in INTERRUPTED:
+            raise KeyboardInterrupt
+        if stats["return_status"] == "Invalid_Option":
+            raise ValueError(
+                f"{options}: this build of IPOPT does not support these options; leave out "
+                "linear_solver and others that need further libraries"
+            )
+        w = np.asarray(solution["x"]).ravel()
+        phases, values = unpack(self.layout, w), np.asarray(solution["g"]).ravel()
+        excess = np.maximum(np.maximum(least - values, values - most), 0.0)
+        excess = np.nan_to_num(excess, nan=np.inf)
+        return Result(
+            phases=phases,
+            parameters=self.layout.split(w)[-1, "parameters", 0].ravel(),
+            cost=float(solution["f"]),
+            success=bool(stats["success"]),
+            status=str(stats["return_status"]),
+            iterations=int(stats["iter_count"]),
+            may_be_saddle=stats["iter_count"] == 0 or _curved_down(stats),
+            violations=self.equations.violations(excess, phases, problem),
+            unknowns=w,
+            multipliers=np.asarray(solution["lam_g"]).ravel(),
+            bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
+        )
+
+    def multipliers_of(self, result: Result) -> Iterator[tuple[Rows, Array]]:
+        """Every kind of constraint, with its multipliers."""
+        rows = self.equations.rows
+        cuts = np.cumsum([each.count for each in rows])
+        yield from zip(rows, np.split(result.multipliers, cuts[:-1]), strict=True)
+
+
+def _curved_down(stats: dict[str, Any]) -> bool:
+    """Whether IPOPT had to make the Hessian of its last step convex."""
+    added = stats.get("iterations", {}).get("regularization_size", [])
+    return bool(added) and added[-1] > 0.0
+
+
+def _require_inequalities(problem: Problem, mesh: Mesh) -> None:
+    if mesh.scheme_of_degree(mesh.degrees[0][0]).shared_controls:
+        return
+    for phase in problem.phases:
+        path = phase.path
+        if path is not None and np.any(path.lower == path.upper):
+            name = path.names[int(np.argmax(path.lower == path.upper))]
+            raise ValueError(
+                f"path constraint {name!r} of phase {phase.name!r} is an equation: {mesh.scheme} "
+                "imposes path constraints at more places than its controls have degrees of "
+                "freedom; solve the equation for a control, or use another scheme"
+            )
+
+
+def require_options(options: Mapping[str, Any]) -> None:
+    """Refuse options that IPOPT does not have, and values that an option does not accept.
+
+    Raises:
+        TypeError: a value is neither a number nor text.
+        ValueError: there is no such option, or it does not accept the value.
+    """
+    for name, value in options.items():
+        if not isinstance(value, (int, float, str)):
+            raise TypeError(f"{name} = {value!r}: an option of IPOPT is a number or text")
+        _require_option(name, value)
+
+
+@lru_cache(maxsize=256)
+def _require_option(name: str, value: float | str) -> None:
+    """Let IPOPT itself check an option, on a trivial problem."""
+    x = ca.SX.sym("x")
+    settings: dict[str, Any] = {"ipopt": {"print_level": 0, "sb": "yes", name: value}, **QUIET}
+    try:
+        ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, settings)
+        reason = "must be a number" if value != value else ""
+    except RuntimeError as error:
+        unknown = "No such IPOPT option" in str(error)
+        reason = (
+            "neither a setting of this function nor an option of IPOPT"
+            if unknown
+            else "this option of IPOPT does not accept that value"
+        )
+    if reason:
+        raise ValueError(
+            f"{name} = {value!r}: {reason}; https://coin-or.github.io/Ipopt/OPTIONS.html lists them"
+        )
