@@ -65,7 +65,7 @@ front: $(INSTALLED)
 	$(BIN)/python -m scripts.studies front --preset $(PRESET) --minutes $(MINUTES)
 
 page: $(INSTALLED)
-	$(BIN)/python -m agents.cli.command page --out runs/page.html
+	$(BIN)/rimless page --out runs/page.html
 
 feedback: $(INSTALLED)
 	$(BIN)/python -m scripts.studies feedback --docs docs/feedback.md

@@ -12,10 +12,10 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import INTERRUPTED
 from scripts.studies.codesign import page
 from scripts.studies.codesign.campaign import campaign
+from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

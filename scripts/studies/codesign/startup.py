@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
-from agents.protocol import Protocol
 from rimless_gym.hybrid import motor_torque, relative_rate
 from scripts.studies.codesign.problem import chosen
 from trajopt.feedback import laws

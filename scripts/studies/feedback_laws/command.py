@@ -16,8 +16,8 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import INTERRUPTED
+from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
 from scripts.studies.documents.drawings import save
 from scripts.studies.feedback_laws import drawing, page
 from scripts.studies.feedback_laws.gaits import GAITS

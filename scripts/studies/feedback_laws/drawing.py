@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.law_names import law_title
+from agents.policies import law_title
 from scripts.studies.documents.drawings import GREY, INK
 
 #: Most panels beside each other.

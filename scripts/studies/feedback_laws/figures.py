@@ -7,7 +7,7 @@ from itertools import compress
 from statistics import fmean
 from typing import Any
 
-from agents.verdicts import FALLS, STOPS
+from agents.outcomes import FALLS, STOPS
 
 #: For a figure that is missing: the law does not walk there, or could not be measured.
 NONE = "-"

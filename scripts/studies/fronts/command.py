@@ -19,15 +19,15 @@ from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import (
+from agents.cli.main import INTERRUPTED
+from rimless_gym.params import WheelParams
+from scripts.studies.commandline import (
     DEFAULT_PRESET,
     Parser,
     more_than_zero,
     terminated_like_ctrl_c,
     whole,
 )
-from rimless_gym.params import WheelParams
 from scripts.studies.documents.drawings import save
 from scripts.studies.fronts import page
 from scripts.studies.fronts.board import Board

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from agents.conditions import Conditions
+from agents.outcomes import WALKS, Window, outcomes
 from agents.rollout import Rollout
-from agents.verdicts import WALKS, verdicts
-from agents.window import Window
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, OK
@@ -47,7 +46,7 @@ def attraction(subject: Subject, sizes: Sizes) -> dict[str, Any]:
         if index >= first:
             window.add(interval)
             late_steps[i] += interval.info["steps"]
-    walking = np.array([v == WALKS for v in verdicts(fallen, late_steps > 0, window)])
+    walking = np.array([v == WALKS for v in outcomes(fallen, late_steps > 0, window)])
     caught = walking & (last_far < CONTROL_PERIOD * first)
     times = [float(t) if there else None for t, there in zip(last_far, caught, strict=True)]
     return {

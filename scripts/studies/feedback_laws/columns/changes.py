@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, Protocol, evaluate
 from agents.policies import Policy
-from agents.protocol import SHORT_PROTOCOL, Protocol
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import hybrid_states
 from rimless_gym.params import WheelParams
@@ -143,5 +142,5 @@ def _walk(
         "share": walk.walking_share,
         "cot": walk.cot if some else None,
         "speed": walk.speed if some else None,
-        "faults": walk.faults,
+        "faults": walk.failures,
     }

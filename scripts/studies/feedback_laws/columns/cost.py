@@ -10,9 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluate import Evaluation, evaluate
-from agents.protocol import PROTOCOL, Protocol
-from agents.statistics import bootstrap_interval, interquartile_mean
+from agents.evaluate import (
+    PROTOCOL,
+    Evaluation,
+    Protocol,
+    bootstrap_interval,
+    evaluate,
+    interquartile_mean,
+)
 from scripts.studies.feedback_laws.sizes import Sizes
 from scripts.studies.feedback_laws.subject import Subject
 
@@ -66,6 +71,6 @@ def _worst(walks: list[Evaluation], name: str, sign: float) -> float | None:
 def _faults(walks: list[Evaluation]) -> dict[str, int]:
     total: dict[str, int] = {}
     for walk in walks:
-        for name, count in walk.faults.items():
+        for name, count in walk.failures.items():
             total[name] = total.get(name, 0) + count
     return total

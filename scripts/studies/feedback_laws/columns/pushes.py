@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluate import evaluate
-from agents.protocol import Protocol
-from agents.verdicts import FALLS, STOPS
+from agents.evaluate import Protocol, evaluate
+from agents.outcomes import FALLS, STOPS
 from rimless_gym.envs.starts import normal_force
 from rimless_gym.hybrid import push
 from rimless_gym.params import WheelParams
@@ -85,7 +84,7 @@ def survived(walker: Walker, states: Floats, impulses: Floats) -> Survived:
         protocol = Protocol(duration=RECOVERY + WALK, window=WALK, alive=WALK)
         walk = evaluate(walker.policy, params, protocol, starts=pushed[pressed])
         found.walking[pressed] = walk.walking
-        found.stepping[pressed] = [verdict not in (FALLS, STOPS) for verdict in walk.verdicts]
+        found.stepping[pressed] = [outcome not in (FALLS, STOPS) for outcome in walk.outcomes]
     return found
 
 
