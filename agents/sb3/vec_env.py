@@ -73,8 +73,8 @@ class Sb3VecEnv(VecEnv):
 
     Attributes:
         env: the native vector environment.
-        last_info: its `info` of the last step: arrays (N,) of measurements, those of rows that ended
-            in it included.
+        last_info: its `info` of the last step: the measurements as arrays (N,), those of rows that
+            ended in it included.
 
     Raises:
         TypeError: `envs` is neither, or not of rimless wheels.
