@@ -14,7 +14,7 @@ PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-r
 # Of `make front`: the machine, and the budget of time in minutes.
 PRESET ?= BUILDABLE
 MINUTES ?= 120
-# Of `make test-cpus`: which processors (see scripts/studies/processors; all by default), which tests.
+# Of `make test-cpus`: which processors (see scripts/studies/processors.py; all by default), which tests.
 CPUS ?=
 TESTS ?= tests
 
@@ -34,7 +34,7 @@ help:
 	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
 	@echo "make peers       other people's software for test-peers, into $(VENV)"
 	@echo "make test-peers  Drake, other people's learners, Minari, video wrappers; installs them"
-	@echo "make fuzz        random machines, every step checked (some minutes); FUZZ='--minutes 5'"
+	@echo "make fuzz        random machines, every step checked (some minutes)"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
@@ -65,7 +65,7 @@ front: $(INSTALLED)
 	$(BIN)/python -m scripts.studies front --preset $(PRESET) --minutes $(MINUTES)
 
 page: $(INSTALLED)
-	$(BIN)/python -m agents.cli.command page --out runs/page.html
+	$(BIN)/rimless page --out runs/page.html
 
 feedback: $(INSTALLED)
 	$(BIN)/python -m scripts.studies feedback --docs docs/feedback.md
@@ -99,7 +99,7 @@ test-peers: peers
 	$(PYTEST) -m peers
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m scripts.studies fuzz $(FUZZ)
+	$(BIN)/python -m pytest tests/rimless_gym/test_fuzz.py --hypothesis-profile fuzz $(FUZZ)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m scripts.studies benchmark --out docs

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from agents.cli.command import run
+from agents.cli.main import main
 
 if __name__ == "__main__":
-    sys.exit(run("agents.cli.compare"))
+    sys.exit(main(["compare", *sys.argv[1:]]))

@@ -10,6 +10,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from hypothesis import settings
 
 settings.register_profile("reproducible", deadline=None, derandomize=True, database=None)
+settings.register_profile("fuzz", deadline=None, max_examples=5000, print_blob=True)  # `make fuzz`
 settings.load_profile("reproducible")
 
 # A shell that starts the tests with & has SIGINT ignored, and tests of Ctrl-C would wait for ever.

@@ -1,45 +1,32 @@
-"""Measure policies and feedback laws: 128 fixed starts, 50 s, the last 30 s of those that walk.
-
-A start walks if it still takes steps at the end, and if in the last 30 s its foot is pressed down
-and does not slip, and its pendulum does not touch the floor. The gap is to the best periodic gait
-of 1 to 3 steps per stride, its voltage held for 10 ms, at the walked speed. With --seeds the
-policies are those of several seeds of one training: below them stand the interquartile mean and its
-95 % bootstrap interval.
-"""
+"""`rimless evaluate`."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from agents.cli.commandline import (
-    DISTURBANCES,
-    RANGES,
-    Parser,
-    json_object,
-    more_than_zero,
-    whole,
+from tyro.conf import arg
+
+from agents.cli.options import (
+    Count,
+    Fields,
+    Flag,
+    MaybePath,
+    MaybePositives,
+    MaybePreset,
+    Names,
+    Positive,
+    machine,
+    of_option,
 )
-from agents.commanded import STEP, commands_within
-from agents.conditions import Conditions
-from agents.evaluate import evaluate
-from agents.gaps import gap_to_optimum
-from agents.policy_files import PRETRAINED
-from agents.statistics import bootstrap_interval, interquartile_mean
-from agents.walkers import Walker, walker
-from rimless_gym.envs.control import as_speeds
-from rimless_gym.envs.disturbances import as_disturbances, as_ranges
-from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
-from trajopt import Solution, periodic_gait
-from trajopt.feedback import laws
-from trajopt.gaits.library import shipped
-from trajopt.provenance import provenance
+
+if TYPE_CHECKING:
+    from agents.evaluate import Evaluation
+    from agents.policy_files import NamedPolicy
+    from rimless_gym.params import WheelParams
 
 COLUMNS = (
     ("walking_share", "walking"),
@@ -55,134 +42,159 @@ COLUMNS = (
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    parser = Parser(__doc__)
-    parser.add_argument(
-        "policies",
-        nargs="+",
-        metavar="POLICY",
-        help=f"a policy's file (.zip); one that comes with the package: {', '.join(PRETRAINED)}; "
-        f"or a feedback law: {', '.join(laws.names())}",
-    )
-    parser.add_argument("--gait", type=Path, help="file of the gait that laws hold (.npz)")
-    parser.add_argument(
-        "--speed", type=more_than_zero, default=0.5, help="of the gait that laws hold (m/s)"
-    )
-    parser.add_argument(
-        "--steps", type=whole(1), default=1, help="per stride, of the gait that laws hold"
-    )
-    parser.add_argument(
-        "--commands",
-        type=more_than_zero,
-        nargs="+",
-        metavar="SPEED",
-        help="at which policies walk that are commanded a speed (m/s); by "
-        f"default every {STEP:g} m/s in the range that they were trained for",
-    )
-    parser.add_argument(
-        "--gap",
-        action=argparse.BooleanOptionalAction,
-        help="solve the best gaits near the walked speed, and print the gap to them; by default "
-        "where gaits of the machine are shipped, since elsewhere it takes minutes",
-    )
-    parser.add_trust()
-    parser.add_argument(
-        "--seeds", action="store_true", help="the policies are seeds of one training: summarise"
-    )
-    parser.add_argument("--json", action="store_true", help="everything, as JSON")
-    parser.add_machine(
-        None, "machine that the policies must be for; by default the one each was trained on"
-    )
-    parser.add_argument("--ranges", type=json_object(as_ranges), help=RANGES)
-    parser.add_argument("--disturbances", type=json_object(as_disturbances), help=DISTURBANCES)
-    options = parser.parse_args(arguments)
-    params = parser.machine(options) if options.preset or options.params else None
-    with parser.refusing():  # all of them, before the first is measured
-        walkers = [w for name in options.policies for w in walkers_of(name, params, options)]
-        commanded = any(w.command is not None for w in walkers)
-        if options.seeds and commanded:
-            parser.error("--seeds: policies that are commanded a speed are not summarised")
-        if options.commands and not commanded:
-            parser.error("--commands: none of these policies is commanded a speed")
-        if options.commands:
-            as_speeds("--commands", options.commands, len(options.commands))
-        conditions = {"ranges": options.ranges, "disturbances": options.disturbances}
-        for w in walkers:
-            Conditions.of(w.params, **conditions)
-    evaluations = [
-        evaluate(
+def evaluate(
+    policies: Names = (),
+    *,
+    gait: MaybePath = None,
+    speed: Positive = 0.5,
+    steps: Count = 1,
+    commands: MaybePositives = (),
+    gap: Flag = False,
+    no_gap: Flag = False,
+    trust_pickle: Flag = False,
+    seeds: Flag = False,
+    json_: Annotated[bool, arg(name="json", help_behavior_hint="")] = False,
+    preset: MaybePreset = None,
+    params: Fields = None,
+    ranges: Fields = None,
+    disturbances: Fields = None,
+) -> int:
+    """Measure policies and feedback laws.
+
+    They walk from 128 fixed starts for 50 s; figures are those of the last 30 s. A start walks if
+    it still takes steps at the end, and if in the last 30 s its foot is pressed down and does not
+    slip, and its pendulum does not touch the floor. The gap is to the best periodic gait of 1 to 3
+    steps per stride, its voltage held for 10 ms, at the walked speed.
+
+    Args:
+        policies: a policy's file (.zip), a policy that comes with the package, or a feedback law;
+            `rimless list` names them
+        gait: file of the gait that laws hold (.npz)
+        speed: of the gait that laws hold (m/s)
+        steps: per stride, of the gait that laws hold
+        commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
+            range that they were trained for
+        gap: print the gap to the optimum also where no gaits of the machine are shipped; it takes
+            minutes there
+        no_gap: print no gap
+        trust_pickle: also read files of plain stable-baselines3, which runs any code their author
+            put in
+        seeds: the policies are seeds of one training: print interquartile mean and 95 % interval
+        json_: print everything as JSON
+        preset: machine that the policies must be for; by default the one each was trained on
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+        ranges: parameters to draw for every episode: pendulum_mass=[2.0,2.4]
+        disturbances: pushes.rate=0.5 pushes.impulse=[0.1,0.5] actuator_delay=1
+            sensor_noise.leg_rate=0.1
+    """
+    from agents.conditions import Conditions
+    from agents.evaluate import evaluate as measured
+    from rimless_gym.envs.control import as_speeds
+    from rimless_gym.envs.disturbances import as_disturbances, as_ranges
+    from trajopt.provenance import provenance
+
+    if not policies:
+        raise ValueError("name a policy or a feedback law; `rimless list` lists them")
+    if gap and no_gap:
+        raise ValueError("--gap and --no-gap exclude each other")
+    params_ = machine(preset, params) if preset or params else None
+    with of_option("--ranges"):
+        drawn = as_ranges(ranges)
+    with of_option("--disturbances"):
+        disturbed = as_disturbances(disturbances)
+
+    def gait_for(params: WheelParams) -> Any:
+        from trajopt import Solution, periodic_gait
+
+        if gait is not None:
+            return Solution.load(gait)
+        return periodic_gait(params, speed, steps, progress=True)
+
+    named: list[NamedPolicy] = []  # all of them, before the first is measured
+    for name in policies:
+        named += _at_commands(name, gait_for, params_, commands, trust_pickle)
+    commanded = any(w.command is not None for w in named)
+    if seeds and commanded:
+        raise ValueError("--seeds: policies that are commanded a speed are not summarised")
+    if commands and not commanded:
+        raise ValueError("--commands: none of these policies is commanded a speed")
+    if commands:
+        as_speeds("--commands", commands, len(commands))
+    for w in named:
+        Conditions.of(w.params, drawn, disturbed)
+    rows = []
+    for w in named:
+        result = measured(
             w.policy,
             w.params,
             task=w.task,
             command=w.command,
             control_period=w.period,
             progress=True,
-            **conditions,
+            ranges=drawn,
+            disturbances=disturbed,
         )
-        for w in walkers
-    ]
-    names = [w.name for w in walkers]
-    wanted = [
-        w.period == CONTROL_PERIOD  # as often as the optimum may change its voltage
-        and (has_gaits(w.params) if options.gap is None else options.gap)
-        for w in walkers
-    ]
-    figures = [
-        {
-            **e.to_dict(),
-            "gap": gap_to_optimum(w.params, e.cot, e.speed, progress=True) if asked else None,
-            "command": w.command,
-            "control_period": w.period,
-        }
-        for e, w, asked in zip(evaluations, walkers, wanted, strict=True)
-    ]
-    summary = over_seeds(figures) if options.seeds else {}
-    if options.json:
-        of = Conditions.of(walkers[0].params, **conditions).to_dict()
+        rows.append(_row(w, result, gap, no_gap))
+    names = [w.name for w in named]
+    summary = over_seeds(rows) if seeds else {}
+    if json_:
+        conditions = Conditions.of(named[0].params, drawn, disturbed).to_dict()
         for own in ("params", "speeds", "control_period"):  # each policy has its own
-            del of[own]
-        results = dict(zip(names, figures, strict=True))
-        report = {"policies": results, "over_seeds": summary, **of, **provenance()}
+            del conditions[own]
+        results = dict(zip(names, rows, strict=True))
+        report = {"policies": results, "over_seeds": summary, **conditions, **provenance()}
         print(json.dumps(report, indent=1))
     else:
-        print_table(names, figures, summary)
+        print(table(names, rows, summary))
     return 0
 
 
-def walkers_of(name: str, params: WheelParams | None, options: argparse.Namespace) -> list[Walker]:
-    """The feedback law of this name about the gait in the options, or the policy in a file.
-
-    A policy that is commanded a speed walks at each of several.
+def _at_commands(
+    name: str, gait_for: Any, params: WheelParams | None, commands: Sequence[float], trust: bool
+) -> list[NamedPolicy]:
+    """A law or policy; where it is commanded a speed, at each of several.
 
     Raises:
-        ValueError: there is no gait, or the gait or the policy is for another machine.
-        FileNotFoundError: there is no such file.
+        ValueError: there is no such law or policy, or it or the gait is for another machine.
     """
+    from agents.commanded import commands_within
+    from agents.policy_files import named_policy
 
-    def gait_for(machine: WheelParams) -> Solution:
-        if options.gait is not None:
-            return Solution.load(options.gait)
-        return periodic_gait(machine, options.speed, options.steps, progress=True)
-
-    found = walker(name, gait_for, params, trust_pickle=options.trust_pickle)
-    speeds = found.conditions.control.speeds
+    named = named_policy(name, gait_for, params, trust_pickle=trust)
+    speeds = named.conditions.control.speeds
     if speeds is None:
-        return [found]
-    commands = options.commands or commands_within(*speeds)
+        return [named]
     return [
-        dataclasses.replace(found, name=f"{name} at {speed} m/s", command=speed)
-        for speed in dict.fromkeys(commands)
+        dataclasses.replace(named, name=f"{name} at {speed} m/s", command=speed)
+        for speed in dict.fromkeys(commands or commands_within(*speeds))
     ]
 
 
-def has_gaits(params: WheelParams) -> bool:
-    """Whether gaits of the machine are shipped, so that others are found within seconds."""
-    return any(gait.params == params for gait in shipped())
+def _row(w: NamedPolicy, result: Evaluation, gap: bool, no_gap: bool) -> dict[str, Any]:
+    """The figures of a policy, with its gap to the optimum where that is wanted.
+
+    The optimum changes its voltage every control period; other policies have no gap.
+    """
+    from agents.gaps import gap_to_optimum
+    from rimless_gym.hybrid import CONTROL_PERIOD
+    from trajopt.gaits.library import shipped
+
+    quick = any(gait.params == w.params for gait in shipped())
+    wanted = w.period == CONTROL_PERIOD and not no_gap and (gap or quick)
+    return {
+        **result.to_dict(),
+        "gap": gap_to_optimum(w.params, result.cot, result.speed, progress=True)
+        if wanted
+        else None,
+        "command": w.command,
+        "control_period": w.period,
+    }
 
 
-def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Interquartile mean and 95 % interval of each figure over the policies that have it."""
+    from agents.evaluate import bootstrap_interval, interquartile_mean
+
     summary: dict[str, Any] = {}
     for name, _ in COLUMNS[:-1]:
         values = [row[name] for row in rows if row[name] is not None]
@@ -193,21 +205,22 @@ def over_seeds(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return summary
 
 
-def print_table(names: list[str], rows: list[dict[str, Any]], summary: dict[str, Any]) -> None:
+def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[str, Any]) -> str:
     """One line a policy, then the summary, then why starts do not count."""
     width = max(24, *(len(name) for name in names))
-    print(" " * width + "".join(f"{title:>16}" for _, title in COLUMNS))
+    lines = [" " * width + "".join(f"{title:>16}" for _, title in COLUMNS)]
     for name, row in zip(names, rows, strict=True):
-        print(f"{name:{width}}" + "".join(_cell(column, row[column]) for column, _ in COLUMNS))
+        lines.append(f"{name:{width}}" + "".join(_cell(c, row[c]) for c, _ in COLUMNS))
     if summary:
         for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
-            cells = [_cell(column, summary.get(column, {}).get(key)) for column, _ in COLUMNS]
-            print(f"{title:{width}}" + "".join(cells))
+            cells = [_cell(c, summary.get(c, {}).get(key)) for c, _ in COLUMNS]
+            lines.append(f"{title:{width}}" + "".join(cells))
     for name, row in zip(names, rows, strict=True):
-        if row["faults"]:
-            faults, starts = row["faults"], row["protocol"]["starts"]
-            told = ", ".join(f"{count} {verdict}" for verdict, count in faults.items())
-            print(f"{name}: {sum(faults.values())} of {starts} starts do not count ({told})")
+        if row["failures"]:
+            count, starts = sum(row["failures"].values()), row["protocol"]["starts"]
+            reasons = ", ".join(f"{n} {outcome}" for outcome, n in row["failures"].items())
+            lines.append(f"{name}: {count} of {starts} starts do not count ({reasons})")
+    return "\n".join(lines)
 
 
 def _cell(column: str, figure: float | None) -> str:

@@ -1,43 +1,39 @@
-"""Watch gaits, feedback laws and policies walk on one ground: in a window, as a GIF or a video.
-
-The first is drawn solid, the others as ghosts. Below are the phase plane and where the energy goes.
-Laws and policies start from rest. The optimum has no start of its own: behind a walker it joins
-once that has walked some steps.
-"""
+"""`rimless watch` and `rimless play`."""
 
 from __future__ import annotations
 
-import argparse
 import io
 import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tqdm import tqdm
+from agents.cli.options import (
+    Count,
+    Fields,
+    Flag,
+    MaybePath,
+    MaybePreset,
+    Names,
+    Positive,
+    Preset,
+    machine,
+    require_file,
+    several,
+    whole,
+)
 
-from agents.cli.command import INTERRUPTED
-from agents.cli.commandline import Parser, more_than_zero, whole
-from agents.film import times
-from agents.policy_files import PRETRAINED
-from agents.race import GHOST, MOST, SIZE, Race, ghost
-from agents.recording import Recording, record_gait, record_walker
-from agents.walkers import walker
-from rimless_gym import BUILDABLE
-from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
-from rimless_gym.presets import machine_name
-from rimless_gym.rendering.display import Window, ffmpeg, has_display, save_gif, save_mp4
-from trajopt import Solution, periodic_gait
-from trajopt.feedback import laws
-from trajopt.files import write_bytes
-from trajopt.gaits.library import shipped
+if TYPE_CHECKING:
+    from agents.film import Race
+    from rimless_gym.params import WheelParams
+    from trajopt import Solution
 
-#: How the name of a file ends that is to be an animated GIF, or a video.
-GIF, VIDEO = ".gif", ".mp4"
+#: The word for the optimal gait.
+OPTIMUM = "optimum"
 
-#: How the name of a gait's file ends.
-GAIT = ".npz"
+#: How the name of a file ends that is an animated GIF, a video, or a gait.
+GIF, VIDEO, GAIT = ".gif", ".mp4", ".npz"
 
 #: Pictures of a window per second; of a GIF, which counts in 1/100 s; of a video.
 FPS, GIF_FPS, VIDEO_FPS = 25, 100 / 6, 50
@@ -49,137 +45,163 @@ LONGEST, LONGEST_GIF = 600.0, 60.0
 COLOURS, SAMPLES = 32, 9
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line, until the window is closed or the time is over."""
-    parser = Parser(__doc__)
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="WALKER",
-        default=[GHOST],
-        help=f"{GHOST}: the optimal gait whose voltage is held for {1e3 * CONTROL_PERIOD:g} ms; a "
-        f"feedback law about it: {', '.join(laws.names())}; a policy that comes with the package: "
-        f"{', '.join(PRETRAINED)}; or the file of a policy, or of a gait ({GAIT}); at most {MOST}",
-    )
-    parser.add_machine(None, "machine; by default that of a policy or a gait, otherwise BUILDABLE")
-    parser.add_argument(
-        "--speed", type=more_than_zero, default=0.56, help="of the gait, or commanded (m/s)"
-    )
-    parser.add_argument("--steps", type=whole(1), default=1, help="of the gait, per stride")
-    parser.add_argument("--seconds", type=more_than_zero, default=20.0, help="of walking")
-    parser.add_trust()
-    parser.add_argument(
-        "--out", type=Path, help="a .gif or .mp4 to write instead of showing a window"
-    )
-    parser.add_argument(
-        "--size",
-        type=whole(50, 4000),
-        nargs=2,
-        default=SIZE,
-        metavar=("WIDTH", "HEIGHT"),
-        help="of the picture, in pixels",
-    )
-    options = parser.parse_args(arguments)
-    kind = options.out and options.out.suffix.lower()
+def watch(
+    names: Names = (OPTIMUM,),
+    *,
+    preset: MaybePreset = None,
+    params: Fields = None,
+    speed: Positive = 0.56,
+    steps: Count = 1,
+    seconds: Positive = 20.0,
+    trust_pickle: Flag = False,
+    out: MaybePath = None,
+    size: Annotated[tuple[int, int], several("WIDTH HEIGHT", whole(50, 4000), 2)] = (720, 468),
+) -> int:
+    """Watch gaits, feedback laws and policies walk: in a window, as a GIF or a video.
+
+    The first is drawn solid, the others as ghosts. Below are the phase plane and where the energy
+    goes. Laws and policies start from rest. The optimum has no start of its own: behind another it
+    joins once that has walked some steps.
+
+    Args:
+        names: at most 4 of: optimum (the optimal gait whose voltage is held for 10 ms), a feedback
+            law about it, a policy that comes with the package (see `rimless list`), the file of a
+            policy or of a gait (.npz)
+        preset: machine; by default that of a policy or a gait, otherwise BUILDABLE
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+        speed: of the gait, or commanded (m/s)
+        steps: of the gait, per stride
+        seconds: of walking
+        trust_pickle: also read files of plain stable-baselines3, which runs any code their author
+            put in
+        out: a .gif or .mp4 to write instead of showing a window
+        size: of the picture, in pixels
+    """
+    from agents.film import MOST
+    from rimless_gym.rendering.display import ffmpeg
+
+    films = {GIF: _gif, VIDEO: _video}
+    kind = out and out.suffix.lower()
     longest = LONGEST_GIF if kind == GIF else LONGEST
-    if not 1 / GIF_FPS <= options.seconds <= longest:
-        parser.error(
-            f"--seconds {options.seconds:g}: must be at least {1 / GIF_FPS:g}, one picture, and "
-            f"at most {longest:g}"
+    if not 1 / GIF_FPS <= seconds <= longest:
+        raise ValueError(
+            f"--seconds {seconds:g}: must be at least {1 / GIF_FPS:g}, one picture, and at most "
+            f"{longest:g}"
         )
-    if len(options.names) > MOST:
-        parser.error(f"{len(options.names)} walkers: at most {MOST} fit into one picture")
-    for name in options.names:
-        if options.names.count(name) > 1:
-            parser.error(f"{name}: is named twice; name each walker once")
-    chosen = options.preset or options.params
-    params = parser.machine(options) if chosen else None
-    if options.out is None:
-        require_display(parser, "write a GIF with --out walk.gif")
-    elif kind not in FILMS:
-        parser.error(f"--out {options.out}: give a name that ends with {' or '.join(FILMS)}")
+    if len(names) > MOST:
+        raise ValueError(f"{len(names)} names: at most {MOST} fit into one picture")
+    if len(set(names)) < len(names):
+        raise ValueError(f"{' '.join(names)}: name each only once")
+    params_ = machine(preset, params) if preset or params else None
+    if out is None:
+        _require_display("write a GIF with --out walk.gif")
+    elif kind not in films:
+        raise ValueError(f"--out {out}: give a name that ends with {' or '.join(films)}")
     else:
         if kind == VIDEO:
             ffmpeg()  # refused before the walks are computed
-        parser.require_file(options.out)
-    try:
-        with parser.refusing():
-            race = race_of(options, params)
-            if options.out is None:
-                show(race)
-            else:
-                with parser.writing(options.out):
-                    FILMS[kind](race, options.out)
-                print(options.out)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+        require_file(out)
+    race = _race(names, params_, speed, steps, seconds, size, trust_pickle)
+    if out is None:
+        _show(race)
+    else:
+        films[str(kind)](race, out)
+        print(out)
     return 0
 
 
-def race_of(options: argparse.Namespace, given: WheelParams | None) -> Race:
-    """The walks that were asked for.
+def play(*, preset: Preset = "BUILDABLE", params: Fields = None) -> int:
+    """Walk yourself: the left and right arrow keys set the motor's voltage. Needs a display.
 
     Args:
-        options: of the command line.
-        given: the machine; None: that of the first policy or law, or else gait, or the default.
+        preset: machine
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+    """
+    import gymnasium
+    from gymnasium.utils.play import play as played
+
+    params_ = machine(preset, params)
+    _require_display("rimless page writes a page to play on in a browser")
+    played(gymnasium.make("RimlessWheel-v0", params=params_, render_mode="rgb_array"))
+    return 0
+
+
+def _race(
+    names: Sequence[str],
+    given: WheelParams | None,
+    speed: float,
+    steps: int,
+    seconds: float,
+    size: tuple[int, int],
+    trust_pickle: bool,
+) -> Race:
+    """The walks of the names.
 
     Raises:
         ValueError: there is no such gait, law or policy, or they are of several machines.
     """
+    from agents.film import Race, ghost
+    from agents.policy_files import named_policy
+    from agents.recording import Recording, record_gait, record_policy
+    from rimless_gym import BUILDABLE
+    from rimless_gym.hybrid import CONTROL_PERIOD
+    from trajopt import Solution, periodic_gait
+    from trajopt.gaits.library import shipped
 
-    saved = {name: Solution.load(name) for name in options.names if name.lower().endswith(GAIT)}
+    saved = {name: Solution.load(name) for name in names if name.lower().endswith(GAIT)}
 
     @lru_cache
-    def gait_for(machine: WheelParams) -> Solution:
-        require_near(machine, options.speed)
-        near = (g for g in saved.values() if (g.params, g.steps) == (machine, options.steps))
-        return periodic_gait(
-            *(machine, options.speed, options.steps),
-            hold=CONTROL_PERIOD,
-            guess=next((gait for gait in near if gait.hold is None), None),
-            progress=True,
-        )
+    def gait_for(params: WheelParams) -> Solution:
+        _require_near(params, speed)
+        near = (g for g in saved.values() if (g.params, g.steps) == (params, steps))
+        guess = next((gait for gait in near if gait.hold is None), None)
+        return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD, guess=guess, progress=True)
 
-    gaits = {name: as_held(gait) for name, gait in saved.items()}
-    named = [name for name in options.names if name != GHOST and name not in gaits]
-    trust = options.trust_pickle
-    found = {name: walker(name, gait_for, given, trust_pickle=trust) for name in named}
-    own = [*(one.params for one in found.values()), *(gait.params for gait in gaits.values())]
-    params = given or next(iter(own), BUILDABLE)
+    gaits = {name: _held(gait) for name, gait in saved.items()}
+    policies = {
+        name: named_policy(name, gait_for, given, trust_pickle=trust_pickle)
+        for name in names
+        if name != OPTIMUM and name not in gaits
+    }
+    machines = [*(w.params for w in policies.values()), *(gait.params for gait in gaits.values())]
+    params = given or next(iter(machines), BUILDABLE)
     for name, gait in gaits.items():
         if gait.params != params:
             raise ValueError(
                 f"{name}: is a gait of another machine: {gait.params.differences(params)}; watch "
-                "it without walkers of other machines, --preset and --params"
+                "it without policies of other machines, --preset and --params"
             )
-    solved = GHOST in options.names or any(one.gait for one in found.values())
+    solved = OPTIMUM in names or any(w.gait for w in policies.values())
     cycle: Solution | None
     if solved or (not gaits and any(gait.params == params for gait in shipped())):
         cycle = gait_for(params)
     else:  # a search would take minutes
         cycle = next(iter(gaits.values()), None)
     walks: list[Recording] = []
-    for name in options.names:
+    for name in names:
         if name in gaits:
-            walks.append(record_gait(name, gaits[name], options.seconds))
-        elif name != GHOST:
-            command = options.speed if found[name].conditions.commanded else None
-            walks.append(record_walker(found[name], options.seconds, command))
+            walks.append(record_gait(name, gaits[name], seconds))
+        elif name != OPTIMUM:
+            command = speed if policies[name].conditions.commanded else None
+            walks.append(record_policy(policies[name], seconds, command))
         elif walks:
             walks.append(ghost(gait_for(params), walks[0]))
         else:
-            walks.append(record_gait(GHOST, gait_for(params), options.seconds))
-    return Race(walks, cycle, tuple(options.size))
+            walks.append(record_gait(OPTIMUM, gait_for(params), seconds))
+    return Race(walks, cycle, size)
 
 
-def as_held(gait: Solution) -> Solution:
-    """The gait if its voltage is held; otherwise the held gait to which it leads.
+def _held(gait: Solution) -> Solution:
+    """The gait if its voltage is held; otherwise the held gait nearest to it.
 
     Only that can be stepped in the environment. Its speed may differ a little.
 
     Raises:
-        NoGaitError: it leads to none.
+        NoGaitError: there is none.
     """
+    from rimless_gym.hybrid import CONTROL_PERIOD
+    from trajopt import periodic_gait
+
     if gait.hold is not None:
         return gait
     return periodic_gait(
@@ -187,43 +209,57 @@ def as_held(gait: Solution) -> Solution:
     )
 
 
-def require_near(machine: WheelParams, speed: float) -> None:
+def _require_near(params: WheelParams, speed: float) -> None:
     """Refuse a speed (m/s) beyond all shipped gaits of a machine, if it has any.
 
     Raises:
         ValueError: a search there would take minutes, and most likely find nothing.
     """
-    known = [gait.speed for gait in shipped() if gait.params == machine]
+    from rimless_gym.presets import machine_name
+    from trajopt.gaits.library import shipped
+
+    known = [gait.speed for gait in shipped() if gait.params == params]
     if known and not min(known) <= speed <= max(known):
-        chosen = f"--preset {machine_name(machine)} --speed {speed:g}"  # a front's is a preset
+        chosen = f"--preset {machine_name(params)} --speed {speed:g}"  # a front's is a preset
         raise ValueError(
             f"--speed {speed:g}: must be on this machine's front, from {min(known):.4g} to "
             f"{max(known):.4g} m/s; beyond it, `rimless gait {chosen}` searches"
         )
 
 
-def gif(race: Race, path: Path) -> None:
+def _frames(race: Race, fps: float, title: str) -> Any:
+    from tqdm import tqdm
+
+    from agents.film import times
+
+    return (race.frame(time) for time in tqdm(times(race.ends, fps), desc=title, unit="picture"))
+
+
+def _gif(race: Race, path: Path) -> None:
     """Write the walks as an animated GIF."""
+    from agents.film import times
+    from rimless_gym.rendering.display import save_gif
+    from trajopt.store import write_bytes
+
     moments, encoded = times(race.ends, GIF_FPS), io.BytesIO()
     samples = [race.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
-    frames = (race.frame(time) for time in tqdm(moments, desc="gif", unit="picture"))
+    frames = _frames(race, GIF_FPS, "gif")
     save_gif(frames, encoded, GIF_FPS, colours=COLOURS, samples=samples)
     write_bytes(path, encoded.getvalue())
 
 
-def video(race: Race, path: Path) -> None:
+def _video(race: Race, path: Path) -> None:
     """Write the walks as a video."""
-    moments = times(race.ends, VIDEO_FPS)
-    frames = (race.frame(time) for time in tqdm(moments, desc="video", unit="picture"))
-    save_mp4(frames, path, VIDEO_FPS)
+    from rimless_gym.rendering.display import save_mp4
+
+    save_mp4(_frames(race, VIDEO_FPS, "video"), path, VIDEO_FPS)
 
 
-#: How walks are written, by how a file's name ends.
-FILMS = {GIF: gif, VIDEO: video}
-
-
-def show(race: Race) -> None:
+def _show(race: Race) -> None:
     """Show walks in a window until it is closed or they end."""
+    from agents.film import times
+    from rimless_gym.rendering.display import Window
+
     window = Window(race.size, FPS)
     for time in times(race.ends, FPS):
         if not window.is_open:
@@ -232,7 +268,9 @@ def show(race: Race) -> None:
     window.close()
 
 
-def require_display(parser: Parser, remedy: str) -> None:
+def _require_display(remedy: str) -> None:
     """Refuse to go on where no window can be shown."""
+    from rimless_gym.rendering.display import has_display
+
     if not has_display():
-        parser.error(f"no display: nothing can be shown here; {remedy}")
+        raise ValueError(f"no display: nothing can be shown here; {remedy}")

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 
-from agents.cli.command import run
+from agents.cli.main import INTERRUPTED, REFUSED
+from rimless_gym.checks import MissingExtraError
 
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
-    "benchmark": "benchmarks.command",
+    "benchmark": "benchmark.run",
     "codesign": "codesign.command",
     "feedback": "feedback_laws.command",
-    "figures": "documents.command",
+    "figures": "documents.figures",
     "front": "fronts.command",
-    "fuzz": "fuzzing.command",
     "learning": "learning.command",
-    "processors": "processors.command",
+    "processors": "processors",
     "publish": "publish",
-    "publish_policy": "publish_policy",
-    "returns": "episode_returns.command",
+    "returns": "returns",
     "textbook": "textbook",
-    "thesis": "thesis.command",
+    "thesis": "thesis.experiments",
 }
 
 
@@ -31,7 +31,14 @@ def main() -> int:
         print(f"usage: python -m scripts.studies NAME ...; names: {', '.join(STUDIES)}")
         return 0 if name in ("-h", "--help") else 2
     sys.argv[0] = f"python -m scripts.studies {name}"
-    return run(f"scripts.studies.{STUDIES[name]}", arguments)
+    try:
+        return int(importlib.import_module(f"scripts.studies.{STUDIES[name]}").main(arguments))
+    except MissingExtraError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agents.cli.commandline import Parser, more_than_zero, whole
+from scripts.studies.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
 from trajopt.gaits.problem import PASSIVE_WHEEL
 from trajopt.ocp.schemes import SCHEMES

@@ -19,7 +19,7 @@ def test_every_block_of_the_readme_runs_by_itself_and_prints_something(
     capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("trajopt.feedback.catch.catch.COUNTS", (7, 9, 8, 17))  # a coarse plan
+    monkeypatch.setattr("trajopt.feedback.startup.COUNTS", (7, 9, 8, 17))  # a coarse plan
     document, blocks = blocks_of(ROOT / "README.md")
     assert blocks
     for block in blocks:

@@ -1,8 +1,8 @@
 """What a feedback law is: a voltage for every state.
 
-A law that holds a gait is one compiled function of the state and of its own numbers (`Law`). What
-keeps the foot pressed down (`trajopt.feedback.guard`) and what brings the wheel to the gait are put
-around it.
+A law that holds a gait is one compiled function of the state and of its own numbers (`Law`). A
+start-up controller (`trajopt.feedback.startup`) and a contact guard (`trajopt.feedback.controller`)
+are put around it.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Law:
         volts: (x (4,), mode, data) -> V; a `rimless_gym.jit.inner` function.
         data: what it needs besides the state, a NamedTuple of arrays and numbers; `data.orbit` is
             the gait's `trajopt.feedback.orbit.Orbit`.
-        smooth: whether the voltage has a derivative by the state on the gait; one that is chosen
-            among several plans has none.
+        smooth: whether the voltage has a derivative by the state on the gait; the best of several
+            candidates has none.
 
     Raises:
         TypeError: `volts` is not compiled, or `data` has no orbit.
@@ -86,9 +86,7 @@ class Law:
             Volts within the limit, shape (N,) or ().
 
         Raises:
-            TypeError: the states or modes are not real numbers.
-            ValueError: they have another shape, a state is not finite or larger than `LARGEST`, or
-                a mode is neither SINGLE nor DOUBLE.
+            TypeError, ValueError: see `states_and_modes`.
         """
         states, modes = states_and_modes(x, mode)
         limit = self.params.voltage_limit
@@ -133,3 +131,16 @@ def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.
         )
     contiguous = np.ascontiguousarray(states, dtype=np.float64)
     return contiguous, np.broadcast_to(modes.astype(np.int64), len(states))
+
+
+def require_machine(name: str, made: Any, params: WheelParams) -> None:
+    """Refuse a law, or another controller that knows its parameters, if these are not `params`.
+
+    Raises:
+        ValueError: it was made for other parameters.
+    """
+    known = getattr(made, "params", params)
+    if isinstance(known, WheelParams) and known != params:
+        raise ValueError(
+            f"{name}: made for another machine: {known.differences(params)}; make it for this one"
+        )

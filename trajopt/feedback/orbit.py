@@ -6,11 +6,18 @@ gait. Near the gait it moves continuously from node to node; far away, where two
 are equally near, it jumps. Only the deviation across the orbit is an error; to
 be early or late is none (Shiriaev, Freidovich and Gusev, IEEE TAC 2010, for transverse
 coordinates).
+
+The voltage of a held gait changes at ticks, and the gait is optimal only in step with them. How far
+a state is ahead of this clock is one more coordinate, which some laws correct. They need no memory
+for it: the clock is the control period, at whose ends they act. So only a gait that is held for a
+control period has a clock; where the voltage is continuous, or held for another time, to be ahead
+costs nothing.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,17 +25,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rimless_gym.checks import positive, require_kind
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
-from trajopt.feedback.requirements import require_verified
 from trajopt.gaits.solution import Solution
 
 #: Nodes per control period: the polyline is then within 1e-4 standard deviations of the orbit.
 FINENESS = 16
 
-#: The nearest node is looked for among every so many, and then around the one that was found.
+#: The nearest node is searched among every so many, and then around the best of these.
 SKIPPED = 8
 
 #: Fewest control periods in a stride, so that neighbours of a very short one are near.
@@ -95,7 +102,12 @@ class Grid:
             TypeError: `solution` is not a `trajopt.Solution`.
             ValueError: it failed its verification.
         """
-        require_verified(solution)
+        require_kind("solution", solution, Solution)
+        if not solution.verification.passed:
+            raise ValueError(
+                f"solution: failed its verification ({'; '.join(solution.verification.failures)}), "
+                "so no law can hold it; solve it again, with `starts` or at another speed"
+            )
         periods = max(FEWEST_PERIODS, round(solution.duration / CONTROL_PERIOD - 1e-6))
         m = FINENESS * periods
         spacing = solution.duration / m
@@ -152,15 +164,15 @@ class Grid:
 
         At a touchdown, the line through the two nearest times of the same step is drawn out.
         """
-        found = []
+        rows = []
         for begin, end in pairwise(self.solution.phase_times):
             inside = np.flatnonzero((self.times > begin) & (self.times < end))
             first, last = values[inside[:2]], values[inside[-2:]]
             t, u = self.times[inside[:2]], self.times[inside[-2:]]
             at_begin = first[0] + (begin - t[0]) / (t[1] - t[0]) * (first[1] - first[0])
             at_end = last[1] + (end - u[1]) / (u[1] - u[0]) * (last[1] - last[0])
-            found += [at_begin, *values[inside], at_end]
-        return np.array(found)
+            rows += [at_begin, *values[inside], at_end]
+        return np.array(rows)
 
 
 def _clearest(touchdowns: Floats) -> float:
@@ -266,3 +278,73 @@ def squared_distances(x, orbit):  # type: ignore[no-untyped-def]
     for i in range(len(x)):
         squares[i] = located(x[i], orbit).squared
     return squares
+
+
+class Clock(NamedTuple):
+    """Ticks at tick + k `CONTROL_PERIOD` of the gait's own time, for all whole k.
+
+    Attributes:
+        tick: time of one tick (s).
+        ahead: time (s) ahead of a tick that counts like one standard deviation of the gait's own
+            motion; infinite without a clock: time does not count.
+    """
+
+    tick: float
+    ahead: float
+
+    @classmethod
+    def of(cls, solution: Solution, ahead: float | None) -> Clock:
+        """The clock of a gait.
+
+        Args:
+            solution: the gait.
+            ahead: time (s) that counts like one standard deviation; > 0. None: it does not count,
+                as if the gait had no clock.
+
+        Raises:
+            TypeError, ValueError: `ahead` is not a finite positive number.
+        """
+        counts = math.inf if ahead is None else positive("ahead", ahead)
+        return cls(solution.first_tick, counts) if has_clock(solution) else cls(0.0, math.inf)
+
+
+def has_clock(solution: Solution) -> bool:
+    """Whether the gait's voltage is held for a control period."""
+    return solution.hold is not None and math.isclose(solution.hold, CONTROL_PERIOD)
+
+
+class Offset(NamedTuple):
+    """How far from a held gait a state is.
+
+    Attributes:
+        spot: the nearest point of the orbit.
+        across: deviation from that point, four numbers.
+        early: time (s) by which that point is ahead of the nearest tick.
+    """
+
+    spot: Spot
+    across: tuple[float, float, float, float]
+    early: float
+
+
+@inner
+def offset(x, orbit, clock):  # type: ignore[no-untyped-def]
+    """The `Offset` of a state."""
+    spot = located(x, orbit)
+    across = deviation(x, between(orbit.states, spot))
+    return Offset(spot, across, ahead_of_clock(spot, orbit.times, clock))
+
+
+@inner
+def ahead_of_clock(spot, times, clock):  # type: ignore[no-untyped-def]
+    """Time (s) by which a state at a spot of the orbit is ahead of the nearest tick.
+
+    A sine, which is the time near a tick and has no jump half way between two.
+
+    Args:
+        spot: where on the orbit the state is.
+        times: of the orbit's nodes (s), shape (n,).
+        clock: the gait's.
+    """
+    turn = 2 * np.pi / CONTROL_PERIOD
+    return np.sin(turn * (between(times, spot) - clock.tick)) / turn

@@ -5,21 +5,22 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from rimless_gym import simulate
+from rimless_gym import WheelParams, hybrid, simulate
 from rimless_gym.energy import ROW, Ledger
-from rimless_gym.equations import MODE_NAMES
+from rimless_gym.equations import MODE_NAMES, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import FOOT, MODE, advance
+from rimless_gym.kernel.attempt import MAX_POLE_STEP, MAX_RATE_STEP
+from rimless_gym.kernel.integration import smooth_states
+from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, STATE_SIZE, THETA, advance
 from rimless_gym.presets import PRESETS
-from scripts.studies.documents.feet import height_at_touchdown
-from scripts.studies.documents.motions import CASES, Motion
+from rimless_gym.trajectory import Event, Trajectory
 
 Array = NDArray[np.float64]
 NUDGE = 1e-13  # rad: how far a start is moved, to see how much the motion itself magnifies it
@@ -145,4 +146,202 @@ def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
         for case in tqdm(CASES, desc=name, file=sys.stderr, leave=False):
             result = measured(name, case, grazes if "graze" in case else count)
             table[name][case] = dataclasses.asdict(result)
+    return table
+
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """A motion to simulate.
+
+    Attributes:
+        params: the machine.
+        start: hybrid state (STATE_SIZE,).
+        volts: voltages (V), each held for one control interval.
+    """
+
+    params: WheelParams
+    start: Array
+    volts: Array
+
+
+def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int = SINGLE) -> Array:
+    """A state of the stepping kernel, on the first foot."""
+    return np.array([phi, theta, dphi, dtheta, mode, 0.0])
+
+
+def walking(name: str, rng: np.random.Generator) -> Motion:
+    """The pendulum is held ahead of the hub. Machines with too weak a motor walk downhill."""
+    slope = {"THESIS_NOMINAL": 0.1, "PROTOTYPE": 0.45}.get(name, 0.0)
+    params, lean = PRESETS[name].replace(slope=slope), rng.uniform(1.0, 1.4)
+    start = hybrid_state(params.constants.a, lean, rng.uniform(1.5, 2.5), 0.0)
+    state, volts = start[None].copy(), []
+    for _ in range(150):
+        push = 30 * (lean - state[0, THETA]) - 3 * state[0, DTHETA] + 3 * state[0, DPHI] + 10
+        volts.append(np.clip(push, -params.voltage_limit, params.voltage_limit))
+        advance(params, state, np.array(volts[-1:]), pull=math.inf)
+    return Motion(params, start, np.array(volts))
+
+
+def falling_back(name: str, rng: np.random.Generator) -> Motion:
+    """The wheel falls backward from mid-stance, under random voltages."""
+    params = PRESETS[name]
+    start = hybrid_state(rng.uniform(1.2, 1.8), rng.uniform(-1, 1), rng.uniform(-4, -2), 0.0)
+    return Motion(params, start, rng.uniform(-8, 8, 80))
+
+
+def rocking(name: str, rng: np.random.Generator) -> Motion:
+    """The wheel rocks on two feet under an alternating voltage."""
+    params = PRESETS[name]
+    volts = params.voltage_limit * np.sin(
+        rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6)
+    )
+    start = hybrid_state(params.constants.a + 0.02, rng.uniform(-1.5, 1.5), 0.0, 0.0)
+    return Motion(params, start, volts)
+
+
+def resting(name: str, rng: np.random.Generator) -> Motion:
+    """The wheel comes to rest on two feet; then full voltage makes it lift off again."""
+    params = PRESETS[name]
+    start = hybrid_state(
+        params.constants.a + rng.uniform(0.01, 0.05), rng.uniform(-0.3, 0.3), 0.0, 0.0
+    )
+    sign = rng.choice([-1.0, 1.0])
+    return Motion(params, start, np.where(np.arange(150) < 100, 0.0, sign * params.voltage_limit))
+
+
+def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
+    """Nearly at rest, with three or more touchdowns in the first control interval."""
+    params, p = PRESETS[name], PRESETS[name].constants
+    while True:
+        start = hybrid_state(p.a, rng.uniform(-0.5, 0.5), rng.uniform(0.002, 0.04), 0.0)
+        motion = Motion(params, start, rng.uniform(-1, 1, 2))
+        rows = advance(params, start[None].copy(), motion.volts[:1], pull=math.inf)
+        if rows[0, ROW.touchdowns] >= 3:
+            return motion
+
+
+def grazing(depth: float) -> Callable[[str, np.random.Generator], Motion]:
+    """Motions in which the leg turns back when the swing foot is `depth` (m) below the ground.
+
+    The turning point is drawn. Integrating backward from it gives the start, 3 to 7 ms earlier.
+    """
+
+    def motion(name: str, rng: np.random.Generator) -> Motion:
+        params, p = PRESETS[name], PRESETS[name].constants
+        forward = bool(rng.integers(2))
+        phi = p.b + depth / params.step_length if forward else p.a - depth / params.step_length
+        while True:
+            theta, dtheta = rng.uniform(-math.pi, math.pi), rng.uniform(-8, 8)
+            u = rng.uniform(-params.voltage_limit, params.voltage_limit)
+            before = -rng.uniform(0.003, 0.007)
+            *_, y = smooth_states(params, (phi, theta, 0.0, dtheta), u, before, 32)
+            turns_back = (y[2] > 0) == forward and abs(y[2]) > 1e-3
+            if p.a < y[0] < p.b and turns_back and abs(y[3]) < 40:
+                start = hybrid_state(y[0], y[1], y[2], y[3])
+                return Motion(params, start, np.array([u]))
+
+    return motion
+
+
+CASES: dict[str, Callable[[str, np.random.Generator], Motion]] = {
+    "walking": walking,
+    "falling back": falling_back,
+    "rocking": rocking,
+    "resting, lift-off": resting,
+    "several touchdowns": several_touchdowns,
+}
+CASES |= {
+    f"graze {depth:+.0e} m": grazing(depth) for depth in (1e-5, 1e-7, 1e-9, 1e-11, -1e-11, -1e-9)
+}
+
+
+Array = NDArray[np.float64]
+
+
+def foot_height(params: WheelParams, phi: float, direction: int) -> float:
+    """Height (m) of the foot that comes down next if the wheel turns in `direction` (1 or -1)."""
+    p, swing = params.constants, phi - direction * params.leg_angle
+    return float(hybrid.hub_position(phi, p)[1] - hybrid.hub_position(swing, p)[1])
+
+
+def dip(
+    params: WheelParams, y: Sequence[float], u: float, duration: float, direction: int
+) -> float:
+    """How deep (m) the foot goes below the ground before it comes up; 0 if it does not come up."""
+    states = smooth_states(params, tuple(y), u, duration, 400)
+    heights = np.array([foot_height(params, state[0], direction) for state in states])
+    below = np.flatnonzero(heights < 0)
+    back = np.flatnonzero(heights[below[0] :] > 0) if len(below) else below
+    return float(-heights[below[0] : below[0] + back[0]].min()) if len(back) else 0.0
+
+
+def height_at_touchdown(reference: Trajectory, event: Event, volts: Array) -> float:
+    """Height (m) of the foot by the reference when the kernel finds this touchdown.
+
+    The kernel starts from the reference's state half of its longest step earlier, or at the last
+    event or change of the voltage if that is later. If it misses the touchdown, the depth of the
+    dip counts.
+
+    Args:
+        reference: the motion.
+        event: a touchdown in it.
+        volts: voltages of the control intervals.
+    """
+    params = reference.params
+    interval = max(math.ceil(event.time / CONTROL_PERIOD - 1e-9) - 1, 0)
+    earlier = [other.time for other in reference.events if other.time < event.time]
+    begin = max([interval * CONTROL_PERIOD, *earlier])
+    rates = max(np.abs(reference.state(begin)[2:]).sum(), 1e-9)
+    limit = min(CONTROL_PERIOD, MAX_POLE_STEP / params.motor_pole, MAX_RATE_STEP / rates)
+    t, u = max(begin, event.time - limit / 2), volts[interval]
+    start = np.zeros((1, STATE_SIZE))
+    start[0, :4] = y = reference.state(t)
+    duration, touchdowns = event.time - t + limit / 2, 2.0
+    while touchdowns > 1:  # until only the first is left
+        out = advance(params, start.copy(), np.array([u]), duration, pull=math.inf)[0]
+        touchdowns, duration = out[ROW.touchdowns], out[ROW.touchdown_time] * (1 - 1e-12)
+    if out[ROW.touchdowns] == 0:
+        return dip(params, tuple(y), u, CONTROL_PERIOD, event.direction)
+    t += out[ROW.touchdown_time]
+    arc = next(arc for arc in reference.arcs if arc.end == event.time)
+    return abs(foot_height(params, arc.dense(t)[0], event.direction))
+
+
+def missed_dips(count: int) -> dict[str, dict[str, float]]:
+    """Control intervals that start near a touchdown, compared with the same in eight parts.
+
+    If the leg turns back twice within an interval, the foot may dip below the ground and come up.
+
+    Args:
+        count: intervals of each preset.
+
+    Returns:
+        By preset: the number of `intervals` and of `touchdowns`, how many intervals were `unlike`
+        the same in parts, and the `deepest` dip of those (m).
+    """
+    table = {}
+    for name, params in PRESETS.items():
+        p, rng = params.constants, np.random.default_rng(0)
+        start = np.zeros((count, STATE_SIZE))
+        start[:, 0] = p.a + 10 ** rng.uniform(-7, -2.5, count)
+        start[:, 1] = rng.uniform(-math.pi, math.pi, count)
+        start[:, 2] = -(10 ** rng.uniform(-4, -0.3, count)) * rng.choice([1, 1, -1], count)
+        start[:, 3] = rng.uniform(-15, 15, count)
+        volts, whole, parts = rng.uniform(-20, 20, count), start.copy(), start.copy()
+        rows = advance(params, whole, volts, pull=math.inf)
+        eighths = [advance(params, parts, volts, CONTROL_PERIOD / 8, math.inf) for _ in range(8)]
+        counts = np.sum([eighth[:, ROW.touchdowns] for eighth in eighths], axis=0)
+        unlike = np.flatnonzero(
+            (np.abs(whole - parts).max(1) > 1e-6) | (rows[:, ROW.touchdowns] != counts)
+        )
+        depths = [dip(params, start[i, :4].tolist(), volts[i], CONTROL_PERIOD, -1) for i in unlike]
+        table[name] = {
+            "intervals": count,
+            "touchdowns": int(rows[:, ROW.touchdowns].sum()),
+            "unlike": len(unlike),
+            "deepest": max(depths, default=0.0),
+        }
     return table

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
-from scripts.studies.documents.machines import OF_THE_THESIS, eq, impact_ratios, kappa_range
+from rimless_gym.equations import equations
+from rimless_gym.kernel.integration import smooth_states
+from rimless_gym.presets import PRESETS
 
 Array = NDArray[np.float64]
 
@@ -141,4 +143,81 @@ def rotor(jm: float = 1e-7) -> dict[str, Any]:
             "pole_right": right.motor_pole,
             "pole_printed": printed.motor_pole,
         }
+    return table
+
+
+eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
+
+#: The presets that are the thesis's, which know no losses but the motor's.
+OF_THE_THESIS = {name: PRESETS[name] for name in ("THESIS_NOMINAL", "THESIS_PHYSICAL", "PROTOTYPE")}
+
+
+def impact_ratios(
+    params: WheelParams, law: str, theta: Any, dphi: Any, dtheta: Any
+) -> tuple[Any, Any]:
+    """(phi'+, kinetic energy after / before) of a forward touchdown."""
+    p, q = params.constants, params.replace(impact_law=law).constants
+    after = eq.impact(p.a, p.b, theta, dphi, dtheta, q)
+    energy = eq.kinetic_energy(p.a, theta, *after, p)
+    return after[0], energy / eq.kinetic_energy(p.b, theta, dphi, dtheta, p)
+
+
+def kappa_range(params: WheelParams) -> list[float]:
+    """Least and largest phi'+ / phi'- of a plastic touchdown over all pendulum angles."""
+    rates = impact_ratios(params, "plastic", np.linspace(-math.pi, math.pi, 100_001), 1.0, 0.0)[0]
+    return [float(rates.min()), float(rates.max())]
+
+
+def kappa_of_few_legs() -> dict[str, dict[str, list[float]]]:
+    """`kappa_range` of each preset with fewer legs."""
+    return {
+        name: {str(n): kappa_range(params.replace(n_legs=n)) for n in (3, 4)}
+        for name, params in PRESETS.items()
+    }
+
+
+def reach_and_hub(params: WheelParams) -> list[float]:
+    """How far the pendulum reaches below the hub, and the hub's height on two feet (m)."""
+    p = params.constants
+    hub = float(eq.hub_position(p.a, p)[1])
+    return [hub - float(eq.pendulum_clearance(p.a, 0.0, p)), hub]
+
+
+def coming_to_rest() -> dict[str, Any]:
+    """A sequence of ever quicker touchdowns, which ends in double stance."""
+    p = THESIS_PHYSICAL.constants
+    motion = simulate(THESIS_PHYSICAL, [p.a + 0.05, 0.0, 0.0, 0.0], np.zeros(60), 0.6)
+    falls = motion.touchdowns
+    return {
+        "touchdowns": len(falls),
+        "time": [event.time for event in falls],
+        "rate": [abs(float(event.before[2])) for event in falls],
+        "loss": [event.loss for event in falls],
+        "final_mode": motion.final_mode,
+    }
+
+
+def convergence(count: int = 20) -> dict[str, dict[str, Any]]:
+    """Errors of the integrator with ever shorter steps, and its order, on the thesis's machines.
+
+    Dry friction changes within milliseconds where psi' changes its sign. Steps of the lengths here
+    would pass over that, and show no order.
+
+    Args:
+        count: starts, over which an error is a root mean square.
+    """
+    table = {}
+    for name, params in OF_THE_THESIS.items():
+        rng, squares = np.random.default_rng(3), np.zeros(7)
+        duration = 0.01 if name == "PROTOTYPE" else 0.2  # its motor pole is that much faster
+        sizes = duration / 2.0 ** np.arange(7)
+        for start in rng.uniform([1.2, -2, -2, -6], [1.8, 2, 2, 6], (count, 4)):
+            *_, exact = smooth_states(params, tuple(start), 10.0, duration, 512)
+            for i in range(7):
+                *_, end = smooth_states(params, tuple(start), 10.0, duration, 2**i)
+                squares[i] += np.abs(np.subtract(end, exact)).max() ** 2 / count
+        errors = np.sqrt(squares)
+        fit = (errors > 2e-13) & (errors < 1e-5)
+        order = float(np.polyfit(np.log(sizes[fit]), np.log(errors[fit]), 1)[0])
+        table[name] = {"h": sizes.tolist(), "error": errors.tolist(), "order": order}
     return table

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from trajopt.files import write_text
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -18,3 +22,27 @@ def count(number: float) -> str:
         if number >= factor:
             return f"{number / factor:.3g}{unit}"
     return f"{number:.3g}"
+
+
+Marks = dict[str, re.Pattern[str]]
+
+
+def marks(study: str, names: tuple[str, ...]) -> Marks:
+    """What is found around the sections of a study, by their names."""
+    return {
+        name: re.compile(rf"(<!-- {study}: {name} -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
+        for name in names
+    }
+
+
+def wanted(study: str, names: tuple[str, ...]) -> str:
+    """The marks as a user should write them."""
+    return ", ".join(f"<!-- {study}: {name} --> and <!-- end of {name} -->" for name in names)
+
+
+def refresh(page: Path, around: Marks, sections: Mapping[str, str]) -> None:
+    """Put every section between its marks."""
+    text = page.read_text()
+    for name, section in sections.items():
+        text = around[name].sub(lambda found, new=section: found[1] + new + found[2], text)  # type: ignore[misc]
+    write_text(page, text)

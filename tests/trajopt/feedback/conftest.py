@@ -7,6 +7,8 @@ from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.energy import ROW
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance
 from trajopt import Solution, periodic_gait
+from trajopt.feedback.law import Law
+from trajopt.feedback.laws import lqr
 
 P = THESIS_PHYSICAL
 
@@ -14,6 +16,12 @@ P = THESIS_PHYSICAL
 @pytest.fixture(scope="session")
 def held() -> Solution:
     return periodic_gait(P, 0.5, hold=0.01)
+
+
+@pytest.fixture(scope="session")
+def law(held: Solution) -> Law:
+    """The LQR about the held gait."""
+    return lqr.design(held)
 
 
 @pytest.fixture

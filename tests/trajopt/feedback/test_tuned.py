@@ -1,95 +1,104 @@
+"""The LQR with tuned numbers: what is scored, and what evolution makes of it."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from rimless_gym.kernel.stepping import DTHETA
-from trajopt.feedback import tuning
 from trajopt.feedback.laws import lqr, tuned
+from trajopt.feedback.orbit import offset, squared_distances
 
 SHORT = {"wheels": 48, "generations": 3, "progress": False}
 
 
 @pytest.fixture(scope="module")
-def law(one_step):
+def linear(one_step):
+    return lqr.design(one_step)
+
+
+@pytest.fixture(scope="module")
+def tuned_law(one_step):
     return tuned.design(one_step, **SHORT)
 
 
 @pytest.fixture(scope="module")
-def trial(one_step, law):
-    return tuning.Trial.about(one_step, law.data.orbit, SHORT["wheels"], 0)
+def trial(one_step, linear):
+    return tuned.Trial.about(one_step, linear.data.orbit, SHORT["wheels"], 0)
+
+
+def test_zeros_leave_the_lqr_as_it_is_and_other_numbers_do_not(linear, one_step):
+    zeros = np.zeros(tuned.Numbers.count(2))
+    same, changed = (
+        tuned.with_numbers(linear.data, one_step.duration, tuned.Numbers.of(q))
+        for q in (zeros, zeros + 0.1)
+    )
+    for name in ("voltages", "gentle", "firm", "timing", "blend"):
+        assert np.array_equal(getattr(same, name), getattr(linear.data, name))
+    for name in ("voltages", "gentle", "firm", "blend"):
+        assert not np.array_equal(getattr(changed, name), getattr(linear.data, name))
+
+
+def test_a_trial_starts_on_the_gait_at_ticks_and_beside_it(held, law):
+    orbit = law.data.orbit
+    trial = tuned.Trial.about(held, orbit, 16, 0)
+    early = [offset(x, orbit, law.data.clock).early for x in trial.gait.T]
+    assert early == pytest.approx([0.0, 0.0], abs=2e-5)
+    away = np.sqrt(squared_distances(np.ascontiguousarray(trial.disturbed[:4].T), orbit))
+    assert len(away) == 16
+    assert 0.0 < away.min() < away.max() < 1.5 * max(tuned.SIZES)
+
+
+def test_a_law_that_loses_wheels_costs_more_or_walks_backwards_scores_worse(
+    linear, trial, one_step, monkeypatch
+):
+    count = trial.gait.shape[1]
+
+    def score(distance=1.0, energy=1.0, off=0.0, lasted=1.0):
+        columns = (np.full(count, each) for each in (lasted, energy, distance, off))
+        walks = tuned.TrialWalks(*columns)
+        monkeypatch.setattr(tuned, "walked", lambda *args: walks)
+        return tuned.score(linear, one_step, trial)
+
+    assert score(distance=-1.0) == score(distance=0.0) == tuned.COST_WEIGHT
+    assert score(off=np.inf, lasted=0.5) > score(off=np.inf) > tuned.COST_WEIGHT
+    assert score() < score(energy=2.0)
+    assert score() < score(off=0.05)
 
 
 @pytest.mark.slow
-def test_without_a_generation_it_is_the_lqr(one_step):
-    x = np.asarray(one_step.state(np.linspace(0.0, one_step.duration, 50))) + 0.05
-    untuned = tuned.design(one_step, **SHORT | {"generations": 0})
-    assert np.array_equal(untuned(x), lqr.design(one_step)(x))
-
-
-def test_evolution_scores_better_than_the_lqr(law, trial, one_step):
-    linear = lqr.design(one_step)
-    assert tuning.score(law, one_step, trial) < tuning.score(linear, one_step, trial)
-
-
-def test_the_same_seed_gives_the_same_law_and_leaves_numpys_generator_alone(law, one_step):
+def test_evolution_scores_better_than_the_lqr_and_the_same_for_the_same_seed(
+    tuned_law, linear, trial, one_step
+):
+    assert tuned.score(tuned_law, one_step, trial) < tuned.score(linear, one_step, trial)
     np.random.seed(5)  # noqa: NPY002
     wanted = np.random.random()  # noqa: NPY002
     np.random.seed(5)  # noqa: NPY002
     again = tuned.design(one_step, **SHORT)
     assert np.random.random() == wanted  # noqa: NPY002
-    assert np.array_equal(again.data.firm, law.data.firm)
+    assert np.array_equal(again.data.firm, tuned_law.data.firm)
     other = tuned.design(one_step, **SHORT, seed=1)
-    assert not np.array_equal(other.data.firm, law.data.firm)
+    assert not np.array_equal(other.data.firm, tuned_law.data.firm)
 
 
-def test_its_voltage_has_no_jumps_about_the_gait(law, one_step):
+@pytest.mark.slow
+def test_its_voltage_has_no_jumps_about_the_gait(tuned_law, one_step):
     x = np.asarray(one_step.state(np.linspace(0.1, 0.9, 20001) * one_step.duration))
-    x = x + 0.03 / np.sqrt(law.data.orbit.metric)
-    x = x[law(x) ** 2 < law.params.voltage_limit**2]
-    steps = np.abs(np.diff(law(x)))
-    assert steps.max() < 0.05 * law.params.voltage_limit
+    x = x + 0.03 / np.sqrt(tuned_law.data.orbit.metric)
+    x = x[tuned_law(x) ** 2 < tuned_law.params.voltage_limit**2]
+    steps = np.abs(np.diff(tuned_law(x)))
+    assert steps.max() < 0.05 * tuned_law.params.voltage_limit
 
 
-def test_a_wheel_that_falls_is_counted_as_lost_and_the_others_as_if_alone(law, trial):
+@pytest.mark.slow
+def test_a_wheel_that_falls_is_counted_as_lost_and_the_others_as_if_alone(linear, trial):
     states = trial.disturbed.copy()
     states[DTHETA, :3] += 20.0
-    together = tuning.walked(law, states, 1.0)
-    alone = tuning.walked(law, states[:, 7:8], 1.0)
+    together = tuned.walked(linear, states, 1.0)
+    alone = tuned.walked(linear, states[:, 7:8], 1.0)
     assert together.energy[7] == alone.energy[0]
     assert together.off[7] == alone.off[0]
     assert together.lasted[:3].max() < 0.99
     assert np.isinf(together.off[:3]).all()
     assert together.lasted[7] == pytest.approx(1.0)
     assert np.isfinite(together.off[7])
-
-
-def test_a_law_that_walks_backwards_scores_like_one_that_falls(law, trial, one_step, monkeypatch):
-    count = trial.gait.shape[1]
-
-    def walked(gone, off):
-        walks = tuning.Walks(np.ones(count), np.ones(count), np.full(count, gone), off)
-        monkeypatch.setattr(tuning, "walked", lambda *args: walks)
-        return tuning.score(law, one_step, trial)
-
-    forwards, falls = walked(1.0, np.zeros(count)), tuning.DEARNESS
-    assert walked(-1.0, np.zeros(count)) == falls
-    assert walked(0.0, np.zeros(count)) == falls
-    assert walked(1.0, np.full(count, np.inf)) > falls > 0.0
-    assert forwards != falls
-
-
-@pytest.mark.parametrize(
-    ("change", "error"),
-    [
-        ({"harmonics": -1}, ValueError),
-        ({"wheels": 0}, ValueError),
-        ({"generations": 1.5}, TypeError),
-        ({"spread": 0.0}, ValueError),
-        ({"seed": -1}, ValueError),
-        ({"progress": 1}, TypeError),
-    ],
-)
-def test_it_refuses_arguments_out_of_range(one_step, change, error):
-    with pytest.raises(error, match=next(iter(change))):
-        tuned.design(one_step, **SHORT | change)

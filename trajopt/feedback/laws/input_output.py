@@ -5,7 +5,7 @@
 The output y (`trajopt.feedback.constraint`) has relative degree two: y'' is affine in V but for the
 kink of friction. The law takes y'' from the model at two voltages and solves for the V that gives
 the y'' above. What it does not control is the motion along the constraint, the zero dynamics; their
-multiplier over a stride is `trajopt.feedback.zero_dynamics.zero_dynamics_multiplier` (Westervelt,
+multiplier over a stride is `trajopt.feedback.constraint.zero_dynamics_multiplier` (Westervelt,
 Grizzle and Koditschek, Hybrid zero dynamics of planar biped walkers, IEEE TAC 2003).
 """
 
@@ -18,7 +18,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD, accelerations
 from rimless_gym.jit import inner
 from rimless_gym.params import Constants
-from trajopt.feedback.constraint import LEG, Constraint, constraint_of, output
+from trajopt.feedback.constraint import LEG, VirtualConstraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
@@ -33,14 +33,14 @@ class Inverse(NamedTuple):
     Attributes:
         orbit: the gait's.
         constraint: the virtual constraint.
-        machine: constants of the machine.
+        constants: of the machine.
         kp: 1/s^2.
         kd: 1/s.
     """
 
     orbit: Orbit
-    constraint: Constraint
-    machine: Constants
+    constraint: VirtualConstraint
+    constants: Constants
     kp: float
     kd: float
 
@@ -75,7 +75,7 @@ def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
 @inner
 def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
-    out = output(x, data.constraint, data.machine)
+    out = output(x, data.constraint, data.constants)
     here = _second_derivative(x, out, out.voltage, data)
     per_volt = _second_derivative(x, out, out.voltage + 1.0, data) - here
     return out.voltage - (here + data.kd * out.dy + data.kp * out.y) / per_volt
@@ -84,7 +84,7 @@ def volts(x, mode, data):  # type: ignore[no-untyped-def]
 @inner
 def _second_derivative(x, out, u, data):  # type: ignore[no-untyped-def]
     """y'' (rad/s^2) at a voltage."""
-    a = accelerations(SINGLE, x[0], x[1], x[2], x[3], u, data.machine)
+    a = accelerations(SINGLE, x[0], x[1], x[2], x[3], u, data.constants)
     leads = data.constraint.phase == LEG
     other, phase = (a.ddtheta, a.ddphi) if leads else (a.ddphi, a.ddtheta)
     return other - out.slope * phase - out.bend * x[2 + data.constraint.phase] ** 2

@@ -3,7 +3,7 @@
     V = V*(s) - K(s) (x - x*(s)),    s: the point of the orbit nearest to x
 
 The gains are those of the periodic discrete-time LQR of the deviations across the orbit under the
-zero-order hold, with the saltation of the touchdowns (`trajopt.feedback.riccati`). They are
+zero-order hold, with the saltation of the touchdowns (`trajopt.feedback.transverse`). They are
 computed for every node of the orbit, several to a control period, and are linear in between: the
 law has no jumps near the gait.
 """
@@ -15,11 +15,9 @@ from typing import NamedTuple
 
 from rimless_gym.checks import positive
 from rimless_gym.jit import inner
-from trajopt.feedback.clock import Clock, offset
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.orbit import Grid, Orbit, between
-from trajopt.feedback.riccati import riccati
-from trajopt.feedback.transverse import transverse_dynamics
+from trajopt.feedback.orbit import Clock, Grid, Orbit, between, offset
+from trajopt.feedback.transverse import riccati, transverse_dynamics
 from trajopt.gaits.solution import Solution
 
 #: Cost of a squared volt on the gait and away from it, where a squared deviation of one standard
@@ -35,7 +33,7 @@ BLEND = 0.06
 AHEAD = 0.03
 
 
-class Gains(NamedTuple):
+class LqrGains(NamedTuple):
     """What the law needs.
 
     Attributes:
@@ -72,7 +70,7 @@ def design(
         firm: the same away from the gait; > 0.
         blend: see `BLEND`; > 0.
         ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
-            (`trajopt.feedback.clock`), it does not matter.
+            (`trajopt.feedback.orbit`), it does not matter.
 
     Raises:
         TypeError: an argument is of the wrong type.
@@ -85,7 +83,7 @@ def design(
     on = riccati(transverse, positive("gentle", gentle), clock.ahead).gains
     off = riccati(transverse, positive("firm", firm), math.inf).gains
     orbit = grid.orbit()
-    data = Gains(
+    data = LqrGains(
         orbit=orbit,
         voltages=orbit.voltages,
         gentle=grid.at_nodes(transverse.per_deviation(on)),

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from rimless_gym.checks import not_negative, positive
 from rimless_gym.jit import inner
 from rimless_gym.params import Constants
-from trajopt.feedback.constraint import PENDULUM, Constraint, constraint_of, output
+from trajopt.feedback.constraint import PENDULUM, VirtualConstraint, constraint_of, output
 from trajopt.feedback.law import Law
 from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
@@ -29,20 +29,20 @@ from trajopt.gaits.solution import Solution
 KP, KD = 400.0, 10.0
 
 
-class Gains(NamedTuple):
+class ServoGains(NamedTuple):
     """What the law needs.
 
     Attributes:
         orbit: the gait's.
         constraint: that finds the phase and the error of the angle.
-        machine: constants of the machine.
+        constants: of the machine.
         kp: volts per rad.
         kd: volts per rad/s.
     """
 
     orbit: Orbit
-    constraint: Constraint
-    machine: Constants
+    constraint: VirtualConstraint
+    constants: Constants
     kp: float
     kd: float
 
@@ -63,10 +63,10 @@ def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
     constraint, constants = constraint_of(solution), solution.params.constants
     _require_servo(constraint, solution.params.motor_mount)
     kp, kd = constants.K * positive("kp", kp), constants.K * not_negative("kd", kd)
-    return Law(solution.params, volts, Gains(constraint.orbit, constraint, constants, kp, kd))
+    return Law(solution.params, volts, ServoGains(constraint.orbit, constraint, constants, kp, kd))
 
 
-def _require_servo(constraint: Constraint, motor_mount: str) -> None:
+def _require_servo(constraint: VirtualConstraint, motor_mount: str) -> None:
     """Refuse a constraint that turning the motor back to its angle on the gait does not hold.
 
     Raises:
@@ -87,5 +87,5 @@ def _require_servo(constraint: Constraint, motor_mount: str) -> None:
 @inner
 def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
-    out = output(x, data.constraint, data.machine)
+    out = output(x, data.constraint, data.constants)
     return out.voltage - data.kp * out.y - data.kd * out.motor_rate_error

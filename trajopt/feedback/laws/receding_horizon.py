@@ -6,34 +6,52 @@
 over a horizon of N control intervals: y is the deviation from the orbit at its nearest point s and
 from the gait's clock, in standard deviations of the gait's own motion, d a shift of its voltage, c
 how far the foot is less pressed down or nearer to slipping than the gait allows, and P the cost to
-go of the LQR (`trajopt.feedback.riccati`), which stands for all the time after. Only V_0 is
-played.
+go of the LQR (`trajopt.feedback.transverse.riccati`), which stands for all the time after. Only V_0
+is applied.
 
 There is no time to solve the problem to the end, and no need to: the LQR's own motion from the
 state, with a few variants, is where a fixed number of iterations starts (Diehl, Bock and
-Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). An iteration is control-
-limited iLQR (`trajopt.feedback.ilqr`). The law has no memory.
+Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). The law has no memory.
+
+An iteration is control-limited iLQR. A backward pass makes a quadratic model of the cost to go,
+with the Gauss-Newton Hessian of all costs. Its minimum within the voltage limit is a change of
+every shift, with gains for the states that follow. A forward pass simulates shares of the change on
+the stepping kernel, all at once, and keeps the best (Tassa, Mansard and Todorov, Control-limited
+differential dynamic programming, ICRA 2014; with a single input the limited minimum is the free
+one, clipped). The derivative dy/dx is taken as the identity. That is right up to the orbit's
+curvature: along the orbit, y changes by the time ahead, or is not weighed at all.
+
+The kernel locates touchdowns exactly: a control interval that contains one is simulated and
+differentiated like any other. The foot is held like a pin joint, so that an interval in which the
+ground would have to pull has a penalty, and no end.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import cfunc, types
 
 from rimless_gym.checks import integer, positive
 from rimless_gym.energy import ROW
+from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
-from rimless_gym.kernel.stepping import MODE, SCRATCH_SIZE, STATE_SIZE
-from trajopt.feedback.clock import Clock
-from trajopt.feedback.guard import CONTACT_MARGIN
-from trajopt.feedback.horizon import LANES, Machine, Price, motion_from, move_on
-from trajopt.feedback.ilqr import improved
-from trajopt.feedback.law import Law
+from rimless_gym.kernel.stepping import (
+    FOOT,
+    MODE,
+    SCRATCH_SIZE,
+    STATE_SIZE,
+    advance_batch,
+    machine_arrays,
+)
+from rimless_gym.params import WheelParams
+from trajopt.feedback.controller import CONTACT_MARGIN
+from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Grid, Orbit
-from trajopt.feedback.riccati import riccati, weights
-from trajopt.feedback.transverse import transverse_dynamics
+from trajopt.feedback.orbit import Clock, Grid, Orbit, between, deviation, located, offset
+from trajopt.feedback.transverse import riccati, transverse_dynamics, weights
 from trajopt.gaits.solution import Solution
 
 #: Control intervals that are planned.
@@ -42,7 +60,7 @@ HORIZON = 30
 #: Iterations of iLQR per decision.
 ITERATIONS = 2
 
-#: Price of a normal force that is less than the margin by the weight, and of a friction demand
+#: Penalty of a normal force that is less than the margin by the weight, and of a friction demand
 #: that exceeds its margin by 1, in standard deviations of the gait's own motion.
 LIFTING, SLIPPING = 30.0, 10.0
 
@@ -55,23 +73,87 @@ PRESSED, GRIP = CONTACT_MARGIN, 0.995
 PUSHES = (0.0, 1.0, -1.0, 1.0, -1.0, 0.5, -0.5, 0.0)
 PUSHED = (0, 2, 2, 6, 6, 12, 12, 0)
 
+#: Motions that the kernel simulates at a time: as many take hardly longer than one.
+LANES = 8
 
-class Data(NamedTuple):
+#: Residuals of an interval: how far the normal force falls below its margin, and the friction
+#: demand exceeds its own.
+RESIDUALS = 2
+
+#: Of the central differences (rad, rad/s, V).
+DIFFERENCE = 1e-5
+
+#: Largest friction demand: an unloaded foot has an infinite one.
+MOST_DEMAND = 10.0
+
+
+class Objective(NamedTuple):
+    """What a motion near a gait costs, in squared standard deviations of the gait's motion.
+
+    Attributes:
+        orbit: the gait's.
+        stage: weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4).
+        final: the same for all the time after the horizon, shape (n, 4, 4).
+        tangent: rates of the state along the orbit, shape (n, 4).
+        voltage_slope: derivatives of the gait's voltage at the nearest point by the state, shape
+            (n, 4).
+        clock: the gait's.
+        effort: of a squared volt.
+        normal: least normal force (N) without a penalty.
+        friction: largest friction demand without a penalty.
+        lifting: residual per newton.
+        slipping: residual per unit of friction demand.
+    """
+
+    orbit: Orbit
+    stage: Floats
+    final: Floats
+    tangent: Floats
+    voltage_slope: Floats
+    clock: Clock
+    effort: float
+    normal: float
+    friction: float
+    lifting: float
+    slipping: float
+
+
+class Simulator(NamedTuple):
+    """The stepping kernel, and what it needs of a machine.
+
+    Attributes:
+        advance: (states (STATE_SIZE, n), volts (n,), constants, poles, out, work) advances
+            hybrid states by a control interval, the foot held like a pin.
+        constants: shape (N_CONSTANTS, 1).
+        poles: shape (1,).
+    """
+
+    advance: Any
+    constants: Floats
+    poles: Floats
+
+    @classmethod
+    def of(cls, params: WheelParams) -> Simulator:
+        """The machine that `params` describes. The first call takes some seconds of compiling."""
+        return cls(_advance(), *machine_arrays([params]))
+
+
+class Lookahead(NamedTuple):
     """What the law needs.
 
     Attributes:
         orbit: the gait's.
         gains: the LQR's.
-        price: of motions.
-        machine: for the stepping kernel.
+        objective: that is minimised.
+        simulator: the stepping kernel.
         horizon: see `HORIZON`.
         iterations: see `ITERATIONS`.
     """
 
     orbit: Orbit
-    gains: lqr.Gains
-    price: Price
-    machine: Machine
+    gains: lqr.LqrGains
+    objective: Objective
+    simulator: Simulator
     horizon: int
     iterations: int
 
@@ -101,56 +183,94 @@ def design(
         ValueError: a number is out of its range, or the gait failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
-    start = lqr.design(solution, ahead=ahead)
-    price = price_about(
-        solution,
-        start.data.orbit,
-        positive("effort", effort),
-        positive("lifting", lifting),
-        positive("slipping", slipping),
-        Clock.of(solution, ahead),
-    )
-    data = Data(
-        orbit=start.data.orbit,
-        gains=start.data,
-        price=price,
-        machine=Machine.of(solution.params),
-        horizon=integer("horizon", horizon, least=1),
-        iterations=integer("iterations", iterations, least=0),
-    )
-    return Law(solution.params, volts, data, smooth=False)
-
-
-def price_about(
-    solution: Solution,
-    orbit: Orbit,
-    effort: float,
-    lifting: float,
-    slipping: float,
-    clock: Clock,
-) -> Price:
-    """What motions cost; the numbers are those of `design`."""
-    grid, params = Grid.of(solution), solution.params
-    transverse = transverse_dynamics(grid)
+    horizon = integer("horizon", horizon, least=1)
+    iterations = integer("iterations", iterations, least=0)
+    start, clock = lqr.design(solution, ahead=ahead), Clock.of(solution, ahead)
+    grid, params, gait = Grid.of(solution), solution.params, solution.verification
+    transverse, effort = transverse_dynamics(grid), positive("effort", effort)
     into, to_go = transverse.into, riccati(transverse, effort, clock.ahead).to_go
     turned = into.swapaxes(1, 2)
-    checked = solution.verification
-    weight = params.weight
-    return Price(
-        orbit=orbit,
+    objective = Objective(
+        orbit=start.data.orbit,
         stage=grid.at_nodes(turned @ weights(clock.ahead) @ into),
         final=grid.at_nodes(turned @ to_go @ into),
         tangent=grid.at_nodes(grid.tangents),
         voltage_slope=grid.at_nodes(grid.voltage_rates[:, None] * into[:, 3]),
         clock=clock,
         effort=effort,
-        normal=min(PRESSED * weight, checked.min_normal_force),
+        normal=min(PRESSED * params.weight, gait.min_normal_force),
         friction=max(
-            GRIP * params.friction, checked.max_friction_demand, checked.max_impulse_friction_demand
+            GRIP * params.friction, gait.max_friction_demand, gait.max_impulse_friction_demand
         ),
-        lifting=lifting / weight,
-        slipping=slipping,
+        lifting=positive("lifting", lifting) / params.weight,
+        slipping=positive("slipping", slipping),
     )
+    data = Lookahead(
+        orbit=start.data.orbit,
+        gains=start.data,
+        objective=objective,
+        simulator=Simulator.of(params),
+        horizon=horizon,
+        iterations=iterations,
+    )
+    return Law(params, volts, data, smooth=False)
+
+
+@functools.cache
+def _advance() -> Any:
+    """Called by its address: every function that contained the kernel would compile it again."""
+    row, table = types.float64[::1], types.float64[:, ::1]
+
+    @cfunc(types.void(table, row, table, row, table, row))
+    def advance(states, volts, constants, poles, out, work):  # type: ignore[no-untyped-def]
+        advance_batch(
+            *(constants, poles, states, volts, 0, states.shape[1]),
+            *(CONTROL_PERIOD, np.inf, out, work),
+        )
+
+    return advance
+
+
+class Motion(NamedTuple):
+    """Motions over a horizon of N intervals, `LANES` side by side.
+
+    Attributes:
+        states: shape (N + 1, STATE_SIZE, LANES).
+        nominal: the gait's voltages at the nearest points (V), shape (N + 1, LANES).
+        shifts: what is added to them (V), shape (N, LANES).
+        residuals: of the intervals, shape (N, RESIDUALS, LANES).
+        costs: shape (LANES,); infinite where the simulator stops.
+    """
+
+    states: Any
+    nominal: Any
+    shifts: Any
+    residuals: Any
+    costs: Any
+
+
+class Slopes(NamedTuple):
+    """Derivatives by the state and the shift (the last column) along a motion.
+
+    Attributes:
+        states: of the next state, shape (N, 4, 5).
+        residuals: shape (N, RESIDUALS, 5).
+    """
+
+    states: Any
+    residuals: Any
+
+
+class Change(NamedTuple):
+    """A change of the shifts over N intervals.
+
+    Attributes:
+        changes: (V), shape (N,).
+        gains: volts per deviation from the motion so far, shape (N, 4).
+    """
+
+    changes: Any
+    gains: Any
 
 
 @inner
@@ -159,9 +279,9 @@ def volts(x, mode, data):  # type: ignore[no-untyped-def]
     motion = started(x, mode, data)
     best = np.argmin(motion.costs)
     for _ in range(data.iterations):
-        motion = improved(motion, best, data.price, data.machine)
+        motion = improved(motion, best, data.objective, data.simulator)
         best = np.argmin(motion.costs)
-    return motion.own[0, best] + motion.shifts[0, best]
+    return motion.nominal[0, best] + motion.shifts[0, best]
 
 
 @inner
@@ -172,12 +292,220 @@ def started(x, mode, data):  # type: ignore[no-untyped-def]
     for c in range(4):
         state[c] = x[c]
     state[MODE] = mode
-    motion = motion_from(state, n, data.price)
+    motion = motion_from(state, n, data.objective)
     for k in range(n):
         for lane in range(LANES):
             u = lqr.volts(motion.states[k, :4, lane], mode, data.gains)
             if k < PUSHED[lane]:
                 u += PUSHES[lane] * limit
-            motion.shifts[k, lane] = u - motion.own[k, lane]
-        move_on(motion, k, data.price, data.machine, out, work)
+            motion.shifts[k, lane] = u - motion.nominal[k, lane]
+        move_on(motion, k, data.objective, data.simulator, out, work)
     return motion
+
+
+@inner
+def improved(motion, lane, objective, simulator):  # type: ignore[no-untyped-def]
+    """The motions after an iteration from one lane of others; the last one is that lane itself."""
+    states, nominal = motion.states[:, :, lane].copy(), motion.nominal[:, lane].copy()
+    shifts = motion.shifts[:, lane].copy()
+    slopes = slopes_of(states, nominal, shifts, objective, simulator)
+    step = backward(states, shifts, motion.residuals[:, :, lane], slopes, objective)
+    return forward(states, shifts, step, objective, simulator)
+
+
+@inner
+def backward(states, shifts, residuals, slopes, objective):  # type: ignore[no-untyped-def]
+    """The best `Change` of the quadratic model."""
+    n = len(shifts)
+    step = Change(np.zeros(n), np.zeros((n, 4)))
+    spot, y = deviation_at(states[n, :4], objective)
+    Vxx = between(objective.final, spot).copy()
+    Vx = slope_of(Vxx, y)
+    for k in range(n - 1, -1, -1):
+        spot, y = deviation_at(states[k, :4], objective)
+        Qx, Qxx = quadratic(Vx, Vxx, residuals[k], slopes.states[k], slopes.residuals[k])
+        Qx[4] += objective.effort * shifts[k]
+        Qxx[4, 4] += objective.effort
+        stage = between(objective.stage, spot)
+        slope = slope_of(stage, y)
+        for i in range(4):
+            Qx[i] += slope[i]
+            for j in range(4):
+                Qxx[i, j] += stage[i, j]
+        applied = between(objective.orbit.voltages, spot) + shifts[k]
+        least, most = -objective.orbit.limit - applied, objective.orbit.limit - applied
+        free = -Qx[4] / Qxx[4, 4]
+        change = min(max(free, least), most)
+        step.changes[k] = change
+        for i in range(4):
+            step.gains[k, i] = -Qxx[4, i] / Qxx[4, 4] if change == free else 0.0
+        gains = step.gains[k]
+        for i in range(4):
+            Vx[i] = Qx[i] + Qxx[i, 4] * change + gains[i] * (Qx[4] + Qxx[4, 4] * change)
+            for j in range(4):
+                Vxx[i, j] = Qxx[i, j] + Qxx[4, 4] * gains[i] * gains[j]
+                Vxx[i, j] += gains[i] * Qxx[4, j] + Qxx[i, 4] * gains[j]
+    return step
+
+
+@inner
+def quadratic(Vx, Vxx, residuals, slopes, residual_slopes):  # type: ignore[no-untyped-def]
+    """Gradient (5,) and Hessian (5, 5) by state and shift of the cost to go, and of residuals."""
+    gradient, hessian, product = np.zeros(5), np.zeros((5, 5)), np.zeros((4, 5))
+    for i in range(4):
+        for j in range(5):
+            gradient[j] += slopes[i, j] * Vx[i]
+            for c in range(4):
+                product[i, j] += Vxx[i, c] * slopes[c, j]
+    for i in range(5):
+        for j in range(5):
+            for c in range(4):
+                hessian[i, j] += slopes[c, i] * product[c, j]
+    for which in range(RESIDUALS):
+        for i in range(5):
+            gradient[i] += residual_slopes[which, i] * residuals[which]
+            for j in range(5):
+                hessian[i, j] += residual_slopes[which, i] * residual_slopes[which, j]
+    return gradient, hessian
+
+
+@inner
+def forward(states, shifts, step, objective, simulator):  # type: ignore[no-untyped-def]
+    """Simulate a step's shares 1, 1/2, 1/4, ... and 0, each in a lane."""
+    n = len(shifts)
+    out, work = np.empty((len(ROW), LANES)), np.zeros(SCRATCH_SIZE)
+    motion = motion_from(states[0], n, objective)
+    for k in range(n):
+        for lane in range(LANES):
+            x = motion.states[k, :, lane]
+            shift = shifts[k] + (0.5**lane * step.changes[k] if lane + 1 < LANES else 0.0)
+            if x[FOOT] == states[k, FOOT] and x[MODE] == states[k, MODE]:
+                d = deviation(x, states[k])
+                for c in range(4):
+                    shift += step.gains[k, c] * d[c]
+            motion.shifts[k, lane] = shift
+        move_on(motion, k, objective, simulator, out, work)
+    return motion
+
+
+@inner
+def motion_from(state, n, objective):  # type: ignore[no-untyped-def]
+    """A `Motion` over n intervals that stands at a hybrid state."""
+    motion = Motion(
+        np.zeros((n + 1, STATE_SIZE, LANES)),
+        np.zeros((n + 1, LANES)),
+        np.zeros((n, LANES)),
+        np.zeros((n, RESIDUALS, LANES)),
+        np.zeros(LANES),
+    )
+    nominal = between(objective.orbit.voltages, located(state, objective.orbit))
+    for lane in range(LANES):
+        for c in range(STATE_SIZE):
+            motion.states[0, c, lane] = state[c]
+        motion.nominal[0, lane] = nominal
+    return motion
+
+
+@inner
+def deviation_at(x, objective):  # type: ignore[no-untyped-def]
+    """The spot of a state, and the deviation (4,) that costs: it includes being ahead."""
+    off = offset(x, objective.orbit, objective.clock)
+    d, early = off.across, off.early
+    tangent = between(objective.tangent, off.spot)
+    return off.spot, np.array(
+        (
+            d[0] + early * tangent[0],
+            d[1] + early * tangent[1],
+            d[2] + early * tangent[2],
+            d[3] + early * tangent[3],
+        )
+    )
+
+
+@inner
+def slope_of(weights, y):  # type: ignore[no-untyped-def]
+    """The gradient (4,) of half of y's square in weights (4, 4)."""
+    gradient = np.zeros(4)
+    for i in range(4):
+        for j in range(4):
+            gradient[i] += weights[i, j] * y[j]
+    return gradient
+
+
+@inner
+def halved_square(weights, y):  # type: ignore[no-untyped-def]
+    """Half of y's square in weights (4, 4)."""
+    gradient = slope_of(weights, y)
+    return 0.5 * (gradient[0] * y[0] + gradient[1] * y[1] + gradient[2] * y[2] + gradient[3] * y[3])
+
+
+@inner
+def limited(voltage, objective):  # type: ignore[no-untyped-def]
+    """A voltage within the limit."""
+    return min(max(voltage, -objective.orbit.limit), objective.orbit.limit)
+
+
+@inner
+def residual(out, i, which, objective):  # type: ignore[no-untyped-def]
+    """How far wheel i's interval is beyond a margin, weighed."""
+    if which == 0:
+        return objective.lifting * max(objective.normal - out[ROW.min_normal_force, i], 0.0)
+    demand = max(out[ROW.friction_demand, i], out[ROW.impulse_friction_demand, i])
+    return objective.slipping * max(min(demand, MOST_DEMAND) - objective.friction, 0.0)
+
+
+@inner
+def move_on(motion, k, objective, simulator, out, work):  # type: ignore[no-untyped-def]
+    """Simulate interval k of all lanes, and add its cost; shifts end at the voltage limit."""
+    volts, last = np.empty(LANES), k + 1 == len(motion.shifts)
+    following = motion.states[k + 1]
+    for lane in range(LANES):
+        for c in range(STATE_SIZE):
+            following[c, lane] = motion.states[k, c, lane]
+        volts[lane] = limited(motion.nominal[k, lane] + motion.shifts[k, lane], objective)
+        motion.shifts[k, lane] = volts[lane] - motion.nominal[k, lane]
+    simulator.advance(following, volts, simulator.constants, simulator.poles, out, work)
+    for lane in range(LANES):
+        cost = 0.5 * objective.effort * motion.shifts[k, lane] ** 2
+        for which in range(RESIDUALS):
+            exceeded = residual(out, lane, which, objective)
+            motion.residuals[k, which, lane] = exceeded
+            cost += 0.5 * exceeded**2
+        spot, y = deviation_at(following[:4, lane], objective)
+        motion.nominal[k + 1, lane] = between(objective.orbit.voltages, spot)
+        cost += halved_square(between(objective.final if last else objective.stage, spot), y)
+        motion.costs[lane] += cost if out[ROW.failure, lane] == 0.0 else np.inf
+
+
+@inner
+def slopes_of(states, nominal, shifts, objective, simulator):  # type: ignore[no-untyped-def]
+    """Central differences along a motion: states (N + 1, STATE_SIZE), voltages and shifts."""
+    n, each = len(shifts), 10
+    columns, volts = np.empty((STATE_SIZE, each * n)), np.empty(each * n)
+    for k in range(n):
+        slope = between(objective.voltage_slope, located(states[k], objective.orbit))
+        for j in range(each):
+            i, step = each * k + j, DIFFERENCE if j % 2 else -DIFFERENCE
+            for c in range(STATE_SIZE):
+                columns[c, i] = states[k, c]
+            volts[i] = limited(nominal[k] + shifts[k], objective)
+            if j < 8:
+                columns[j // 2, i] += step
+                volts[i] += step * slope[j // 2]
+            else:
+                volts[i] += step
+    out, work = np.empty((len(ROW), each * n)), np.zeros(SCRATCH_SIZE)
+    simulator.advance(columns, volts, simulator.constants, simulator.poles, out, work)
+    slopes = Slopes(np.empty((n, 4, 5)), np.empty((n, RESIDUALS, 5)))
+    for k in range(n):
+        for j in range(5):
+            less, more = each * k + 2 * j, each * k + 2 * j + 1
+            for c in range(4):
+                change = columns[c, more] - columns[c, less]
+                slopes.states[k, c, j] = change / (2 * DIFFERENCE)
+            for which in range(RESIDUALS):
+                change = residual(out, more, which, objective) - residual(
+                    out, less, which, objective
+                )
+                slopes.residuals[k, which, j] = change / (2 * DIFFERENCE)
+    return slopes

@@ -29,11 +29,9 @@ from typing import NamedTuple
 
 from rimless_gym.checks import positive
 from rimless_gym.jit import inner
-from trajopt.feedback.clock import Clock, offset
 from trajopt.feedback.law import Floats, Law
-from trajopt.feedback.orbit import Grid, Orbit, between
-from trajopt.feedback.riccati import riccati
-from trajopt.feedback.transverse import transverse_dynamics
+from trajopt.feedback.orbit import Clock, Grid, Orbit, between, offset
+from trajopt.feedback.transverse import riccati, transverse_dynamics
 from trajopt.gaits.solution import Solution
 
 #: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
@@ -87,7 +85,7 @@ def design(
         layer: see `LAYER`; > 0.
         effort: see `EFFORT`; > 0.
         ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
-            (`trajopt.feedback.clock`), it does not matter.
+            (`trajopt.feedback.orbit`), it does not matter.
 
     Raises:
         TypeError: an argument is of the wrong type.

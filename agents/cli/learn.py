@@ -1,0 +1,177 @@
+"""`rimless train` and `rimless compare`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from agents.cli.options import (
+    Count,
+    Fields,
+    MaybePositive,
+    MaybeRange,
+    MaybeWhole,
+    Positive,
+    Positives,
+    Preset,
+    Range,
+    Whole,
+    machine,
+    of_option,
+    require_folder,
+)
+
+
+def train(
+    *,
+    algo: str = "ppo",
+    init: str = "scratch",
+    expert: str = "lqr",
+    seed: Whole = 0,
+    out: Path = Path("runs/train"),
+    timesteps: MaybeWhole = None,
+    preset: Preset = "BUILDABLE",
+    params: Fields = None,
+    task: Fields = None,
+    ranges: Fields = None,
+    disturbances: Fields = None,
+    speeds: MaybeRange = None,
+    control_period: MaybePositive = None,
+    settings: Fields = None,
+    cloning: Fields = None,
+) -> int:
+    """Train a policy: from scratch, from a clone of a feedback law, or from a policy.
+
+    Writes best.zip (best in the periodic evaluations), last.zip, clone.zip (with --init imitation),
+    train.json, state.pt (all that is needed to continue) and TensorBoard events into a folder.
+    However it was stopped, the same command continues, and ends with the same policies.
+
+    Args:
+        algo: learner: ppo, sac, screened_ppo or evolution
+        init: scratch, imitation, or a policy's file to start from
+        expert: what to imitate: a feedback law (see `rimless list`), or a policy's file to distil
+        seed: of everything random
+        out: folder of the results
+        timesteps: time steps in all; by default the learner's own
+        preset: machine
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+        task: weights of the reward: distance_weight=0.8
+        ranges: parameters to draw for every episode: pendulum_mass=[2.0,2.4]
+        disturbances: pushes.rate=0.5 pushes.impulse=[0.1,0.5] actuator_delay=1
+            sensor_noise.leg_rate=0.1
+        speeds: command a speed between these (m/s), as in RimlessWheelSpeed-v0
+        control_period: how long an action is held (s); by default as in the environment
+        settings: hyperparameters that differ from the learner's own: gamma=0.995
+        cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
+    """
+    from agents.conditions import Conditions
+    from agents.imitation import Cloning
+    from agents.learner import learner_class
+    from agents.training import TrainingConfig
+    from agents.training import train as trained
+    from rimless_gym.envs.arguments import as_task
+    from rimless_gym.envs.disturbances import as_disturbances, as_ranges
+
+    params_, learner = machine(preset, params), learner_class(algo)
+    with of_option("--ranges"):
+        drawn = as_ranges(ranges)
+    with of_option("--disturbances"):
+        disturbed = as_disturbances(disturbances)
+    with of_option("--settings"):
+        chosen = learner.settings(init, settings or {})
+    with of_option("--cloning"):
+        imitation = None if cloning is None else Cloning.of(cloning)
+    conditions = Conditions.of(params_, drawn, disturbed, speeds, control_period)
+    with of_option("--task"):
+        reward = as_task(task, conditions.default_task)
+    require_folder(out)
+    config = TrainingConfig(
+        algo,
+        init,
+        seed,
+        timesteps,
+        params_,
+        reward,
+        drawn,
+        disturbed,
+        speeds,
+        control_period,
+        hyperparameters=chosen,
+        expert=expert,
+        cloning=imitation,
+    )
+    trained(config, out)
+    best = out / learner.recommended
+    print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
+    return 0
+
+
+def compare(
+    *,
+    out: Path = Path("runs/compare"),
+    preset: Preset = "BUILDABLE",
+    params: Fields = None,
+    speed: Positive = 0.56,
+    further: Positives = (0.53, 0.6),
+    steps: Count = 1,
+    seed: Whole = 0,
+    timesteps: Whole = 600_000,
+    further_timesteps: Whole = 0,
+    scratch_timesteps: Whole = 250_000,
+    evolution_timesteps: Whole = 600_000_000,
+    starts: Whole = 4,
+    front: Range = (0.52, 0.63),
+    workers: MaybeWhole = None,
+) -> int:
+    """Compare learned with optimal cost of transport, at several speeds: the main job.
+
+    Solves the front of optimal gaits, with a free voltage and as the environment allows, holds the
+    latter with feedback, clones the feedback law, fine-tunes the clone with PPO, trains PPO and
+    evolution from scratch, and measures them all in the same way. Writes results.json, table.md,
+    plots, an animation, and report.html. However it was stopped, the same command continues, and
+    ends with the same table.
+
+    Args:
+        out: folder of the results
+        preset: machine; BUILDABLE and THESIS_PHYSICAL have shipped gaits
+        params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
+        speed: of all laws and clones (m/s)
+        further: speeds of the best law and its clone too (m/s)
+        steps: of the gait, per stride
+        seed: of everything random
+        timesteps: control intervals of fine-tuning
+        further_timesteps: control intervals of fine-tuning at each of the further speeds
+        scratch_timesteps: time steps of PPO from scratch, of 4 control intervals each
+        evolution_timesteps: control intervals of evolution
+        starts: random starts of the search for the gait
+        front: speeds of the optimal front (m/s)
+        workers: processes; by default as many as cores
+    """
+    from agents.comparison.compare import compare as compared
+    from agents.comparison.study import Study
+    from agents.comparison.table import format_table
+    from trajopt.pool import cores
+
+    machine(preset, params)
+    study = Study(
+        preset=preset,
+        changes=params or {},
+        speed=speed,
+        further=further,
+        steps=steps,
+        seed=seed,
+        timesteps=timesteps,
+        further_timesteps=further_timesteps,
+        scratch_timesteps=scratch_timesteps,
+        evolution_timesteps=evolution_timesteps,
+        starts=starts,
+        front=front,
+    )
+    require_folder(out)
+    try:
+        rows = compared(study, out, workers=workers or cores())
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"finished work is in {out}; the same command continues") from None
+    print(format_table(rows))
+    print(f"results, plots and an animation: {out}; open {out / 'report.html'}", file=sys.stderr)
+    return 0

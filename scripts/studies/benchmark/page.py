@@ -1,0 +1,272 @@
+"""The benchmark's page and its quotation in the README, which depend only on benchmark.json."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from statistics import median
+from typing import Any
+
+from scripts.studies.benchmark.rows import (
+    OPTIMISATION,
+    PROCESS,
+    ROWS,
+    SINGLE,
+    TRAINING,
+    VECTOR,
+    Row,
+)
+from scripts.studies.documents.markdown import count, table
+
+INTRODUCTION = """\
+# Speed, ours and the peers'
+
+Written by `make bench`: do not edit. **The peers have other physics**: ours walks, with impacts
+located to rounding error and every joule accounted for; theirs swing or balance, in fewer and
+larger steps. What is compared is what a step of a small environment costs its user.
+
+Everything was measured in one run on one computer, in turn, in {rounds} rounds of {seconds:g} s
+each. Rates are medians, followed by the slowest and the fastest round; ratios are medians of ratios
+within a round. Ours replays the actions that an LQR took on an optimal gait; peers get random
+actions. Drawing actions and resetting are not timed, except that peers' vector environments reset
+their rows within a step."""
+
+TRAINING_TEXT = """\
+## Training: time spent in environments
+
+Stable-baselines3's PPO on one thread. The share is what the environments take, their adapter
+included."""
+
+OPTIMISATION_TEXT = """\
+## Trajectory optimisation
+
+Kelly's cart-pole swing-up (SIAM Review 2017) with 40 segments, from a straight line as the guess,
+on one core. The least cost is 58.81 N^2 s. Building is everything from the equations to a solver
+that is ready, without imports; solving is the rest. Costs differ a little where the discretisation
+differs."""
+
+PROCESS_TEXT = """\
+## A fresh process
+
+The very first time is that of compiling the simulator, about 200 functions. More than half of it is
+numba's own work in Python; `rimless warmup` does all of it beforehand."""
+
+#: A goal: what is compared, the bound, the figure's row, and either the rows of the peers over
+#: whose fastest the ratio is taken, or the figure itself. Ratios should be at least the bound.
+GOALS: tuple[tuple[str, float, str, tuple[str, ...] | str], ...] = (
+    ("`gym.make`, over CartPole-v1", 2.0, "ours", ("CartPole-v1",)),
+    ("`gym.make`, over Acrobot-v1", 10.0, "ours", ("Acrobot-v1",)),
+    ("`gym.make`, over InvertedDoublePendulum-v5", 20.0, "ours", ("InvertedDoublePendulum-v5",)),
+    ("1024 environments, over EnvPool Acrobot", 5.0, "ours-vector-1024", ("envpool-acrobot",)),
+    ("share of PPO's time, 1024 environments", 0.12, "ppo-1024", "share"),
+    ("import to first step, compiled before (s)", 3.0, "single", "seconds"),
+    ("the very first time (s)", 16.0, "single-cold", "seconds"),
+    ("a gait of two steps, verified (s)", 5.0, "gait", "seconds"),
+    ("error of a touchdown's time (s)", 1e-12, "accuracy", "event_error"),
+)
+
+#: Our rows in the README, and the peers that each is compared with.
+QUOTED = {
+    "ours": ("CartPole-v1", "Acrobot-v1", "InvertedDoublePendulum-v5"),
+    "ours-vector-1024": ("cartpole-vector-1024", "envpool-acrobot"),
+    "ours-vector-16384": ("cartpole-vector-16384", "gymnax-acrobot-one"),
+}
+BLOCK = re.compile(r"(<!-- benchmark: .*? -->\n).*?(<!-- end of benchmark -->)", re.DOTALL)
+
+
+def page(run: dict[str, Any]) -> str:
+    """The whole page."""
+    found = {result["key"]: result for result in run["results"]}
+
+    def of(group: str) -> list[Row]:
+        return [row for row in ROWS if row.group == group]
+
+    computer, ours = run["machine"], run["versions"]
+    versions = sorted(
+        {
+            text
+            for result in found.values()
+            for answer in result["answers"]
+            for name, text in answer.items()
+            if name.endswith("version")
+        }
+    )
+    parts = [
+        INTRODUCTION.format(**run),
+        "## Goals",
+        goals_table(found),
+        "## One environment, as `gym.make` gives it, on one core",
+        speed_table(of(SINGLE), found),
+        "## Many environments",
+        speed_table(of(VECTOR), found),
+        TRAINING_TEXT,
+        lines_table(of(TRAINING), found, ("share", "steps/s"), training_line),
+        OPTIMISATION_TEXT,
+        optimisation_table(of(OPTIMISATION), found),
+        PROCESS_TEXT,
+        lines_table(of(PROCESS), found, ("median (spread)",), process_line),
+        accuracy_text(found.get("accuracy")),
+        f"""## Computer and versions
+
+{computer["cpu"]}, {computer["cores"]} cores, {computer["system"]}; load before \
+{computer["load"]:.2f}; {run["date"]}; revision {run["git_revision"]}.
+
+{", ".join(versions)}; numba {ours["numba"]}, numpy {ours["numpy"]}, \
+Python {computer["python"]}.""",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def goals_table(found: dict[str, Any]) -> str:
+    """Every goal, and what was measured."""
+    lines = []
+    for title, bound, key, what in GOALS:
+        figure = goal_figure(found, key, what)
+        at_most = isinstance(what, str)
+        wanted = f"{'at most' if at_most else 'at least'} {bound:.3g}"
+        if figure is None:
+            lines.append((title, wanted, "-", "not measured"))
+        else:
+            reached = figure <= bound if at_most else figure >= bound
+            lines.append((title, wanted, f"{figure:.3g}", "reached" if reached else "**missed**"))
+    return table(("goal", "wanted", "measured", ""), lines)
+
+
+def goal_figure(found: dict[str, Any], key: str, what: tuple[str, ...] | str) -> float | None:
+    """The figure of a goal; None if it was not measured."""
+    if not answers_of(found, key):
+        return None
+    if isinstance(what, str):
+        return median(answer[what] for answer in answers_of(found, key))
+    ratios = [r for peer in what if (r := ratio(found, key, peer)) is not None]
+    return min(ratios, default=None)
+
+
+def speed_table(rows: Sequence[Row], found: dict[str, Any]) -> str:
+    """Rates of one group."""
+    lines = []
+    for row in rows:
+        n, cores = row.settings.get("n", 1), "one core" if row.one_core else "all cores"
+        if not (answers := answers_of(found, row.key)):
+            lines.append((row.title, f"{n}, {cores}", missing(found, row.key), "", row.by))
+            continue
+        rates = [answer["steps"] / answer["seconds"] for answer in answers]
+        spread = f"{count(min(rates))} to {count(max(rates))}"
+        lines.append((row.title, f"{n}, {cores}", count(median(rates)), spread, row.by))
+    return table(("", "environments", "steps/s", "spread", "one step is"), lines)
+
+
+def optimisation_table(rows: Sequence[Row], found: dict[str, Any]) -> str:
+    """Times to build and to solve one problem, and their ratios to those of the plain script."""
+
+    def line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
+        build, solve = (median(a[name] for a in answers) for name in ("build", "solve"))
+        ratios = [ratio(found, "swing-up-bare", row.key, of) for of in ("solve", "total")]
+        shares = ["-" if each is None else f"{each:.3g}" for each in ratios]
+        iterations, cost = (median(a[name] for a in answers) for name in ("iterations", "cost"))
+        times = [f"{1e3 * each:.3g} ms" for each in (build, solve)]
+        return (*times, f"{iterations:.0f}", f"{cost:.2f}", *shares, row.by)
+
+    head = ("build", "solve", "iterations", "cost", "solve, script = 1", "both, script = 1", "by")
+    return lines_table(rows, found, head, line)
+
+
+def lines_table(
+    rows: Sequence[Row],
+    found: dict[str, Any],
+    head: Sequence[str],
+    line: Callable[[list[dict[str, Any]], Row], tuple[str, ...]],
+) -> str:
+    """A table with a line for each row; `line` makes its texts of the row's answers."""
+    lines = []
+    for row in rows:
+        answers = answers_of(found, row.key)
+        blank = (missing(found, row.key), *[""] * (len(head) - 1))
+        lines.append((row.title, *(line(answers, row) if answers else blank)))
+    return table(("", *head), lines)
+
+
+def training_line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
+    """Share of the environments, and steps per second."""
+    share = median(answer["share"] for answer in answers)
+    return f"{share:.1%}", count(median(answer["steps"] / answer["seconds"] for answer in answers))
+
+
+def process_line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
+    """Seconds that a process took."""
+    seconds = [answer["seconds"] for answer in answers]
+    return (f"{median(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})",)
+
+
+def accuracy_text(result: dict[str, Any] | None) -> str:
+    """The errors of what was timed."""
+    heading = "## Accuracy of what was timed\n\n"
+    if result is None or not result["answers"]:
+        return f"{heading}Not measured."
+    state, event, drift = (
+        max(answer[name] for answer in result["answers"])
+        for name in ("state_error", "event_error", "event_drift")
+    )
+    return f"""{heading}Against the reference simulator over pieces of 2 s of the walk: states
+within {state:.0e} (rad, rad/s); touchdowns within {event:.0e} s when located from the reference's
+state at the start of their control interval, within {drift:.0e} s when both walk on their own for
+the 2 s, because a gait without feedback magnifies rounding errors."""
+
+
+def quoted(readme: str, run: dict[str, Any]) -> str:
+    """The README with new figures in its block, if it has one."""
+    found = {result["key"]: result for result in run["results"]}
+    rows = {row.key: row for row in ROWS}
+    lines = []
+    for ours, peers in QUOTED.items():
+        for key in (ours, *peers):
+            if not (answers := answers_of(found, key)):
+                continue
+            rate = count(median(answer["steps"] / answer["seconds"] for answer in answers))
+            share = ratio(found, ours, key) if key != ours else None
+            row = rows[key]
+            cores = "one core" if row.one_core else "all cores"
+            size = f"{row.settings['n']}, {cores}" if row.group == VECTOR else "1, `gym.make`"
+            lines.append((row.title, size, rate, "" if share is None else f"{share:.2g}"))
+    head = ("", "environments", "steps/s", "ours / peer")
+    computer = run["machine"]
+    text = f"""{table(head, lines)}
+
+Medians of one run on {computer["cpu"]}, {computer["cores"]} cores; ratios are within a round. **The
+peers have other physics**: theirs swing or balance, in fewer and larger steps.
+"""
+    return BLOCK.sub(lambda marks: marks[1] + text + marks[2], readme)
+
+
+def answers_of(found: dict[str, Any], key: str) -> list[dict[str, Any]]:
+    """The answers of a row; none if it was not measured."""
+    return list(found[key]["answers"]) if key in found else []
+
+
+def missing(found: dict[str, Any], key: str) -> str:
+    """What stands in the table for a row without answers."""
+    error = found[key]["error"] if key in found else None
+    return f"- ({error or 'not measured'})"
+
+
+def ratio(found: dict[str, Any], ours: str, theirs: str, time: str | None = None) -> float | None:
+    """How many times as fast ours is: the median of the ratios within rounds that have both.
+
+    Ratios are taken within a round because the computer may be slower in another.
+
+    Args:
+        found: results by key.
+        ours: key of a row.
+        theirs: key of another one.
+        time: name of the time (s) that is compared; by default the time of a step.
+    """
+
+    def times(key: str) -> dict[int, float]:
+        return {
+            answer["round"]: answer[time] if time else answer["seconds"] / answer["steps"]
+            for answer in answers_of(found, key)
+        }
+
+    mine, other = times(ours), times(theirs)
+    ratios = [other[number] / mine[number] for number in mine.keys() & other.keys()]
+    return median(ratios) if ratios else None

@@ -1,0 +1,152 @@
+"""The rows of the benchmark."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+#: The Python that runs this study; other names are those of files in requirements/.
+OURS = "ours"
+
+SINGLE, VECTOR, TRAINING, OPTIMISATION = "single", "vector", "training", "optimisation"
+PROCESS, ACCURACY = "process", "accuracy"
+
+OUR_PHYSICS = "hybrid walking, impacts located, every joule accounted; float64, 8th order, 10 ms"
+CARTPOLE = "cart and pole, one Euler step of 20 ms"
+ACROBOT = "double pendulum, one RK4 step of 200 ms"
+MUJOCO = "MuJoCo: cart and two poles, RK4, 5 steps of 10 ms"
+IPOPT = "IPOPT, exact Hessian"
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One row of the benchmark.
+
+    Attributes:
+        key: its name on the command line and in the results.
+        group: the table that it belongs to.
+        title: its name in the table.
+        python: whose Python runs it, the name of a file in requirements/ or `OURS`.
+        measure: function of ours.py, peers.py or swing_up.py.
+        settings: arguments of that function.
+        by: what a step computes, or how the problem is solved.
+        one_core: whether it is kept to one core, or may use all.
+        most: largest number of rounds; small where a measurement is long and steady.
+    """
+
+    key: str
+    group: str
+    title: str
+    python: str
+    measure: str
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
+    by: str = ""
+    one_core: bool = True
+    most: int = 1000
+
+
+def _gymnasium(name: str, physics: str) -> Row:
+    settings = {"env": name}
+    title = f"Gymnasium {name}"
+    return Row(name, SINGLE, title, "gymnasium", "gymnasium_single", settings, physics)
+
+
+def _envpool(key: str, name: str, n: int, batch: int, physics: str) -> Row:
+    settings = {"env": name, "n": n, "batch": batch}
+    return Row(
+        key, VECTOR, f"EnvPool {name}", "envpool", "envpool_vector", settings, physics, False
+    )
+
+
+def _swing_up(key: str, title: str, python: str, by: str, **settings: Any) -> Row:
+    most = 1 if python == "dymos" else 1000
+    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, settings, by, most=most)
+
+
+def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any) -> Row:
+    settings["program"] = program
+    return Row(key, PROCESS, title, OURS, "fresh", settings, one_core=False, most=most)
+
+
+SIZES = (1024, 16384)
+CARTPOLE_NATIVE = {"env": "CartPole-v1"}
+ACROBOT_GYMNAX = {"env": "Acrobot-v1", "n": 16384}
+BIG_BATCHES = {"n_steps": 256, "batch_size": 4096}
+SIMPSON = "Hermite-Simpson"
+TRAPEZOIDS = f"{SIMPSON}, force linear, cost by trapezoids; no Hessian"
+
+ROWS = (
+    Row("ours", SINGLE, "**rimless-gym**", OURS, "single", by=OUR_PHYSICS),
+    Row("ours-info", SINGLE, "the same, reading `info`", OURS, "single", {"read_info": True}),
+    _gymnasium("CartPole-v1", CARTPOLE),
+    _gymnasium("Pendulum-v1", "pendulum, one Euler step of 50 ms"),
+    _gymnasium("Acrobot-v1", ACROBOT),
+    _gymnasium("InvertedDoublePendulum-v5", MUJOCO),
+    *(
+        Row(f"ours-vector-{n}", VECTOR, "**rimless-gym**", OURS, "vector", {"n": n}, OUR_PHYSICS)
+        for n in SIZES
+    ),
+    *(
+        Row(
+            f"cartpole-vector-{n}",
+            VECTOR,
+            "Gymnasium CartPole-v1, native",
+            "gymnasium",
+            "gymnasium_vector",
+            CARTPOLE_NATIVE | {"n": n},
+            CARTPOLE,
+        )
+        for n in SIZES
+    ),
+    _envpool("envpool-acrobot", "Acrobot-v1", 2048, 1024, ACROBOT),
+    _envpool("envpool-double-pendulum", "InvertedDoublePendulum-v5", 64, 64, MUJOCO),
+    *(
+        Row(
+            f"gymnax-acrobot-{cores}",
+            VECTOR,
+            "gymnax Acrobot-v1",
+            "gymnax",
+            "gymnax_vector",
+            ACROBOT_GYMNAX,
+            f"{ACROBOT}, float32",
+            one_core=cores == "one",
+        )
+        for cores in ("one", "all")
+    ),
+    Row("ppo-8", TRAINING, "8 environments, its defaults", OURS, "training", {"n": 8, "ppo": {}}),
+    Row(
+        "ppo-1024",
+        TRAINING,
+        "1024 environments, 256 steps a roll-out, batches of 4096",
+        OURS,
+        "training",
+        {"n": 1024, "ppo": BIG_BATCHES},
+    ),
+    Row(
+        "swing-up-ours", OPTIMISATION, "**trajopt**", OURS, "optimisation", by=f"{SIMPSON}; {IPOPT}"
+    ),
+    _swing_up("bare", "a script: CasADi, by hand", "casadi", f"{SIMPSON}; {IPOPT}"),
+    _swing_up(
+        "rockit-collocation",
+        "rockit, DirectCollocation",
+        "rockit",
+        f"2 Gauss points, force linear; {IPOPT}",
+        method="collocation",
+    ),
+    _swing_up(
+        "rockit-shooting",
+        "rockit, MultipleShooting",
+        "rockit",
+        f"a step of RK4, force linear; {IPOPT}",
+        method="shooting",
+    ),
+    _swing_up("drake-ipopt", "Drake, IPOPT", "drake", TRAPEZOIDS, solver="ipopt"),
+    _swing_up("drake-snopt", "Drake, SNOPT", "drake", TRAPEZOIDS, solver="snopt"),
+    _swing_up("dymos", "dymos", "dymos", f"{SIMPSON}; SciPy's SLSQP"),
+    _fresh("gait", "`periodic_gait` of two steps, verified; imports not counted", "gait", 3),
+    _fresh("import", "`import rimless_gym`", "import"),
+    _fresh("single", "import, `gym.make`, first `reset` and `step`", "single"),
+    _fresh("single-cold", "the same the very first time", "single", 2, cold=True),
+    _fresh("vector", "import, `gym.make_vec` of 64, first `reset` and `step`", "vector"),
+    Row("accuracy", ACCURACY, "accuracy over 2 s of the gait", OURS, "accuracy", most=3),
+)

@@ -1,0 +1,322 @@
+"""Kelly's cart-pole swing-up by other people's tools: `python swing_up.py SETTINGS`, one answer.
+
+M. Kelly, An Introduction to Trajectory Optimization, SIAM Review 59 (2017), section 6: the pole
+swings from rest below to rest above in 2 s while the cart moves by 1 m, with the least integral of
+the squared force. Every tool uses 40 segments, and guesses a straight line between the ends, with
+rates and force 0. Each tool runs in a virtual environment of its own, so this file imports only
+what it measures.
+"""
+
+import json
+import math
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+#: Masses (kg) of cart and pole, length of the pole (m), gravity (m/s^2).
+CART, POLE, LENGTH, GRAVITY = 1.0, 0.3, 0.5, 9.81
+
+#: Largest force (N), largest distance of the cart from its start (m), and duration (s).
+FORCE, TRACK, DURATION = 20.0, 2.0, 2.0
+
+#: Position of the cart (m), angle of the pole from below (rad), and their rates.
+START, END = (0.0, 0.0, 0.0, 0.0), (1.0, math.pi, 0.0, 0.0)
+
+SEGMENTS = 40
+
+#: The least cost (N^2 s), and by which share of it other discretisations may differ.
+COST, TOLERANCE = 58.81, 0.03
+
+IPOPT = {"expand": True, "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+
+
+def main() -> None:
+    """Solve with the tool that the settings name again and again, and print medians as JSON."""
+    settings = json.loads(sys.argv[1])
+    seconds, tool = settings.pop("seconds"), TOOLS[settings.pop("measure")]
+    with tempfile.TemporaryDirectory() as folder:  # dymos writes files
+        os.chdir(folder)
+        once, name = tool(**settings)
+        print(json.dumps(repeated(once, seconds) | {"version": f"{name} {version(name)}"}))
+        os.chdir("/")
+
+
+def repeated(once: Callable[[], dict[str, float]], seconds: float) -> dict[str, Any]:
+    """Build and solve again and again until the time is over.
+
+    Args:
+        once: builds and solves. It returns `build` and `solve` (s), `iterations` and `cost`.
+        seconds: how long to repeat it.
+
+    Returns:
+        The number of repetitions (`steps`), the time that they took (`seconds`), and the medians of
+        what `once` returned and of building and solving together (`total`).
+
+    Raises:
+        RuntimeError: no optimum was found, or a different one.
+    """
+    answers: list[dict[str, float]] = []
+    begin = time.perf_counter()
+    while (elapsed := time.perf_counter() - begin) < seconds or not answers:
+        answer = once()
+        if not abs(answer["cost"] - COST) <= TOLERANCE * COST:
+            raise RuntimeError(f"a cost of {answer['cost']:.4g} N^2 s instead of {COST}")
+        answers.append(answer | {"total": answer["build"] + answer["solve"]})
+    medians = {name: median(answer[name] for answer in answers) for name in answers[0]}
+    return {"steps": len(answers), "seconds": elapsed} | medians
+
+
+def derivative(
+    x: Sequence[Any], u: Any, sin: Callable[[Any], Any], cos: Callable[[Any], Any]
+) -> Any:
+    """The rates of change of a state `x` under a force `u`, as a list, for any type of number."""
+    s, c = sin(x[1]), cos(x[1])
+    inertia, push = CART + POLE * s**2, u + LENGTH * POLE * s * x[3] ** 2
+    cart = (push + POLE * GRAVITY * s * c) / inertia
+    pole = -(push * c + (CART + POLE) * GRAVITY * s) / (LENGTH * inertia)
+    return [x[2], x[3], cart, pole]
+
+
+def line(part: float) -> list[float]:
+    """The guess of the state after a part (0 to 1) of the time: on a straight line, rates 0."""
+    return [part * END[0], part * END[1], 0.0, 0.0]
+
+
+def casadi_script() -> tuple[Callable[[], dict[str, float]], str]:
+    """By hand: separated Hermite-Simpson with CasADi, IPOPT and MUMPS.
+
+    The equations of motion are mapped over all points at once and expanded into scalars. That makes
+    derivatives several times as fast, and building slower.
+    """
+    import casadi as ca
+    import numpy as np
+
+    def build() -> tuple[Any, dict[str, Any]]:
+        points, h = 2 * SEGMENTS + 1, DURATION / SEGMENTS
+        x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
+        rates = ca.vertcat(*derivative(ca.vertsplit(x), u, ca.sin, ca.cos))
+        z = ca.MX.sym("z", 5, points)
+        xs, us = z[:4, :], z[4, :]
+        fs = ca.Function("f", [x, u], [rates]).map(points)(xs, us)
+        x0, xm, x1 = xs[:, :-1:2], xs[:, 1::2], xs[:, 2::2]
+        f0, fm, f1 = fs[:, :-1:2], fs[:, 1::2], fs[:, 2::2]
+        middles = xm - (x0 + x1) / 2 - h / 8 * (f0 - f1)
+        ends = x1 - x0 - h / 6 * (f0 + 4 * fm + f1)
+        weights = np.full(points, 2.0)
+        weights[1::2], weights[[0, -1]] = 4.0, 1.0
+        cost = ca.mtimes(us**2, ca.DM(h / 6 * weights))
+        high = np.full((points, 5), np.inf)
+        high[:, 0], high[:, 4] = TRACK, FORCE
+        low = -high
+        low[0, :4] = high[0, :4] = START
+        low[-1, :4] = high[-1, :4] = END
+        guess = np.array([[*line(part), 0.0] for part in np.linspace(0, 1, points)])
+        nlp: dict[str, Any] = {"x": ca.vec(z), "f": cost, "g": ca.vec(ca.vertcat(middles, ends))}
+        solver = ca.nlpsol("solver", "ipopt", nlp, IPOPT)
+        bounds = {"lbx": low.ravel(), "ubx": high.ravel(), "lbg": 0, "ubg": 0}
+        return solver, {"x0": guess.ravel()} | bounds
+
+    def once() -> dict[str, float]:
+        begin = time.perf_counter()
+        solver, arguments = build()
+        built = time.perf_counter()
+        solution = solver(**arguments)
+        return {
+            "build": built - begin,
+            "solve": time.perf_counter() - built,
+            "iterations": solver.stats()["iter_count"],
+            "cost": float(solution["f"]) if solver.stats()["success"] else math.nan,
+        }
+
+    return once, "casadi"
+
+
+def rockit(method: str) -> tuple[Callable[[], dict[str, float]], str]:
+    """rockit, whose force is linear within a segment.
+
+    It makes its solver within the first solve. The time by which that takes longer than a second
+    solve counts as building.
+    """
+    import casadi as ca
+    from rockit import DirectCollocation, MultipleShooting, Ocp  # type: ignore[import-not-found]
+
+    def build() -> tuple[Any, Any]:
+        ocp = Ocp(T=DURATION)
+        x, u = ocp.state(4), ocp.control(order=1)
+        ocp.set_der(x, ca.vertcat(*derivative(ca.vertsplit(x), u, ca.sin, ca.cos)))
+        cost = ocp.integral(u**2)
+        ocp.add_objective(cost)
+        ocp.subject_to(ocp.at_t0(x) == ca.DM(START))
+        ocp.subject_to(ocp.at_tf(x) == ca.DM(END))
+        for signal, bound in ((u, FORCE), (x[0], TRACK)):
+            ocp.subject_to(-bound <= (signal <= bound))
+        ocp.set_initial(x, ca.vertcat(*line(ocp.t / DURATION)))
+        ocp.solver("ipopt", IPOPT | {"detect_simple_bounds": True})
+        if method == "collocation":
+            ocp.method(DirectCollocation(N=SEGMENTS, degree=2, scheme="legendre"))
+        else:
+            ocp.method(MultipleShooting(N=SEGMENTS, intg="rk"))
+        return ocp, cost
+
+    def once() -> dict[str, float]:
+        begin = time.perf_counter()
+        ocp, cost = build()
+        ocp.solve()
+        first = time.perf_counter()
+        solution = ocp.solve()
+        solve = time.perf_counter() - first
+        return {
+            "build": first - begin - solve,
+            "solve": solve,
+            "iterations": solution.stats["iter_count"],
+            "cost": float(solution.value(cost)),
+        }
+
+    return once, "rockit-meco"
+
+
+def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
+    """Drake's Hermite-Simpson, on a symbolic system: a multibody plant is several times slower."""
+    import numpy as np
+    from pydrake.planning import DirectCollocation
+    from pydrake.solvers import CommonSolverOption, IpoptSolver, SnoptSolver, SolverOptions
+    from pydrake.symbolic import Variable, cos, sin
+    from pydrake.systems.primitives import SymbolicVectorSystem
+    from pydrake.trajectories import PiecewisePolynomial
+
+    chosen: Any = {"ipopt": IpoptSolver, "snopt": SnoptSolver}[solver]()
+
+    def build() -> Any:
+        x, u = [Variable(name) for name in ("q1", "q2", "v1", "v2")], Variable("u")
+        system = SymbolicVectorSystem(
+            state=x, input=[u], output=x, dynamics=derivative(x, u, sin, cos)
+        )
+        h = DURATION / SEGMENTS
+        collocation = DirectCollocation(system, system.CreateDefaultContext(), SEGMENTS + 1, h, h)
+        program = collocation.prog()
+        for k in range(SEGMENTS + 1):
+            program.AddBoundingBoxConstraint(-FORCE, FORCE, collocation.input(k))
+            program.AddBoundingBoxConstraint(-TRACK, TRACK, collocation.state(k)[0])
+        program.AddBoundingBoxConstraint(START, START, collocation.initial_state())
+        program.AddBoundingBoxConstraint(END, END, collocation.final_state())
+        collocation.AddRunningCost(collocation.input()[0] ** 2)
+        ends = [0.0, DURATION]
+        collocation.SetInitialTrajectory(
+            PiecewisePolynomial.FirstOrderHold(ends, np.zeros((1, 2))),
+            PiecewisePolynomial.FirstOrderHold(ends, np.transpose([line(0), line(1)])),
+        )
+        return collocation
+
+    def count() -> int:
+        """The solver's iterations, from its own report."""
+        path, options = Path("report").resolve(), SolverOptions()
+        options.SetOption(CommonSolverOption.kPrintFileName, str(path))
+        options.SetOption(SnoptSolver.id(), "Major print level", 1)
+        chosen.Solve(build().prog(), None, options)
+        reported = r"(?:Number of Iterations\.+:|No\. of major iterations) *(\d+)"
+        return int(re.findall(reported, path.read_text())[-1])
+
+    iterations = count()
+
+    def once() -> dict[str, float]:
+        begin = time.perf_counter()
+        collocation = build()
+        built = time.perf_counter()
+        result = chosen.Solve(collocation.prog())
+        return {
+            "build": built - begin,
+            "solve": time.perf_counter() - built,
+            "iterations": iterations,
+            "cost": result.get_optimal_cost() if result.is_success() else math.nan,
+        }
+
+    return once, "drake"
+
+
+def dymos() -> tuple[Callable[[], dict[str, float]], str]:
+    """dymos: its own example's equations, Gauss-Lobatto of order 3, SciPy's SLSQP.
+
+    With IPOPT or SNOPT from pyOptSparse it would be faster, but pip cannot install pyOptSparse
+    without compiling it. Linear algebra runs on one thread, because SLSQP on small dense matrices
+    is several times as slow on two.
+    """
+    os.environ |= {"OPENMDAO_REPORTS": "0", "OPENBLAS_NUM_THREADS": "1"}
+    import dymos as dm  # type: ignore[import-not-found]
+    import openmdao.api as om  # type: ignore[import-not-found]
+    from dymos.examples.cart_pole import (  # type: ignore[import-not-found]
+        cartpole_dynamics,
+    )
+
+    #: Names of the states, in the order of START, and of their rates, and units.
+    states = (
+        ("x", "x_dot", "m"),
+        ("theta", "theta_dot", "rad"),
+        ("x_dot", "x_dotdot", "m/s"),
+        ("theta_dot", "theta_dotdot", "rad/s"),
+    )
+
+    def build() -> Any:
+        problem = om.Problem(reports=False)
+        trajectory = problem.model.add_subsystem("trajectory", dm.Trajectory())
+        lobatto = dm.GaussLobatto(num_segments=SEGMENTS, order=3)
+        dynamics = cartpole_dynamics.CartPoleDynamics
+        phase = trajectory.add_phase("phase", dm.Phase(ode_class=dynamics, transcription=lobatto))
+        phase.set_time_options(fix_initial=True, fix_duration=True, duration_val=DURATION)
+        ends = {"fix_initial": True, "fix_final": True, "shape": (1,)}
+        for name, rate, units in states:
+            track = {"lower": -TRACK, "upper": TRACK} if name == "x" else {}
+            phase.add_state(name, rate_source=rate, units=units, **ends, **track)
+        phase.add_state("energy", rate_source="e_dot", units="N**2*s", fix_initial=True, shape=(1,))
+        force = {"lower": -FORCE, "upper": FORCE}
+        phase.add_control("f", shape=(1,), units="N", rate_continuity=False, **force)
+        for name, value, units in (
+            ("m_cart", CART, "kg"),
+            ("m_pole", POLE, "kg"),
+            ("l_pole", LENGTH, "m"),
+        ):
+            phase.add_parameter(name, val=value, units=units, static_target=True)
+        phase.add_objective("energy", loc="final")
+        problem.driver = om.ScipyOptimizeDriver(optimizer="SLSQP", maxiter=1000, disp=False)
+        problem.driver.declare_coloring(show_summary=False)
+        problem.setup(check=False)
+        phase.set_time_val(initial=0.0)
+        for (name, _, _), first, last in zip(states, line(0), line(1), strict=True):
+            phase.set_state_val(name, [first, last])
+        phase.set_state_val("energy", [0.0, 0.0])
+        phase.set_control_val("f", [0.0, 0.0])
+        problem.run_model()
+        problem.driver._get_coloring()
+        return problem
+
+    def once() -> dict[str, float]:
+        begin = time.perf_counter()
+        problem = build()
+        built = time.perf_counter()
+        result = problem.run_driver()
+        energy = problem.get_val("trajectory.phase.states:energy")
+        return {
+            "build": built - begin,
+            "solve": time.perf_counter() - built,
+            "iterations": result.deriv_evals,
+            "cost": float(energy[-1, 0]) if result.success else math.nan,
+        }
+
+    return once, "dymos"
+
+
+TOOLS: dict[str, Callable[..., Any]] = {
+    "casadi": casadi_script,
+    "rockit": rockit,
+    "drake": drake,
+    "dymos": dymos,
+}
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""The speed of this package and of its peers, measured side by side."""

@@ -1,0 +1,245 @@
+"""Regenerate every figure and every number of docs/physics.md and docs/thesis-errata.md.
+
+Writes PNG files and numbers.json into a folder, and the tables into the two documents if they are
+beside that folder. A test compares the documents with numbers.json, and numbers.json with what the
+code gives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from rimless_gym.energy import CHANNELS
+from rimless_gym.presets import PRESETS
+from scripts.studies.documents import accuracy, drawings, errata
+from scripts.studies.documents.accuracy import CASES
+from scripts.studies.documents.errata import OF_THE_THESIS
+from scripts.studies.documents.markdown import table
+
+DOCUMENTS = ("physics.md", "thesis-errata.md")
+
+FIGURES = ("coordinates.png", "modes.png", "convergence.png", "rest.png", "impact.png")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder to write to")
+    parser.add_argument(
+        "--keep-numbers", action="store_true", help="draw from the numbers.json that is there"
+    )
+    options = parser.parse_args(arguments)
+    path = options.out / "numbers.json"
+    results = json.loads(path.read_text()) if options.keep_numbers else numbers()
+    path.write_text(json.dumps(results, indent=1) + "\n")
+    for name, figure in figures(results).items():
+        drawings.save(figure, options.out / name)
+    for name in DOCUMENTS:
+        if (page := options.out.parent / name).exists():
+            page.write_text(filled(page.read_text(), results))
+    for name, text in tables(results).items():
+        print(f"\n{name}\n\n{text}")
+    return 0
+
+
+def numbers() -> dict[str, Any]:
+    """Every number that the two documents quote."""
+    return {
+        "accuracy": accuracy.accuracy(count=10, grazes=400),
+        "missed_dips": accuracy.missed_dips(200_000),
+        "convergence": errata.convergence(),
+        "coming_to_rest": errata.coming_to_rest(),
+        "printed_impact": errata.printed_impact(),
+        "new_foot_momentum": errata.new_foot_momentum(),
+        "generalised_force": errata.generalised_force(),
+        "rotor": errata.rotor(),
+        "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
+        "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
+        "kappa": {name: errata.kappa_range(of) for name, of in PRESETS.items()},
+        "kappa_of_few_legs": errata.kappa_of_few_legs(),
+    }
+
+
+def figures(results: dict[str, Any]) -> dict[str, Figure]:
+    """Every figure by the name of its file, drawn from the results of `numbers`."""
+    plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
+    drawn = (
+        drawings.coordinates_figure(),
+        drawings.modes_figure(),
+        drawings.convergence_figure(results["convergence"]),
+        drawings.rest_figure(results["coming_to_rest"]),
+        drawings.impact_figure(),
+    )
+    return dict(zip(FIGURES, drawn, strict=True))
+
+
+Results = dict[str, Any]
+
+#: The fields in which presets differ: symbol, what it is about, field, unit.
+PARAMETERS = (
+    ("$m_1$", "", "wheel_mass", "kg"),
+    ("$I_1$", "about the hub", "wheel_inertia", "kg m²"),
+    ("$L_1$", "", "leg_length", "m"),
+    ("$n$", "", "n_legs", ""),
+    ("$m_2$", "", "pendulum_mass", "kg"),
+    ("$L_2$", "hub to centre of mass", "pendulum_length", "m"),
+    ("$I_2$", "about its centre of mass", "pendulum_inertia", "kg m²"),
+    ("", "hub to far end", "pendulum_reach", "m"),
+    ("$K_m$", "", "motor_constant", "N m/A"),
+    ("$N$", "", "gear_ratio", ""),
+    ("$R_m$", "", "armature_resistance", "Ω"),
+    ("$J_m$", "at the motor shaft", "rotor_inertia", "kg m²"),
+    ("$F_0$", "dry friction", "hub_friction", "N m"),
+    ("$c$", "share of the torque", "gear_loss", ""),
+    ("$P_0$", "", "idle_power", "W"),
+    ("$\\mu$", "of the ground", "friction", ""),
+    ("$V$", "largest", "voltage_limit", "V"),
+)
+
+
+def parameters_table() -> str:
+    """The presets' parameters, where they differ."""
+    rows = []
+    for symbol, about, field, unit in PARAMETERS:
+        values = [getattr(params, field) for params in PRESETS.values()]
+        if field == "pendulum_reach":
+            values = [params.constants.reach for params in PRESETS.values()]
+        meaning = ", ".join(part for part in (symbol, about) if part)
+        name = f"`{field}` ({unit})" if unit else f"`{field}`"
+        rows.append([meaning, name, *(f"{value:.4g}" for value in values)])
+    return table(["symbol", "field of `WheelParams`", *(f"`{name}`" for name in PRESETS)], rows)
+
+
+def derived_table(results: Results) -> str:
+    """What follows from the presets' parameters."""
+    head = ["", "motor pole (1/s)", "κ", "pendulum's reach (m)", "hub on two feet (m)"]
+    rows = []
+    for name in PRESETS:
+        low, high = results["kappa"][name]
+        reach, hub = results["reach_and_hub"][name]
+        pole = f"{results['motor_pole'][name]:.1f}"
+        rows.append([f"`{name}`", pole, f"{low:.2f} to {high:.2f}", f"{reach:.3f}", f"{hub:.3f}"])
+    return table(head, rows)
+
+
+def accuracy_table(results: Results) -> str:
+    """The kernel against the reference simulator, with one figure for each preset."""
+    head = ["case", "motions", "touchdowns", "state (rad, rad/s)", "start moved by 1e-13 rad"]
+    rows = []
+    for case in CASES:
+        cells = [results["accuracy"][name][case] for name in PRESETS]
+        each = {
+            key: " / ".join(f"{cell[key]:.0e}" for cell in cells)
+            for key in ("state", "nudged", "height")
+        }
+        total = {
+            key: sum(cell[key] for cell in cells)
+            for key in ("motions", "touchdowns", "disagreements")
+        }
+        residual = f"{max(cell['residual'] for cell in cells):.0e}"
+        row = [case, total["motions"], total["touchdowns"], each["state"], each["nudged"]]
+        rows.append([*row, each["height"], residual, total["disagreements"]])
+    return table([*head, "foot height (m)", "ledger residual (J)", "disagree"], rows)
+
+
+def typical_table(results: Results) -> str:
+    """The printed impact beside the right one, where the pendulum does not turn."""
+    head = ["θ (rad)", "rate, plastic", "rate, (3.82)", "energy, plastic", "energy, (3.82)"]
+    columns = ("plastic_rate", "thesis_rate", "plastic_energy", "thesis_energy", "closed_form_rate")
+    rows = [
+        [f"{at['theta']:.1f}", *(f"{at[key]:.2f}" for key in columns)]
+        for at in results["printed_impact"]["typical"]
+    ]
+    return table([*head, "rate, (3.85-3.87)"], rows)
+
+
+def force_table(results: Results) -> str:
+    """Energy balance of a step with the printed generalised force and the right one."""
+    head = ["", "step time (s)", "drawn (J)", "copper (J)", "mechanical gain (J)"]
+    rows = [
+        [f"$f = {f}$", *(f"{of[key]:.2f}" for key in ("time", "drawn", "copper", "gained"))]
+        + [f"{abs(of['missing']):.2f}", f"{of['rate_at_touchdown']:.2f}"]
+        for f, of in zip(("(0, T)", "(T, T)"), results["generalised_force"].values(), strict=True)
+    ]
+    return table([*head, "unexplained (J)", "rate at the end (rad/s)"], rows)
+
+
+def rotor_table(results: Results) -> str:
+    """The rotor's inertia at the hub, and how it changes the motor's pole."""
+    head = ["", "$J_mN^2$ (kg m²)", "$J_m/N^2$", "pendulum's $J_{e2}$"]
+    rotors = results["rotor"]
+    rows = [
+        [f"`{name}`", *(f"{rotors[name][key]:.2g}" for key in ("right", "printed", "pendulum"))]
+        + [f"{rotors[name][key]:.1f}" for key in ("pole", "pole_right")]
+        for name in OF_THE_THESIS
+    ]
+    return table([*head, "motor pole without rotor (1/s)", "with $J_mN^2$"], rows)
+
+
+def shares_table(results: Results) -> str:
+    """How often the printed impact creates energy or reverses the wheel."""
+    head = ["machine", "(3.82) creates energy", "(3.82) reverses the wheel"]
+    keys = ("creates", "reverses", "closed_form_reverses")
+    rows = [
+        [name, *(f"{100 * of[key]:.0f} %" for key in keys), f"{of['largest']:.2f}"]
+        for name, of in results["printed_impact"]["random"].items()
+    ]
+    return table([*head, "(3.85-3.87) reverses it", "largest gain of (3.82)"], rows)
+
+
+def momentum_table(results: Results) -> str:
+    """Error of the printed momentum about the new foot, by number of legs."""
+    of = results["new_foot_momentum"]
+    errors = [f"{100 * error:.0f} %" for error in of.values()]
+    return table(["legs", *of], [["error of (3.66)", *errors]])
+
+
+def kappa_table(results: Results) -> str:
+    """Range of the plastic impact's ratio of speeds with few legs."""
+    of = results["kappa_of_few_legs"]
+    counts = next(iter(of.values()))
+    rows = [
+        [f"`{name}`", *(f"{low:.2f} to {high:.2f}" for low, high in ranges.values())]
+        for name, ranges in of.items()
+    ]
+    return table(["κ", *(f"n = {n}" for n in counts)], rows)
+
+
+def channels_table() -> str:
+    """The ledger's energies."""
+    side = {1: "in", -1: "out", 0: "beside it"}
+    rows = [[f"`{name}`", side[sign], meaning] for name, sign, meaning in CHANNELS]
+    return table(["energy (J)", "in the balance", ""], rows)
+
+
+def tables(results: Results) -> dict[str, str]:
+    """Every table by name."""
+    return {
+        "accuracy": accuracy_table(results),
+        "typical": typical_table(results),
+        "force": force_table(results),
+        "rotor": rotor_table(results),
+        "shares": shares_table(results),
+        "momentum": momentum_table(results),
+        "kappa": kappa_table(results),
+        "channels": channels_table(),
+        "parameters": parameters_table(),
+        "derived": derived_table(results),
+    }
+
+
+def filled(page: str, results: Results) -> str:
+    """A document with its tables, which are recognised by their heads, replaced by new ones."""
+    for text in tables(results).values():
+        head = re.escape(text.splitlines()[0])
+        found = re.search(rf"^{head}\n(\|.*\n)*", page, flags=re.MULTILINE)
+        page = page.replace(found[0], f"{text}\n") if found else page
+    return page

@@ -1,1 +1,0 @@
-"""What an episode pays: the returns of default episodes, whoever walks."""

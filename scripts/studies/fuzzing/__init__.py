@@ -1,1 +1,0 @@
-"""A fuzz: the compiled environment on random machines under random voltages, every step checked."""

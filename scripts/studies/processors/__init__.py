@@ -1,1 +1,0 @@
-"""The tests as other processors would run them."""

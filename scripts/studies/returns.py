@@ -1,0 +1,218 @@
+"""Measure the return of default episodes: baselines, laws, shipped policies, the front's best gait.
+
+Each walks the 100 episodes that reset(seed=0) to reset(seed=99) begin, as gym.make gives them.
+Prints the tables of docs/environment.md. It takes some ten minutes of one core, most of it for the
+receding horizon and the design of the tuned law. After Ctrl-C or a kill, the same command
+continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from agents.conditions import Conditions
+from agents.policies import Policy
+from agents.policy_files import BASELINES, PRETRAINED, named_policy
+from agents.rollout import episodes
+from rimless_gym import BUILDABLE
+from rimless_gym.envs.observation import MIDDLE_SPEED, SPEED_SCALE
+from rimless_gym.envs.speed import SPEEDS, TASK
+from rimless_gym.envs.task import USUAL_TASK
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from scripts.studies.documents import markdown
+from trajopt import periodic_gait
+from trajopt.feedback import laws
+from trajopt.gaits.fronts import cot_front, shipped_front
+from trajopt.gaits.solution import Solution
+from trajopt.ocp.arrays import Array
+from trajopt.provenance import provenance
+from trajopt.store import Store
+
+#: Episodes of each policy; episode i is that of `reset(seed=i)`.
+EPISODES = 100
+
+#: Length of an episode (s).
+DURATION = 20.0
+
+#: Speed of the gait that laws hold (m/s), as in the README's table.
+SPEED = 0.56
+
+WHEEL, COMMANDED = ENVIRONMENTS = ("RimlessWheel-v0", "RimlessWheelSpeed-v0")
+MARKS = markdown.marks("returns", ENVIRONMENTS)
+
+#: Name of the row of the front's gaits; no policy has it.
+FRONT = "the front"
+
+MEANINGS = {"idle": "no voltage: rests", "random": "a uniformly random voltage in every step"}
+
+Row = dict[str, Any]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="of each policy")
+    parser.add_argument(
+        "--docs", type=Path, help="docs/environment.md, for the tables; writes returns.json, too"
+    )
+    parser.add_argument("--out", type=Path, default=Path("runs/returns"), help="folder")
+    options = parser.parse_args(arguments)
+    results = returns(options.out, options.episodes)
+    tables = sections(results)
+    if options.docs:
+        record = options.docs.with_name("returns.json")
+        record.write_text(json.dumps(results, indent=1) + "\n")
+        markdown.refresh(options.docs, MARKS, tables)
+    print("\n".join(tables.values()))
+    return 0
+
+
+def returns(folder: Path, count: int, names: Sequence[str] | None = None) -> dict[str, Any]:
+    """The rows of both environments' tables, as plain JSON values.
+
+    Args:
+        folder: where finished rows are.
+        count: episodes of each policy.
+        names: of baselines, laws and policies; by default all, and the front.
+    """
+    made_by = provenance(episodes=count)
+    names = [*BASELINES, *laws.names(), *PRETRAINED, FRONT] if names is None else names
+    tables: dict[str, list[Row]] = {env: [] for env in ENVIRONMENTS}
+    with Store(folder, made_by) as store, tqdm(names, desc="returns") as bar:
+        for name in bar:
+            bar.set_postfix_str(name)
+            if name not in store:
+                rows = _front_rows() if name == FRONT else _rows(name, count)
+                store.save(name, list(rows))
+            for env, row in store.load(name):
+                tables[env].append(row)
+    return {"law_speed": _gait(BUILDABLE).speed, **tables, **made_by}
+
+
+def measured(policy: Policy, conditions: Conditions, count: int) -> Row:
+    """Mean and standard deviation of the returns, and the share of episodes that end early."""
+    envs = conditions.envs(count, max_episode_steps=conditions.control.episode_steps)
+    walked = episodes(envs, policy)
+    totals = np.array([one.total for one in walked])
+    early = np.mean([one.terminations[-1] for one in walked])
+    return {
+        "mean": float(totals.mean()),
+        "spread": float(totals.std(ddof=1)),
+        "early": float(early),
+    }
+
+
+def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
+    """The rows of a policy, each with its environment; baselines are in both."""
+    policy = named_policy(name, _gait)
+    row = {"name": name} | measured(policy.policy, policy.conditions, count)
+    if policy.conditions.commanded:
+        speeds = list(policy.conditions.control.speeds or ())
+        yield COMMANDED, row | {"speeds": speeds, "period": policy.period}
+    else:
+        yield WHEEL, row
+    if name in BASELINES:
+        yield COMMANDED, {"name": name} | measured(BASELINES[name](0), _commanded(), count)
+
+
+def _front_rows() -> Iterator[tuple[str, Row]]:
+    """The returns of the front's gaits, walked from an episode's beginning to its end."""
+    best = best_gait()
+    observations, _ = _commanded().envs(EPISODES).reset(seed=0)
+    commands = MIDDLE_SPEED + SPEED_SCALE * observations[:, 6].astype(float)
+    yield WHEEL, {"name": FRONT, "mean": gait_return(best), "speed": best.speed}
+    yield COMMANDED, {"name": FRONT, "mean": float(front_return(commands).mean())}
+
+
+def best_gait() -> Solution:
+    """The gait of the front with the greatest return, its voltage held for 10 ms.
+
+    A step of such a gait lasts a whole number of intervals: the best continuous gait lies between
+    two of these speeds, and the better one of the two counts.
+    """
+    best = max(shipped_front(BUILDABLE).envelope, key=gait_return)
+    ticks = BUILDABLE.step_length / (best.speed * CONTROL_PERIOD)
+    speeds = [
+        BUILDABLE.step_length / (n * CONTROL_PERIOD) for n in (math.floor(ticks), math.ceil(ticks))
+    ]
+    front = cot_front(BUILDABLE, speeds, [best.steps], hold=CONTROL_PERIOD, progress=True)
+    return max(front.envelope, key=gait_return)
+
+
+def gait_return(gait: Solution) -> float:
+    """The return of 20 s on a gait in `RimlessWheel-v0` (m)."""
+    return DURATION * gait.speed * (USUAL_TASK.distance_weight - gait.cot)
+
+
+def front_return(speed: ArrayLike) -> Array:
+    """The returns in `RimlessWheelSpeed-v0` of 20 s at commanded speeds (m/s), at the front's CoT.
+
+    A bound: the gaits may change their voltage at any time, and walk from the beginning.
+    """
+    speeds = np.asarray(speed, dtype=float)
+    return DURATION * speeds * (TASK.distance_weight - shipped_front(BUILDABLE)(speeds))
+
+
+def _gait(params: WheelParams) -> Solution:
+    return periodic_gait(params, SPEED, hold=CONTROL_PERIOD)
+
+
+def _commanded() -> Conditions:
+    """The conditions of `RimlessWheelSpeed-v0`."""
+    return Conditions.of(BUILDABLE, None, None, SPEEDS)
+
+
+def sections(results: Mapping[str, Any]) -> dict[str, str]:
+    """The tables by environment, from what `returns` gives."""
+    return {env: _table(env, results) + "\n" for env in ENVIRONMENTS}
+
+
+def _table(env: str, results: Mapping[str, Any]) -> str:
+    spec = gym.spec(env)
+    lines = [
+        [_title(row, results), f"{row['mean']:.2f}"]
+        + (
+            ["", ""]
+            if row["name"] == FRONT
+            else [f"{row['spread']:.2f}", f"{100 * row['early']:.0f} %"]
+        )
+        for row in sorted(results[env], key=lambda row: float(row["mean"]))
+    ]
+    lines.append(
+        ["`reward_threshold`: two thirds of the front's", f"{spec.reward_threshold:g}", "", ""]
+    )
+    return markdown.table(["policy", "return, mean (m)", "standard deviation", "end early"], lines)
+
+
+def _spread(row: Mapping[str, Any]) -> list[str]:
+    if row["name"] == FRONT:
+        return ["", ""]
+    return [f"{row['spread']:.2f}", f"{100 * row['early']:.0f} %"]
+
+
+def _title(row: Mapping[str, Any], results: Mapping[str, Any]) -> str:
+    name = row["name"]
+    if name in BASELINES:
+        return f"`{name}`: {MEANINGS[name]}"
+    if name in laws.names():
+        return f"law `{name}` about the optimum at {results['law_speed']:.3f} m/s"
+    if name == FRONT and "speed" in row:
+        return f"the front's best gait, at {row['speed']:.3f} m/s, walked for all 20 s"
+    if name == FRONT:
+        return "the front, walked at the commanded speed for all 20 s"
+    if "speeds" in row:
+        slowest, fastest = row["speeds"]
+        period = f"a decision every {1e3 * row['period']:g} ms"
+        return f"policy `{name}`, commanded {slowest:g} to {fastest:g} m/s, {period}"
+    return f"policy `{name}`"

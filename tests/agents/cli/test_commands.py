@@ -1,0 +1,208 @@
+"""What the commands do, on small tasks."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import pytest
+from PIL import Image
+
+from agents.cli.main import REFUSED, main
+from agents.evaluate import Protocol, evaluate
+from agents.training import TrainingConfig, train
+from rimless_gym.presets import BUILDABLE
+from trajopt import Solution, periodic_gait
+from trajopt.gaits.library import nearest
+from trajopt.store import Store
+
+
+@pytest.fixture
+def shipped() -> Solution:
+    return nearest(BUILDABLE, 0.55, 1)[0].load()
+
+
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch, shipped: Solution) -> Solution:
+    """The gait that every search finds."""
+    monkeypatch.setattr("trajopt.periodic_gait", lambda *what, **settings: shipped)
+    return shipped
+
+
+def test_a_gait_is_saved_and_reported_and_json_has_its_figures(
+    solved: Solution, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "gaits" / "gait.npz"
+    assert main(["gait", "--speed", "0.56", "--hold", "0.01", "--out", str(out)]) == 0
+    report = capsys.readouterr().out
+    assert f"{solved.cot:.6f}" in report
+    assert "requested speed         0.56 m/s" in report
+    assert Solution.load(out).cot == solved.cot
+    assert main(["gait", "--speed", f"{solved.speed}", "--guess", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["cot"] == solved.cot
+
+
+def test_a_full_disk_loses_no_report_and_a_closed_pipe_no_gait(
+    solved: Solution,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def closed(gait: Solution) -> str:
+        raise BrokenPipeError
+
+    def full(gait: Solution, path: Path) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    out = tmp_path / "gait.npz"
+    with monkeypatch.context() as patch:
+        patch.setattr(Solution, "report", closed)
+        with suppress(SystemExit):
+            main(["gait", "--out", str(out)])
+    capsys.readouterr()
+    assert Solution.load(out).cot == solved.cot
+    monkeypatch.setattr(Solution, "save", full)
+    assert main(["gait", "--out", str(out)]) == REFUSED
+    printed = capsys.readouterr()
+    assert f"{solved.cot:.6f}" in printed.out
+    assert printed.err == f"error: {out}: No space left on device\n"
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two starts of 0.4 s."""
+    protocol = Protocol(starts=2, seed=0, duration=0.4, window=0.2, alive=0.1)
+    short = partial(evaluate, protocol=protocol)
+    monkeypatch.setattr(
+        "agents.evaluate.evaluate", lambda *a, **k: short(*a, **k | {"progress": False})
+    )
+
+
+@pytest.mark.usefixtures("brief")
+def test_policies_and_laws_are_measured_in_one_table(
+    capsys: pytest.CaptureFixture[str], shipped: Solution, tmp_path: Path
+) -> None:
+    shipped.save(tmp_path / "gait.npz")
+    names = ["evolution", "imitation"]
+    arguments = ["evaluate", *names, "--gait", str(tmp_path / "gait.npz"), "--no-gap"]
+    assert main([*arguments, "--json", "--disturbances", "actuator_delay=1"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert list(report["policies"]) == names
+    assert report["disturbances"]["actuator_delay"] == 1
+    assert main([*arguments, "--seeds"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = [*names, "interquartile mean", "95 % from", "to"]
+    assert [line[:24].strip() for line in lines[1:6]] == rows
+    assert any("of 2 starts do not count (" in line for line in lines[6:])
+
+
+@pytest.mark.usefixtures("brief")
+def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    config = TrainingConfig("ppo", timesteps=0, speeds=(0.4, 0.6))
+    policy = str(train(config, tmp_path, progress=False).last)
+    arguments = ["evaluate", policy, "--no-gap", "--json"]
+    assert main([*arguments, "--commands", "0.45", "0.55"]) == 0
+    report = json.loads(capsys.readouterr().out)["policies"]
+    assert list(report) == [f"{policy} at 0.45 m/s", f"{policy} at 0.55 m/s"]
+    assert main([*arguments, "--seeds"]) == REFUSED
+    assert "not summarised" in capsys.readouterr().err
+
+
+def test_datasets_that_are_missing_are_written_by_one_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ["--episodes", "2", "--out", str(tmp_path)]
+    assert main(["data", "idle", *few]) == 0
+    card = tmp_path / "rimless-wheel" / "idle-v0" / "README.md"
+    before = card.stat().st_mtime_ns
+    assert main(["data", "idle", "random", *few]) == 0
+    assert card.stat().st_mtime_ns == before
+    assert (tmp_path / "rimless-wheel" / "random-v0" / "data" / "metadata.json").is_file()
+    with Store(tmp_path):
+        assert main(["data", "idle", *few]) == REFUSED
+    assert f"another process is working in {tmp_path}" in capsys.readouterr().err
+
+
+@cache
+def found(*what: object, **settings: object) -> Solution:
+    return periodic_gait(*what, **settings)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def gait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each gait is searched for once."""
+    monkeypatch.setattr("trajopt.periodic_gait", found)
+
+
+@pytest.mark.usefixtures("gait")
+def test_walks_are_written_as_a_video_and_as_a_gif(tmp_path: Path) -> None:
+    video, gif = tmp_path / "walk.mp4", tmp_path / "walk.gif"
+    size = ["--size", "240", "160"]
+    assert main(["watch", "optimum", "--seconds", "0.2", "--out", str(video), *size]) == 0
+    frames = imageio_ffmpeg.read_frames(str(video))
+    about = next(frames)
+    assert (about["fps"], about["duration"], len(list(frames))) == (50, 0.2, 10)
+    names = ["evolution", "optimum"]
+    assert main(["watch", *names, "--seconds", "0.3", "--out", str(gif), *size]) == 0
+    with Image.open(gif) as picture:
+        assert picture.size == (240, 160)
+        assert (picture.n_frames, picture.info["duration"]) == (5, 60)  # type: ignore[attr-defined]
+    assert sorted(tmp_path.iterdir()) == [gif, video]
+
+
+def test_a_saved_gait_is_watched_but_not_on_another_machine(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], shipped: Solution
+) -> None:
+    saved, out = tmp_path / "own.npz", tmp_path / "walk.gif"
+    shipped.save(saved)
+    arguments = ["watch", str(saved), "--seconds", "0.2", "--size", "99", "99", "--out", str(out)]
+    assert main(arguments) == 0
+    assert out.is_file()
+    assert main([*arguments, "--preset", "THESIS_PHYSICAL"]) == REFUSED
+    assert "own.npz: is a gait of another machine" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("gait")
+def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rimless_gym.rendering.display.has_display", lambda: True)
+    shown: list[Any] = []
+    monkeypatch.setattr(
+        "rimless_gym.rendering.display.Window.show", lambda window, frame: shown.append(frame)
+    )
+    assert main(["watch", "--seconds", "0.2", "--size", "240", "160"]) == 0
+    assert [frame.shape for frame in shown] == 5 * [(160, 240, 3)]
+
+
+def test_what_is_missing_is_named_with_a_remedy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    for word, remedy in (("watch", "--out walk.gif"), ("play", "rimless page")):
+        assert main([word]) == REFUSED
+        assert remedy in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert main(["watch", "nobody", "--out", str(tmp_path / "walk.mp4")]) == REFUSED
+    assert "rimless-gym[video]" in capsys.readouterr().err
+
+
+def test_a_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["page", "--out", str(tmp_path / "page.html")]) == 0
+    assert "open it in any browser" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_warmup_compiles_every_part_and_prints_how_long_each_took(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["warmup"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == [
+        *("environment", "vector environment", "evaluation", "reference simulator"),
+    ]

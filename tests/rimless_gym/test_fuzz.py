@@ -1,0 +1,429 @@
+"""Random machines under random voltages, every step checked; `make fuzz` runs many more of them.
+
+In each step energies balance, all numbers are finite, feet stay above the ground and observations
+lie in their space. One row is compared with the single environment to the last bit, and some
+intervals are integrated again by the reference simulator.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import operator
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from rimless_gym import (
+    Disturbances,
+    Pushes,
+    RimlessWheelVectorEnv,
+    SensorNoise,
+    Trajectory,
+    simulate,
+)
+from rimless_gym.energy import balance
+from rimless_gym.envs.layout import INFO_NAMES
+from rimless_gym.envs.observation import OBSERVATION_BOUND
+from rimless_gym.envs.starts import draw_start, normal_force
+from rimless_gym.envs.task import TERM_NAMES
+from rimless_gym.equations import DOUBLE, IMPACT_LAWS, LOSSES, MODE_NAMES, equations
+from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
+from rimless_gym.kernel.attempt import LEAST_PEAK, peak
+from rimless_gym.kernel.stepping import FOOT, MODE, require_steppable
+from rimless_gym.params import MOTOR_MOUNTS, WheelParams
+from rimless_gym.presets import PRESETS
+
+EXAMPLES = settings.default.max_examples // 5  # of the profile, see tests/conftest.py
+LENGTH = 60  # intervals of a trial
+REINTEGRATED = range(7, LENGTH, 13)
+
+RESIDUAL = 1e-7  # of a ledger, relative to the energies in it, on the most violent machines
+DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates and energies relative to size
+#: Relative distance between starts within which rounding may decide whether a foot touches down or
+#: lifts off, and the largest difference between motions from such starts with the same events.
+NEARBY, ALIKE = 1e-8, 1e-5
+SLOWEST_ROW, SLOWEST_CALL = 0.01, 0.2  # s of the processor, ten times what the stiffest needs
+
+#: Ranges, drawn evenly in the logarithm; those of `MAY_BE_ZERO` are sometimes 0 instead.
+WIDE = {
+    "wheel_mass": (1e-2, 1e2),
+    "wheel_inertia": (1e-5, 1e2),
+    "leg_length": (0.02, 20.0),
+    "pendulum_mass": (1e-2, 1e2),
+    "pendulum_inertia": (1e-5, 1e2),
+    "pendulum_length": (1e-3, 10.0),
+    "motor_constant": (1e-4, 1.0),
+    "gear_ratio": (1.0, 3e3),
+    "armature_resistance": (1e-2, 1e2),
+    "rotor_inertia": (1e-9, 1e-4),
+    "hub_damping": (1e-6, 10.0),
+    "hub_friction": (1e-3, 10.0),
+    "gear_loss": (1e-3, 0.9),
+    "friction_width": (1e-2, 1.0),
+    "drag": (1e-4, 10.0),
+    "idle_power": (1e-3, 10.0),
+    "gravity": (0.1, 30.0),
+    "friction": (1e-2, 10.0),
+    "voltage_limit": (0.1, 1e3),
+}
+MAY_BE_ZERO = (
+    *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "pendulum_length"),
+    *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
+    *("hub_friction", "gear_loss"),
+)
+NUMBERS = [name for name in INFO_NAMES if name != "failure"]
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fleet:
+    """A vector environment: machines of the rows, and arguments that the single one takes too."""
+
+    machines: tuple[WheelParams, ...]
+    mode: AutoresetMode
+    settings: dict[str, Any]
+    seed: int
+
+
+@st.composite
+def machines(draw: st.DrawFn, laws: tuple[str, ...]) -> WheelParams:
+    """Machines that the environment accepts; half of them are like a preset."""
+    fields = draw(st.sampled_from(list(PRESETS.values()))).to_dict()
+    like = draw(st.booleans())
+    for name, (low, high) in WIDE.items():
+        if like and fields[name] != 0.0:
+            fields[name] *= math.exp(draw(st.floats(-0.6, 0.6)))
+        elif not like or draw(st.integers(0, 9)) < 3:
+            fields[name] = math.exp(draw(st.floats(math.log(low), math.log(high))))
+        if not like and name in MAY_BE_ZERO and draw(st.integers(0, 6)) == 0:
+            fields[name] = 0.0
+    fields["pendulum_reach"] = None
+    fields["n_legs"] = draw(st.sampled_from([3, 4, 5, 6, 8, 12, 30, 300]))
+    fields["slope"] = draw(st.just(0.0) | st.floats(-0.1, 0.1) | st.floats(-0.7, 0.7))
+    fields["motor_mount"] = draw(st.sampled_from(MOTOR_MOUNTS))
+    fields["impact_law"] = draw(st.sampled_from(laws))
+    rng = np.random.default_rng(0)
+    try:
+        params = WheelParams(**fields)
+        require_steppable(params)
+        for _ in range(3):
+            draw_start(params, rng)
+    except (ValueError, RuntimeError):
+        assume(False)
+    return params
+
+
+@st.composite
+def fleets(draw: st.DrawFn) -> Fleet:
+    """Rows of one machine or several, with or without disturbances and ranges."""
+    one = draw(st.booleans())
+    # Under the thesis's law a backward touchdown in one row stops the whole environment.
+    laws = IMPACT_LAWS if one else ("plastic", "plastic", "plastic", "relabel")
+    each = [draw(machines(laws)) for _ in range(1 if one else draw(st.integers(2, 3)))]
+    rows = [each[i % len(each)] for i in range(draw(st.sampled_from([1, 2, 7, 16])))]
+    chosen: dict[str, Any] = {"max_episode_steps": draw(st.integers(5, 2 * LENGTH))}
+    if draw(st.booleans()):
+        momentum = each[0].total_mass * math.sqrt(each[0].gravity * each[0].leg_length)
+        noise = SensorNoise(leg_angle=0.1, pendulum_rate=5.0) if draw(st.booleans()) else None
+        chosen["disturbances"] = Disturbances(
+            pushes=Pushes(rate=10.0, impulse=(0.0, momentum * draw(st.floats(0.01, 0.3)))),
+            sensor_noise=noise,
+            actuator_delay=(0, draw(st.integers(0, 5))),
+        )
+    if one and draw(st.booleans()):
+        near = {name: getattr(each[0], name) for name in ("wheel_mass", "gravity", "friction")}
+        chosen["ranges"] = {name: (0.97 * x, 1.03 * x) for name, x in near.items() if x > 0}
+    mode = draw(st.sampled_from(list(AutoresetMode)))
+    return Fleet(tuple(rows), mode, chosen, draw(st.integers(0, 2**31)))
+
+
+# -- a trial -------------------------------------------------------------------------------------
+
+
+def run(fleet: Fleet, kind: type[RimlessWheelVectorEnv] = RimlessWheelVectorEnv) -> None:
+    """Step to the end, or until an episode finds no start; a wrong step is an AssertionError."""
+    rng, n = np.random.default_rng(fleet.seed), len(fleet.machines)
+    one = len(set(fleet.machines)) == 1
+    params = fleet.machines[0] if one else list(fleet.machines)
+    envs = kind(n, params, autoreset_mode=fleet.mode, **fleet.settings)
+    single = gym.make("RimlessWheel-v0", **fleet.settings | {"params": fleet.machines[0]})
+    try:
+        first, _ = envs.reset(seed=fleet.seed)
+        assert np.array_equal(first[0], single.reset(seed=fleet.seed)[0])
+        if "ranges" not in fleet.settings:
+            start = drawn_start(rng, fleet.machines[0])
+            if start is not None:
+                mask = np.arange(n) == 0
+                envs.reset(options={**{k: [v] for k, v in start.items()}, "reset_mask": mask})
+                single.reset(options=start)
+        step_through(fleet, envs, single, rng)
+    except RuntimeError as error:
+        if "no start found" not in str(error):
+            raise
+    finally:
+        envs.close()
+
+
+def drawn_start(rng: np.random.Generator, params: WheelParams) -> dict[str, Any] | None:
+    """Options for a state in which the feet press, at any rates; None if none was found."""
+    p, fastest = params.constants, 3 * math.sqrt(params.gravity / params.leg_length)
+    mode = int(rng.random() < 0.25)
+    for _ in range(64):
+        dphi, dtheta = rng.choice([-1, 1], 2) * [fastest, MAX_RATE] * 10 ** rng.uniform(-3, 0, 2)
+        turns = rng.integers(-15000, 15000) if rng.random() < 0.1 else 0
+        theta = rng.uniform(-math.pi, math.pi) + 2 * math.pi * turns
+        state = [rng.uniform(p.a, p.b), theta, np.clip(dphi, -MAX_RATE, MAX_RATE), dtheta]
+        if mode == DOUBLE:
+            state[0], state[2] = p.a, 0.0
+        if normal_force(params, np.array([*state, mode, 0.0])) > 1e-6 * params.weight:
+            return {"state": [float(x) for x in state], "mode": MODE_NAMES[mode]}
+    return None
+
+
+def commands(rng: np.random.Generator, ways: np.ndarray, states: np.ndarray, emf: np.ndarray):
+    """Held, white, full, no voltage, noise beyond the limits, and one near the back-EMF."""
+    white = rng.uniform(-1, 1, len(ways))
+    held = np.sin(np.arange(len(ways)) + 0.01)
+    whirling = emf[0] * (states[:, 3] + emf[1] * states[:, 2]) + 0.1 * held
+    options = (held, white, np.sign(held + 0.5 * white), 0 * white, 3 * white, whirling)
+    return np.choose(ways, options)[:, None].astype(np.float32)
+
+
+def step_through(fleet: Fleet, envs: Any, single: Any, rng: np.random.Generator) -> None:
+    n, machines = envs.num_envs, envs.params
+    emf = np.array([(m.constants.K / m.voltage_limit, m.constants.d1) for m in machines]).T
+    ways = rng.integers(0, 6, n)
+    begun, ended_alone = np.zeros(n, dtype=bool), False  # rows reset in the place of a step
+    for number in range(LENGTH):
+        ways = np.where(rng.random(n) < 0.04, rng.integers(0, 6, n), ways)
+        before = envs.states
+        actions = commands(rng, ways, before, emf)
+        clock = time.process_time()
+        try:
+            seen = envs.step(actions)
+        except RuntimeError as error:
+            if "left the model's range" not in str(error):
+                raise
+            return  # a backward touchdown under the thesis's law
+        assert time.process_time() - clock < n * SLOWEST_ROW + SLOWEST_CALL, "a step took too long"
+        ended = seen[2] | seen[3]
+        check(machines, before, envs.states, ~begun & ~ended, ~begun, seen)
+        ended_alone = compare(fleet.mode, single, actions[0], seen, ended_alone)
+        if number in REINTEGRATED and not {"ranges", "disturbances"} & set(fleet.settings):
+            reintegrate(fleet.mode, machines, before, actions, envs.states, begun, seen)
+        if fleet.mode is AutoresetMode.DISABLED and ended.any():
+            observations, _ = envs.reset(options={"reset_mask": ended})
+            if ended[0]:
+                assert np.array_equal(single.reset()[0], observations[0])
+                ended_alone = False
+        if ended.any() or begun.any():
+            machines = envs.params  # ranges draw others
+        begun = ended if fleet.mode is AutoresetMode.NEXT_STEP else np.zeros_like(begun)
+
+
+# -- the rules -----------------------------------------------------------------------------------
+
+
+def followed(params: WheelParams) -> bool:
+    """Whether the kernel's steps are short enough for the highest peaks of the accelerations."""
+    with np.errstate(divide="ignore"):
+        return bool(peak(params.constants) >= LEAST_PEAK)
+
+
+def check(machines, before, after, running, stepped, seen) -> None:
+    """No row breaks a rule, among those that were `stepped`; the episodes of some go on."""
+    with np.errstate(invalid="ignore"):
+        for trouble, rows in broken(machines, before, after, running, seen):
+            rows = np.flatnonzero(rows & stepped)
+            assert rows.size == 0, f"{trouble}: row {rows[0]}, {machines[rows[0]]}, {before[rows]}"
+
+
+def broken(machines, before, after, running, seen) -> Iterator[tuple[str, Any]]:
+    """What breaks each rule, and which rows (N,) do."""
+    observations, rewards, _, _, info = seen
+    p = WheelParams().constants._make(np.stack([m.constants_array for m in machines], axis=1))
+    weight, limit = np.array([(m.weight, m.voltage_limit) for m in machines]).T
+    stall = limit * p.K * p.G  # torque
+    yield "an observation is not finite", ~np.isfinite(observations).all(axis=1)
+    outside = np.abs(observations) > OBSERVATION_BOUND
+    yield "an observation is outside its space", outside.any(axis=1)
+    yield "the reward is not finite", ~np.isfinite(rewards)
+    terms = functools.reduce(operator.add, (info[name] for name in TERM_NAMES))
+    yield "the reward is not the sum of its terms", rewards != terms
+    infinite = ("min_normal_force", "friction_demand", "impulse_friction_demand")  # with no force
+    for name, values in info.items():
+        if not name.startswith(("_", "final")):
+            bad = np.isnan(values) if name in infinite else ~np.isfinite(values)
+            yield f"{name} is not a finite number", bad
+    energies = np.array(balance(info))  # angles are rounded: stall torque counts over a radian
+    scale = _eq.kinetic_energy(*before[:, :4].T, p) + (p.S1 + p.S2) * np.hypot(p.gx, p.gy)
+    residuals = np.abs(energies.sum(axis=0)) / (scale + stall + np.abs(energies).sum(axis=0))
+    unresolved = np.array([not followed(machine) for machine in machines])
+    yield "the ledger does not balance", ~(residuals <= RESIDUAL) & ~unresolved
+    small = RESIDUAL * (weight * p.L1 + limit**2 * p.G * CONTROL_PERIOD + stall)
+    for name in (*LOSSES, "shaft", "electrical_positive", "idle"):
+        yield f"{name} is negative", info[name] < -small
+    dissipates = np.array([machine.impact_law == "plastic" for machine in machines])
+    yield "a plastic touchdown creates energy", dissipates & (info["collision"] < -small)
+    short = info["electrical_positive"] - np.maximum(info["electrical"], 0.0)
+    yield "electrical_positive is less than electrical", short < -small
+    late = info["elapsed"] / CONTROL_PERIOD - 1
+    yield "the interval is too long or too short", (late > 1e-12) | running & (late < -1e-12)
+    phi, theta, dphi, dtheta, mode = after[:, :5].T
+    yield "a foot is below the ground", running & ~(np.maximum(p.a - phi, phi - p.b) <= 1e-12)
+    fast = np.maximum(np.abs(dphi), np.abs(dtheta))
+    yield "a rate is beyond the model's", running & ~(fast <= MAX_RATE)
+    yield "the angle of the pendulum is lost", running & ~np.isfinite(theta)
+    moved = (phi != p.a) | (dphi != 0.0)
+    yield "the wheel moves on two feet", running & (mode == DOUBLE) & moved
+    yield "the ground pulls", running & (info["force_y"] < -1e-6 * weight)
+
+
+def compare(mode: AutoresetMode, single: Any, action: Any, seen: Any, had_ended: bool) -> bool:
+    """The single environment does what row 0 does, to the bit; returns whether it has ended."""
+    observations, rewards, terminated, truncated, info = seen
+    if had_ended and mode is AutoresetMode.NEXT_STEP:  # the row was reset in this step
+        assert np.array_equal(single.reset()[0], observations[0])
+        return False
+    observation, reward, *ends, alone = single.step(action)
+    assert [rewards[0], terminated[0], truncated[0]] == [reward, *ends], "differs from the single's"
+    if mode is AutoresetMode.SAME_STEP and any(ends):
+        assert np.array_equal(info["final_obs"][0], observation)
+        assert np.array_equal(single.reset()[0], observations[0])
+        info, ends = info["final_info"], [False]
+    else:
+        assert np.array_equal(observations[0], observation)
+    for name in NUMBERS:
+        assert np.array_equal(info[name][0], alone[name], equal_nan=True), f"{name} differs"
+    return any(ends)
+
+
+def reintegrate(mode, machines, before, actions, after, begun, seen) -> None:
+    """The reference simulator agrees with an interval of the first row that it can follow."""
+    _, _, terminated, truncated, info = seen
+    rows = ~begun & (info["elapsed"] > 0.0) & [followed(machine) for machine in machines]
+    if mode is AutoresetMode.SAME_STEP:  # the state after it is that of the next episode
+        rows &= terminated | ~truncated
+    for i in np.flatnonzero(rows)[:1]:
+        params, volts = machines[i], machines[i].voltage_limit * np.clip(actions[i, 0], -1.0, 1.0)
+        end = None if terminated[i] else after[i]
+        row = {name: float(info[name][i]) for name in ("elapsed", "electrical", "distance")}
+        try:
+            apart = distance(params, before[i], before[i][:4], float(volts), end, row)
+            if apart > DIFFERENCE:  # borderline?
+                others = nearby(params, before[i], float(volts))
+                apart = min(distance(params, before[i], *other, end, row) for other in others)
+                assert apart <= ALIKE, f"{apart} from the reference: {params}, {before[i]}, {volts}"
+        except RuntimeError:  # the reference's motion diverges or chatters
+            return
+
+
+def distance(params, before, start, volts, end, row) -> float:
+    """From the reference's motion; infinite if the two have different events."""
+    motion = simulate(
+        params, start, [volts], CONTROL_PERIOD, mode=MODE_NAMES[int(before[MODE])], pull=0.0
+    )
+    ledger = motion.ledger
+    power = abs(ledger.electrical) + ledger.losses.copper + params.weight * params.leg_length
+    other = [
+        abs(ledger.time - row["elapsed"]) / CONTROL_PERIOD,
+        abs(ledger.electrical - row["electrical"]) / power,
+        abs(ledger.distance - row["distance"]) / params.leg_length,
+    ]
+    if end is None:
+        return max(other) if motion.failure is not None else math.inf
+    same = motion.final_mode == MODE_NAMES[int(end[MODE])]
+    if motion.failure is not None or not same or motion.steps != end[FOOT] - before[FOOT]:
+        return math.inf
+    scale = np.maximum(1.0, np.abs([1.0, before[1], *end[2:4]]))  # large angles are rounded more
+    return max(float((np.abs(motion.x[-1] - end[:4]) / scale).max()), *other)
+
+
+def nearby(params, before, volts) -> Iterator[tuple[np.ndarray, float]]:
+    """Starts and voltages within `NEARBY` of an interval's."""
+    p = params.constants
+    for sign in (-1, 1):
+        yield before[:4], volts + sign * NEARBY * params.voltage_limit
+        for i in (1, 3) if before[MODE] == DOUBLE else range(4):
+            start = before[:4].copy()
+            start[i] += sign * NEARBY * max(1.0, abs(start[i]))
+            start[0] = min(max(start[0], p.a), p.b)
+            yield start, volts
+
+
+# -- tests ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """Compile before the first step that is timed."""
+    pushes, noise = Pushes(rate=1.0, impulse=(0.0, 0.1)), SensorNoise(leg_angle=0.1)
+    envs = RimlessWheelVectorEnv(1, disturbances=Disturbances(pushes=pushes, sensor_noise=noise))
+    envs.reset(seed=0)
+    envs.step(np.zeros((1, 1), dtype=np.float32))
+
+
+@settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
+@given(fleets())
+def test_every_step_of_random_machines_keeps_the_rules(fleet: Fleet) -> None:
+    run(fleet)
+
+
+PLAIN = Fleet((PRESETS["THESIS_PHYSICAL"],) * 7, AutoresetMode.NEXT_STEP, {}, 1)
+
+
+def altered(name: str) -> type[RimlessWheelVectorEnv]:
+    """An environment in which something is wrong."""
+
+    class Altered(RimlessWheelVectorEnv):
+        def __init__(self, n: int, params: WheelParams, **settings: Any) -> None:
+            stronger = 1.001 if name == "gravity" else 1.0
+            super().__init__(n, params.replace(gravity=params.gravity * stronger), **settings)
+            self.documented = (params,) * n
+
+        @property
+        def params(self) -> Any:
+            return self.documented
+
+        @property
+        def states(self) -> Any:
+            return super().states + (1e-3 * np.eye(6)[0] if name == "states" else 0.0)
+
+        def step(self, actions: Any) -> Any:
+            seen = super().step(actions)
+            if name == "electrical":
+                seen[4]["electrical"] *= 1 + 1e-4
+            if name == "clearance":
+                seen[4]["clearance"][:] = np.nextafter(seen[4]["clearance"], np.inf)
+            if name == "rewards":
+                seen[1][-1] = np.nan
+            return seen
+
+    return Altered
+
+
+@pytest.mark.parametrize("name", ["electrical", "clearance", "rewards", "states", "gravity"])
+def test_what_is_wrong_is_noticed(name: str) -> None:
+    run(PLAIN)
+    with pytest.raises(AssertionError):
+        run(PLAIN, altered(name))
+
+
+def test_another_motion_of_the_reference_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = simulate
+
+    def heavier(params: WheelParams, *arguments: Any, **options: Any) -> Trajectory:
+        return original(params.replace(gravity=9.82), *arguments, **options)
+
+    monkeypatch.setitem(globals(), "simulate", heavier)
+    with pytest.raises(AssertionError, match="from the reference"):
+        run(PLAIN)

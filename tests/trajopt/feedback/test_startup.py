@@ -1,0 +1,146 @@
+"""The start-up controller: its grid, its times to the gait, and where it leads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.evaluate import Protocol, evaluate
+from agents.policies import controller_policy
+from rimless_gym import THESIS_PHYSICAL
+from rimless_gym.equations import DOUBLE, SINGLE
+from trajopt.feedback import startup as module
+from trajopt.feedback.controller import NEAR, ContactGuard, SwitchingController
+from trajopt.feedback.orbit import squared_distances
+from trajopt.feedback.startup import (
+    HOLD,
+    MOST_CACHED,
+    NEVER,
+    StartUpController,
+    StateGrid,
+    Times,
+    simulated,
+    startup_for,
+    time_at,
+    voltages,
+)
+
+P = THESIS_PHYSICAL
+COUNTS = (7, 18, 9, 25)
+SMALL = (3, 8, 5, 7)
+
+
+@pytest.fixture(scope="module")
+def startup(law):
+    return StartUpController.to(law, NEAR, COUNTS)
+
+
+def test_a_time_between_nodes_is_linear_in_every_coordinate_and_goes_round():
+    grid = StateGrid.over(P, (4.0, 6.0), SMALL)
+    nodes = grid.single()[:, :4].reshape(*SMALL, 4)
+    plain = nodes @ [2.0, 0.0, -0.3, 0.7] + np.cos(nodes[..., 1])
+    times = Times(plain, np.cos(grid.axis(1))[:, None] + 0.7 * grid.axis(3))
+    phi, dphi, dtheta = 1.3, 0.4, -2.2
+    for turn in (0, 2 * np.pi, -6 * np.pi):
+        for theta, cos in ((-np.pi, -1.0), (0.0, 1.0), (np.pi / 8, 0.5 + np.sqrt(0.125))):
+            wanted = 2 * phi - 0.3 * dphi + 0.7 * dtheta + cos
+            single = time_at(times, grid, phi, theta + turn, dphi, dtheta, SINGLE)
+            assert single == pytest.approx(wanted, abs=1e-5)
+            double = time_at(times, grid, phi, theta + turn, dphi, dtheta, DOUBLE)
+            assert double == pytest.approx(0.7 * dtheta + cos)
+
+
+def test_beyond_the_grid_a_time_is_that_of_its_edge():
+    grid = StateGrid.over(P, (4.0, 6.0), SMALL)
+    times = Times(grid.single()[:, 3].reshape(SMALL), np.zeros((8, 7)))
+    assert time_at(times, grid, 1.3, 0.0, 0.0, 50.0, SINGLE) == pytest.approx(6.0)
+
+
+def test_a_fall_costs_infinitely_much_and_a_moment_its_time():
+    states = np.zeros((2, 6))
+    states[:, :4] = [[1.5, 0.0, 0.0, 0.0], [1.5, np.pi, 0.0, 25.0]]
+    cost = simulated(P, states, np.zeros(2)).cost
+    assert cost[0] == HOLD
+    assert np.isinf(cost[1])
+
+
+def test_the_gait_is_reached_within_seconds_of_rest_and_from_most_states(startup, law):
+    times, grid = startup.times, startup.grid
+    rest = [time_at(times, grid, 1.0, t, 0.0, 0.0, DOUBLE) for t in (-0.4, 0.0, 0.4)]
+    assert max(rest) < 10.0
+    assert np.mean(times.single < NEVER) > 0.5
+    distances = squared_distances(np.ascontiguousarray(grid.single()[:, :4]), law.data.orbit)
+    at_the_gait = distances < NEAR**2
+    assert 0 < at_the_gait.sum() < at_the_gait.size
+    assert np.array_equal(times.single.ravel() == 0.0, at_the_gait)
+
+
+def test_from_rest_and_from_random_starts_it_leads_to_the_gait(law, startup, held):
+    controller = ContactGuard(P, SwitchingController(law, startup))
+    protocol = Protocol(starts=24, duration=20.0, window=6.0, alive=4.0)
+    walks = evaluate(controller_policy(P, controller), P, protocol)
+    assert walks.walking_share >= 0.9
+    assert walks.speed == pytest.approx(held.speed, rel=0.02)
+
+
+def test_it_is_a_function_of_the_state_within_the_voltage_limit(startup):
+    rng, c = np.random.default_rng(0), P.constants
+    x = rng.uniform([c.a, -3, -2, -5], [c.b, 3, 2, 5], (20, 4))
+    modes = np.arange(20) % 2
+    together = startup(x, modes)
+    assert np.array_equal(together, [startup(x[i], modes[i]) for i in range(20)])
+    assert np.array_equal(startup(x), startup(x, np.full(20, SINGLE)))
+    assert np.abs(together).max() <= P.voltage_limit
+
+
+def test_its_voltage_does_not_jump_from_state_to_state(startup):
+    x = np.zeros((4000, 4))
+    x[:, 0], x[:, 1], x[:, 3] = P.constants.a, np.linspace(-1.0, 1.0, 4000), 1.0
+    volts, between_choices = startup(x, np.full(4000, DOUBLE)), np.diff(voltages(P))[0]
+    assert np.abs(volts).max() > between_choices
+    assert np.abs(np.diff(volts)).max() < 0.25 * between_choices
+
+
+def test_it_is_computed_once_for_each_of_the_last_few_gaits(law, monkeypatch):
+    computed = []
+    monkeypatch.setattr(StartUpController, "to", lambda *args: computed.append(args[1]) or object())
+    monkeypatch.setattr(module, "_CACHE", {})
+    distances = [0.2 + 0.01 * k for k in range(MOST_CACHED)]
+    for near in (*distances, distances[0], 0.5):  # the first one is used again, so that it stays
+        startup_for(law, near)
+    assert computed == [*distances, 0.5]
+    startup_for(law, distances[0])
+    assert len(computed) == MOST_CACHED + 1
+    startup_for(law, distances[1])
+    assert computed[-1] == distances[1]
+
+
+def test_it_is_computed_once_for_all_processes(
+    law, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(module, "COUNTS", (5, 16, 11, 13))
+    monkeypatch.setattr(module, "_CACHE", {})
+    first = startup_for(law, 0.6, tmp_path / "stored")
+    monkeypatch.setattr(module, "_CACHE", {})  # as in another process
+    monkeypatch.delattr(StartUpController, "to")
+    second = startup_for(law, 0.6, tmp_path / "stored")
+    x = np.array([[1.5, 0.2, -2.0, 1.0], [1.6, -2.0, -1.0, -9.0]])
+    np.testing.assert_array_equal(first(x), second(x))
+
+
+@pytest.mark.parametrize(
+    ("near", "counts", "error", "message"),
+    [
+        (np.nan, COUNTS, ValueError, "near = nan: must be finite"),
+        (NEAR, (9, 24, 17), ValueError, r"counts = \(9, 24, 17\): must be four"),
+        (NEAR, (9, 24, 17, 1), ValueError, "counts = 1: must be an integer of at least 2"),
+        (NEAR, (3, 4, 3, 3), ValueError, r"counts = \(3, 4, 3, 3\): .* raise"),
+        (1.0, SMALL, RuntimeError, "still change by .* s after 1 sweeps"),
+    ],
+)
+def test_what_leads_nowhere_is_refused(near, counts, error, message, law, monkeypatch):
+    monkeypatch.setattr(module, "SWEEPS", 1)
+    with pytest.raises(error, match=message):
+        StartUpController.to(law, near, counts)

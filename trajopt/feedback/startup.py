@@ -1,0 +1,393 @@
+"""The start-up controller: what brings the wheel to a gait from rest, and from anywhere else.
+
+How long it takes to the gait from every state is computed by dynamic programming: the time of the
+best sequence of a few voltages, each held for a moment, with penalties for a foot that is hardly
+pressed down. It solves Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
+Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002, for grids
+in control).
+
+The controller plays each of the voltages forward on the stepping kernel, exactly, and computes
+after which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). It pumps the
+pendulum up, swings it over without losing the foot, and needs nothing but the state. Its voltage is
+a mean of all of them, in which a voltage that takes longer counts exponentially less. The best one
+alone would jump from state to state, which no network can imitate.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.checks import integer, positive, require_kind
+from rimless_gym.energy import ROW
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.jit import cached, inner
+from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import machine_name
+from trajopt.feedback.controller import CONTACT_MARGIN
+from trajopt.feedback.law import Floats, Law, states_and_modes
+from trajopt.feedback.orbit import squared_distances
+from trajopt.pool import cores
+from trajopt.store import Store, key
+
+#: Nodes of the leg's angle, the pendulum's angle, the leg's rate and the pendulum's rate.
+COUNTS = (13, 36, 25, 61)
+
+#: The grid's rates reach so much further than the gait's own.
+REACH = 1.3
+
+#: Distance of the outermost nodes from the guards of touchdown (rad), which they must not cross.
+INSIDE = 1e-6
+
+#: How many voltages there are to choose from, and for how long one is held (s).
+VOLTAGES, HOLD = 9, 4 * CONTROL_PERIOD
+
+#: Penalty (s) for a foot without any normal force; less in proportion up to `CONTACT_MARGIN`.
+UNLOADED = 0.5
+
+#: The time (s) of a state from which nothing leads to the gait.
+NEVER = 20.0
+
+#: The time (s) of a voltage that leads to a fall: longer than any other, and finite, so that times
+#: can be compared where all of them do.
+FALL = 2 * NEVER
+
+#: Most sweeps, and the largest change (s) at which they have converged.
+SWEEPS, CONVERGED = 400, 1e-3
+
+#: Time (s) by which a voltage takes longer than the best if it counts 1/e of it.
+SOFTNESS = 0.01
+
+#: Wheels that are simulated at a time.
+BATCH = 1 << 15
+
+#: Controllers that are cached in memory (6 MB each).
+MOST_CACHED = 8
+
+#: Highest index of a cell of the grid, as a share of a cell less than the last node's.
+_LAST = 1.0 - 1e-9
+
+
+class StateGrid(NamedTuple):
+    """Nodes of the four coordinates, evenly spaced; the pendulum's angle goes round.
+
+    In double stance the leg's angle and rate are known, so that the pendulum's nodes will do.
+
+    Attributes:
+        low: of each coordinate's first node, shape (4,).
+        spacing: shape (4,).
+        counts: of nodes, shape (4,).
+    """
+
+    low: Floats
+    spacing: Floats
+    counts: np.ndarray
+
+    @classmethod
+    def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> StateGrid:
+        """The grid of a machine.
+
+        Args:
+            params: the machine.
+            rates: largest of the leg and of the pendulum (rad/s).
+            counts: of nodes of each coordinate; at least 2.
+        """
+        c = params.constants
+        low = np.array([c.a, -np.pi, -rates[0], -rates[1]])
+        high = np.array([c.b, np.pi, *rates])
+        spacing = (high - low) / (np.array(counts) - [1, 0, 1, 1])
+        return cls(low, spacing, np.array(counts))
+
+    def axis(self, coordinate: int) -> Floats:
+        """A coordinate's nodes."""
+        nodes = np.arange(self.counts[coordinate])
+        return np.asarray(self.low[coordinate] + self.spacing[coordinate] * nodes)
+
+    def single(self) -> Floats:
+        """Hybrid states (N, STATE_SIZE) of the nodes in single stance."""
+        axes = [self.axis(coordinate) for coordinate in range(4)]
+        axes[0] = np.clip(axes[0], axes[0][0] + INSIDE, axes[0][-1] - INSIDE)
+        return hybrid_states(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), SINGLE)
+
+    def double(self) -> Floats:
+        """Hybrid states (N, STATE_SIZE) of the nodes in double stance."""
+        axes = [self.low[:1], self.axis(1), np.zeros(1), self.axis(3)]
+        return hybrid_states(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 4), DOUBLE)
+
+
+class Times(NamedTuple):
+    """Times to a gait (s), at the nodes of a `StateGrid`.
+
+    Attributes:
+        single: in single stance, shape `counts`.
+        double: in double stance, shape (counts[1], counts[3]).
+    """
+
+    single: Floats
+    double: Floats
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class StartUpController:
+    """The voltage after which about the least time to a gait remains.
+
+    Attributes:
+        params: the machine.
+        grid: of the times.
+        times: to the gait (s).
+    """
+
+    params: WheelParams
+    grid: StateGrid
+    times: Times
+
+    @classmethod
+    def to(cls, law: Law, near: float, counts: Sequence[int] | None = None) -> StartUpController:
+        """The controller that leads to a law's gait; it takes some seconds to a minute to compute.
+
+        Args:
+            law: that takes over near its gait.
+            near: distance from the gait at which it does; > 0.
+            counts: of the grid's nodes, four of at least 2, default `COUNTS`.
+
+        Raises:
+            TypeError: an argument is of the wrong type.
+            ValueError: a number is out of range, or none of the grid's nodes is near the gait.
+            RuntimeError: the times do not converge.
+        """
+        require_kind("law", law, Law)
+        near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
+        if len(counts) != len(COUNTS):
+            raise ValueError(f"counts = {counts}: must be four, one for each coordinate")
+        grid = _grid(law, [integer("counts", count, least=2) for count in counts])
+        nodes = np.ascontiguousarray(grid.single()[:, :4])
+        at_the_gait = squared_distances(nodes, law.data.orbit) < near**2
+        if not at_the_gait.any():
+            raise ValueError(
+                f"near = {near:g}, counts = {counts}: no node of the grid lies so near the gait, "
+                "and nothing could lead there; raise the counts or near"
+            )
+        return cls(law.params, grid, time_to_gait(law.params, grid, at_the_gait))
+
+    def __repr__(self) -> str:
+        nodes = " x ".join(map(str, self.grid.counts))
+        return f"StartUpController({machine_name(self.params)}, {nodes} nodes)"
+
+    def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
+        """Voltages for states; arguments, result and errors are those of a `Law`."""
+        smooth, modes = states_and_modes(x, mode)
+        states, choices = hybrid_states(smooth, modes), voltages(self.params)
+        repeated = np.repeat(states, len(choices), axis=0)
+        after = simulated(self.params, repeated, np.tile(choices, len(states)))
+        remaining = _remaining(after.states, after.cost, self.times, self.grid)
+        longer = remaining.reshape(len(states), len(choices))
+        longer -= longer.min(axis=1, keepdims=True)
+        weights = np.exp(-longer / SOFTNESS)
+        mean = (weights * choices).sum(axis=1) / weights.sum(axis=1)
+        return np.asarray(mean if np.ndim(x) == 2 else mean[0])
+
+
+def _grid(law: Law, counts: Sequence[int]) -> StateGrid:
+    """The grid for the controller that leads to a law's gait."""
+    rates = REACH * np.abs(law.data.orbit.states[:, 2:]).max(axis=0)
+    return StateGrid.over(law.params, rates, counts)
+
+
+_CACHE: dict[str, StartUpController] = {}
+
+
+def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
+    """The controller that leads to a law's gait; it is computed once for the last few gaits.
+
+    Args:
+        law: see `StartUpController.to`.
+        near: see `StartUpController.to`.
+        folder: where its times are also stored, and read from if they are there.
+
+    Raises:
+        TypeError, ValueError, RuntimeError: see `StartUpController.to`.
+        OSError: the folder cannot be written.
+    """
+    orbit = law.data.orbit.states
+    name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
+    startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
+    if startup is None and store is not None and name in store:
+        times = Times(**store.load(name))
+        startup = StartUpController(law.params, _grid(law, COUNTS), times)
+    if startup is None:
+        startup = StartUpController.to(law, near)
+        if store is not None:
+            store.save(name, startup.times._asdict())
+    _CACHE[name] = startup  # the last one is the one that was used last
+    while len(_CACHE) > MOST_CACHED:
+        _CACHE.pop(next(iter(_CACHE)))
+    return startup
+
+
+class Simulated(NamedTuple):
+    """What becomes of N states.
+
+    Attributes:
+        states: afterwards, shape (N, STATE_SIZE).
+        cost: time and penalties (s), shape (N,); infinite for a fall.
+    """
+
+    states: Floats
+    cost: Floats
+
+
+def voltages(params: WheelParams) -> Floats:
+    """Those to choose from (V), evenly spread between a machine's limits, shape (VOLTAGES,)."""
+    return np.linspace(-params.voltage_limit, params.voltage_limit, VOLTAGES)
+
+
+def simulated(params: WheelParams, states: Floats, volts: Floats) -> Simulated:
+    """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE)."""
+    after, cost = states.copy(), np.empty(len(states))
+    margin = CONTACT_MARGIN * params.weight
+
+    def simulate(begin: int) -> None:
+        part = slice(begin, begin + BATCH)
+        out = advance(params, after[part], volts[part], HOLD)
+        lacking = np.clip(1.0 - out[:, ROW.min_normal_force] / margin, 0.0, 1.0)
+        fallen = out[:, ROW.failure] != 0.0
+        cost[part] = np.where(fallen, np.inf, HOLD + UNLOADED * lacking)
+
+    if len(states) <= BATCH:
+        simulate(0)
+    else:
+        with ThreadPoolExecutor(cores()) as threads:
+            list(threads.map(simulate, range(0, len(states), BATCH)))
+    return Simulated(after, cost)
+
+
+class Outcomes(NamedTuple):
+    """What the voltages lead to from n nodes.
+
+    Attributes:
+        states: smooth states and modes, shape (n, voltages, 5).
+        cost: shape (n, voltages); infinite for a fall.
+    """
+
+    states: NDArray[np.float32]
+    cost: NDArray[np.float32]
+
+
+def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_]) -> Times:
+    """The time (s) to a gait from all states, `NEVER` where nothing leads there.
+
+    Args:
+        params: the machine.
+        grid: its nodes.
+        at_the_gait: which nodes in single stance are, in the order of `StateGrid.single`.
+
+    Raises:
+        RuntimeError: the times have not converged after `SWEEPS` sweeps.
+    """
+    single = _outcomes(params, grid.single())
+    double = _outcomes(params, grid.double())
+    counts = grid.counts
+    start = np.where(at_the_gait, 0.0, NEVER)
+    times = Times(start.reshape(counts), np.full((counts[1], counts[3]), NEVER))
+    open_single = np.flatnonzero(~at_the_gait & np.isfinite(single.cost).any(axis=1))
+    open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
+    for sweep in range(SWEEPS):
+        order = 1 if sweep % 2 == 0 else -1
+        change = _swept(times.single.reshape(-1), open_single[::order], single, times, grid)
+        change = max(
+            change, _swept(times.double.reshape(-1), open_double[::order], double, times, grid)
+        )
+        if change < CONVERGED:
+            return times
+    raise RuntimeError(
+        f"the times to the gait still change by {change:.3g} s after {SWEEPS} sweeps; wanted is "
+        f"{CONVERGED:g} s: take a grid of other counts"
+    )
+
+
+def _outcomes(params: WheelParams, nodes: Floats) -> Outcomes:
+    """Hold every voltage from every node."""
+    n, choices = len(nodes), voltages(params)
+    states = np.empty((n, len(choices), 5), np.float32)
+    cost = np.empty((n, len(choices)), np.float32)
+    for k, volts in enumerate(choices):
+        after = simulated(params, nodes, np.full(n, volts))
+        states[:, k, :4], states[:, k, 4] = after.states[:, :4], after.states[:, MODE]
+        cost[:, k] = after.cost
+    states[:, :, 1] = np.mod(states[:, :, 1], 2 * np.pi)
+    return Outcomes(states, cost)
+
+
+@cached()
+def _swept(flat, nodes, outcomes, times, grid):  # type: ignore[no-untyped-def]
+    """Improve the times at nodes, one after the other; the largest change."""
+    largest = 0.0
+    for i in nodes:
+        least = NEVER
+        for k in range(outcomes.cost.shape[1]):
+            if outcomes.cost[i, k] < least:
+                x = outcomes.states[i, k]
+                ahead = time_at(times, grid, x[0], x[1], x[2], x[3], x[4])
+                least = min(least, outcomes.cost[i, k] + ahead)
+        largest = max(largest, flat[i] - least)
+        flat[i] = least
+    return largest
+
+
+@cached()
+def _remaining(states, cost, times, grid):  # type: ignore[no-untyped-def]
+    total = np.empty(len(cost))
+    for i in range(len(cost)):
+        x = states[i]
+        ahead = time_at(times, grid, x[0], x[1], x[2], x[3], x[MODE])
+        total[i] = min(cost[i] + min(ahead, NEVER), FALL)
+    return total
+
+
+@inner
+def time_at(times, grid, phi, theta, dphi, dtheta, mode):  # type: ignore[no-untyped-def]
+    """The time at a hybrid state, linear between nodes; beyond the grid it is as at its edge."""
+    j, g = _cell_round(theta, grid, 1)
+    m, i = _cell(dtheta, grid, 3)
+    following = j + 1 if j + 1 < grid.counts[1] else 0
+    if mode == DOUBLE:
+        v = times.double
+        return (1 - g) * _line(v[j], m, i) + g * _line(v[following], m, i)
+    k, f = _cell(phi, grid, 0)
+    n, h = _cell(dphi, grid, 2)
+    total = 0.0
+    for side in range(2):
+        v, weight = times.single[k + side], f if side else 1 - f
+        here = (1 - h) * _line(v[j, n], m, i) + h * _line(v[j, n + 1], m, i)
+        there = (1 - h) * _line(v[following, n], m, i) + h * _line(v[following, n + 1], m, i)
+        total += weight * ((1 - g) * here + g * there)
+    return total
+
+
+@inner
+def _line(row, m, share):  # type: ignore[no-untyped-def]
+    return (1 - share) * row[m] + share * row[m + 1]
+
+
+@inner
+def _cell(x, grid, c):  # type: ignore[no-untyped-def]
+    """The node below a coordinate, and the share of the way to the next one."""
+    place = (x - grid.low[c]) / grid.spacing[c]
+    place = min(max(place, 0.0), grid.counts[c] - 2 + _LAST)
+    return int(place), place - int(place)
+
+
+@inner
+def _cell_round(x, grid, c):  # type: ignore[no-untyped-def]
+    """The same of an angle that goes round."""
+    place = ((x - grid.low[c]) / grid.spacing[c]) % grid.counts[c]
+    node = min(int(place), grid.counts[c] - 1)
+    return node, place - node
