@@ -51,11 +51,18 @@ MUTANTS = (
     Mutant(EQUATIONS, "hub - c * dphi**2 - pendulum", "hub + c * dphi**2 - pendulum", MODEL),
     Mutant(EQUATIONS, "return max(leading, -trailing)", "return max(leading, trailing)", KERNEL),
     Mutant(EQUATIONS, "p.b if direction > 0 else p.a)", "p.a if direction > 0 else p.b)", KERNEL),
-    Mutant(EQUATIONS, "return phi - p.alpha, theta, dphi_new", "return phi, theta, dphi_new", MODEL),
+    Mutant(
+        EQUATIONS, "return phi - p.alpha, theta, dphi_new", "return phi, theta, dphi_new", MODEL
+    ),
     Mutant(EQUATIONS, "return -pull - fy", "return pull - fy", KERNEL),
     # Guards and resets.
     Mutant(HYBRID, "return leading <= 0.0 <= trailing", "return leading <= trailing", KERNEL),
-    Mutant(HYBRID, "SINGLE, phi_new, dphi_new, dtheta_new, direction", "SINGLE, phi_new, dphi_new, dtheta_new, 1", KERNEL),
+    Mutant(
+        HYBRID,
+        "SINGLE, phi_new, dphi_new, dtheta_new, direction",
+        "SINGLE, phi_new, dphi_new, dtheta_new, 1",
+        KERNEL,
+    ),
     Mutant(HYBRID, "if leading > -trailing:", "if leading < -trailing:", KERNEL),
     Mutant(HYBRID, "dphi_new**2 < REST_ENERGY", "dphi_new**2 > REST_ENERGY", KERNEL),
 )
@@ -71,7 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
-        archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True)
+        archive = subprocess.run(
+            ["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True
+        )
         subprocess.run(["tar", "-x"], cwd=copy, input=archive.stdout, check=True)
         for mutant in tqdm(mutants, desc="mutants"):
             if not caught(copy, mutant, mutant.tests) and not (
