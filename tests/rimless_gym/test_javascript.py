@@ -15,7 +15,7 @@ from rimless_gym import reference as compiled
 from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observe
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
-from rimless_gym.javascript import Branch, Graph, Leaf, function_text, simulator
+from rimless_gym.javascript import Graph, function_text, simulator
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 
@@ -51,20 +51,6 @@ def traced(function: Any, *names: str) -> str:
 def test_what_is_needed_twice_is_computed_once() -> None:
     text = traced(lambda x, y: ((x + y) ** 2, (x + y) / 2), "x", "y")
     assert text.count("x + y") == 1
-
-
-def test_every_branch_of_a_function_is_traced() -> None:
-    graph = Graph()
-    x = graph.symbol("input", "x")
-    tree = graph.trace(lambda x: max(min(x, 3.0), -3.0), x)
-    leaves, waiting = [], [tree]
-    while waiting:
-        tree = waiting.pop()
-        if isinstance(tree, Branch):
-            waiting += [tree.yes, tree.no]
-        else:
-            leaves.append(tree)
-    assert {leaf.value for leaf in leaves if isinstance(leaf, Leaf)} == {x, 3.0, -3.0}
 
 
 # -- physics -----------------------------------------------------------------------------------
