@@ -205,7 +205,7 @@ def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str
 
 
 @dataclasses.dataclass(frozen=True)
-class Walks:
+class DatasetWalks:
     """Episodes of a dataset.
 
     Attributes:
@@ -221,7 +221,7 @@ class Walks:
     episodes: list[Episode]
 
 
-def walks_of(name: str, config: DatasetConfig) -> Walks:
+def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
     """Episodes of a policy from the environment's own starts; episode i is reset with `seed + i`.
 
     Raises:
@@ -242,12 +242,12 @@ def walks_of(name: str, config: DatasetConfig) -> Walks:
         made = f"the baseline `{name}`"
     elif name in PRETRAINED:
         made += ", which comes with the package"
-    return Walks(made, named.conditions, steps, walked)
+    return DatasetWalks(made, named.conditions, steps, walked)
 
 
 def optimal_walks(
     params: WheelParams, folder: Path, seed: int, speeds: Sequence[float] = SPEEDS
-) -> Walks:
+) -> DatasetWalks:
     """An episode on each of some optimal gaits, its voltages repeated stride after stride.
 
     Args:
@@ -277,7 +277,7 @@ def optimal_walks(
     ]
     listed = ", ".join(f"{gait.speed:.3f}" for gait in front.envelope)
     made = f"optimal gaits at {listed} m/s, their voltages held for 10 ms and repeated in open loop"
-    return Walks(made, conditions, steps, walked)
+    return DatasetWalks(made, conditions, steps, walked)
 
 
 def _start_of(gait: Solution) -> dict[str, list[float]]:
@@ -343,7 +343,7 @@ def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
     }
 
 
-def _card(id_: str, walks: Walks, summary: Mapping[str, Any], command: str) -> str:
+def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: str) -> str:
     """The text of a card."""
     made_by, control = provenance(), walks.conditions.control
     first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
@@ -413,7 +413,7 @@ def recipe_of(folder: Path, id_: str) -> dict[str, Any] | None:
 
 
 def write_dataset(
-    folder: Path, id_: str, walks: Walks, recipe: Mapping[str, Any], card: str
+    folder: Path, id_: str, walks: DatasetWalks, recipe: Mapping[str, Any], card: str
 ) -> None:
     """Write a dataset and its card; it appears in the folder when it is complete.
 
