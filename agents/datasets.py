@@ -24,7 +24,6 @@ from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
 from agents.rollout import Episode, episodes
 from rimless_gym import __version__
 from rimless_gym.checks import extra
-from rimless_gym.envs.control import Control
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import THETA
@@ -346,6 +345,9 @@ def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
 def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: str) -> str:
     """The text of a card."""
     made_by, control = provenance(), walks.conditions.control
+    decides = f"a decision every {1e3 * control.period:g} ms"
+    if control.speeds is not None:
+        decides += f", commanded {control.speeds[0]:g} to {control.speeds[1]:g} m/s"
     first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
     start = "`reset` with the options of each" if first.options else "the environment's own starts"
     changed = _changed(walks.conditions.params)
@@ -354,7 +356,7 @@ def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: st
         env=_environment(walks.conditions),
         made=walks.made,
         machine=json.dumps(changed) if changed else "the default machine",
-        control=_control_text(control),
+        control=decides,
         begun=f"{start}, seeds {first.seed} to {last.seed}",
         infos=", ".join(f"`{entry}`" for entry in first.infos),
         command=command,
@@ -362,15 +364,6 @@ def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: st
         versions=", ".join(f"{key} {version}" for key, version in made_by["versions"].items()),
         **{**summary, "cot": "-" if cot is None else f"{cot:.4f}"},
     )
-
-
-def _control_text(control: Control) -> str:
-    """How often a policy decides, and its commanded speeds, if any."""
-    decides = f"a decision every {1e3 * control.period:g} ms"
-    if control.speeds is None:
-        return decides
-    least, greatest = control.speeds
-    return f"{decides}, commanded {least:g} to {greatest:g} m/s"
 
 
 def _changed(params: WheelParams) -> dict[str, Any]:
