@@ -62,7 +62,7 @@ def methods(study: Study) -> tuple[Method, ...]:
     """All methods, in the order in which they stand in the table within their speed."""
     others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
     return (
-        OptimalGait("gait", None, searched_gait),
+        OptimalGait("searched", None, searched_gait),
         FrontMethod(held=False),
         FrontMethod(held=True),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
@@ -140,6 +140,11 @@ class OptimalGait:
     solve: Callable[[Setting], Solution | str]
     after: tuple[str, ...] = ()
 
+    @property
+    def file(self) -> str:
+        """In the study's folder; `trajopt.store` uses the name alone for arrays."""
+        return f"{self.name}_gait.npz"
+
     def compute(self, setting: Setting) -> Result:
         """Solve it."""
         gait = self.solve(setting)
@@ -147,14 +152,14 @@ class OptimalGait:
             return {"missing": gait}
         if not gait.verification.passed:
             return {"missing": "; ".join(gait.verification.failures)}
-        gait.save(setting.out / f"{self.name}.npz")
-        return gait_result(gait) | {"files": [f"{self.name}.npz"]}
+        gait.save(setting.out / self.file)
+        return gait_result(gait) | {"files": [self.file]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row, if there is one."""
         if "missing" in result:
             return []
-        gait = Solution.load(setting.out / f"{self.name}.npz")
+        gait = Solution.load(setting.out / self.file)
         title, speed = self.title or _steps_title(gait), setting.study.speed
         return [gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed)]
 
