@@ -22,6 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 from numpy.typing import ArrayLike
 
 from trajopt.provenance import provenance
@@ -180,6 +181,11 @@ def _scale(axes: Axes, axis: Axis, name: str) -> None:
     axes.set(**{f"{name}label": axis.label})
     settings = {"linthresh": axis.threshold} if axis.scale == "symlog" else {}
     getattr(axes, f"set_{name}scale")(axis.scale, **settings)
+    if axis.scale != "linear":  # plain numbers, not powers
+        getattr(axes, f"{name}axis").set_major_formatter("{x:g}")
+    if axis.scale == "log":
+        formatter = LogFormatter(minor_thresholds=(2.0, 0.5))
+        getattr(axes, f"{name}axis").set_minor_formatter(formatter)
     if axis.limits:
         getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
 
