@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from agents.policy_files import PRETRAINED, load_policy
     from agents.sb3.vec_env import Sb3VecEnv
+    from agents.training import TrainingConfig, train
 
-__all__ = ["PRETRAINED", "Sb3VecEnv", "load_policy"]
+__all__ = ["PRETRAINED", "Sb3VecEnv", "TrainingConfig", "load_policy", "train"]
 
 _HOMES = {
     "PRETRAINED": "agents.policy_files",
     "Sb3VecEnv": "agents.sb3.vec_env",
+    "TrainingConfig": "agents.training",
     "load_policy": "agents.policy_files",
+    "train": "agents.training",
 }
 
 

@@ -1,25 +1,39 @@
-"""DAgger: walks that an expert labels, for a learner to imitate.
+"""Behaviour cloning by DAgger: an expert labels walks, and a network learns from them.
 
 The first round learns from the expert's own walks. In the later ones the clone walks and the expert
-says what it would have done (Ross, Gordon and Bagnell, AISTATS 2011), so that the clone learns to
-correct its own mistakes.
+labels the states with what it would have done (Ross, Gordon and Bagnell, AISTATS 2011), so that the
+clone learns to correct its own mistakes.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from agents.conditions import Conditions
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym.checks import integer, positive, real
+from rimless_gym.checks import extra, integer, positive, real
 from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt.feedback.law import Floats
+
+with extra("learn"):
+    import torch
+    from torch import nn
+
+if TYPE_CHECKING:
+    from agents.sb3.learner import Actor
+
+#: Observations (M, 6) and actions (M,), float32.
+Labelled: TypeAlias = tuple[torch.Tensor, torch.Tensor]
+
+#: How long a commanded speed lasts in these walks (s); the next one is drawn anew.
+COMMAND_LASTS = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +122,58 @@ class CloneReport:
     errors: tuple[float, ...]
 
 
+def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneReport:
+    """Train an actor to act as an expert does. Its model is changed in place, but not its critic.
+
+    Args:
+        actor: of a model whose observations and actions are those of RimlessWheel-v0.
+        teaching: the expert, and how it teaches.
+        progress: whether to show a progress bar.
+    """
+    config = teaching.config
+    rng = np.random.default_rng((teaching.seed, 1))
+    total = (config.rounds + 1) * config.gradient_steps
+    optimizer = torch.optim.Adam(actor.weights, lr=config.learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
+    walks: list[Walks] = []
+    errors: list[float] = []
+    with tqdm(total=total, desc="clone", disable=not progress, leave=False) as bar:
+        for k in range(config.rounds):
+            if k == 0:
+                walks.append(teaching.first_round())
+            else:
+                walks.extend(teaching.later_round(k, walks[0], actor.act, rng))
+            learned, held_out = _split(walks, config.held_out)
+            for _ in range(config.gradient_steps * (2 if k == config.rounds - 1 else 1)):
+                batch = torch.from_numpy(rng.integers(len(learned[1]), size=config.batch_size))
+                loss = nn.functional.huber_loss(
+                    actor.mean_action(learned[0][batch]), learned[1][batch], delta=config.huber
+                )
+                optimizer.zero_grad(set_to_none=True)
+                loss.backward()
+                optimizer.step()
+                schedule.step()
+                bar.update()
+            with torch.no_grad():
+                error = nn.functional.mse_loss(actor.mean_action(held_out[0]), held_out[1]).sqrt()
+            errors.append(float(error))
+            bar.set_postfix(error=f"{errors[-1]:.4f}")
+    actor.set_noise(config.log_std)
+    return CloneReport(sum(len(walk.when) for walk in walks), tuple(errors))
+
+
+def _split(walks: list[Walks], held_out: float) -> tuple[Labelled, Labelled]:
+    """Observations and actions to learn from, and those of one start in every 1 / held_out."""
+    tested = np.concatenate([walk.which % round(1 / held_out) == 0 for walk in walks])
+    observations = np.concatenate([walk.observations for walk in walks])
+    actions = np.concatenate([walk.actions for walk in walks]).astype(np.float32)
+    learned, held = (
+        (torch.from_numpy(observations[part]), torch.from_numpy(actions[part]))
+        for part in (~tested, tested)
+    )
+    return learned, held
+
+
 class Walks(NamedTuple):
     """Control intervals of several walks, one after the other.
 
@@ -130,14 +196,10 @@ class Walks(NamedTuple):
         return Walks._make(values[indices] for values in self)
 
 
-#: How long a commanded speed lasts in these walks (s); the next one is drawn anew.
-COMMAND_LASTS = 3.0
-
-
 def walk(
     conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
 ) -> Walks:
-    """What a policy meets and does from `starts` (N, STATE_SIZE); see `Rollout`.
+    """States and actions of a policy from `starts` (N, STATE_SIZE); see `Rollout`.
 
     Where a speed is commanded, it changes now and then: so a clone meets all changes of command.
     """
@@ -162,7 +224,7 @@ class Teaching:
     """An expert, and where and how it teaches.
 
     Attributes:
-        expert: whom to imitate.
+        expert: to be imitated.
         conditions: of all walks. A feedback law labels true states even where sensors are noisy.
         config: how to clone.
         seed: of the starts, and of what the conditions draw.

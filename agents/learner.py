@@ -1,7 +1,8 @@
-"""What a learner is.
+"""What a learner is: a class with two methods, `learn` and `act`; anything else is optional.
 
-A learner is a class `Learner` in a file of `agents/learners`, derived from the one below. Training,
-evaluation, policy files, resumption and the command lines need nothing else of it.
+A learner joins by one more entry in `LEARNERS`. With `settings` it has hyperparameters, with
+`parts` and `load` its policies are kept in files, with `state` and `restore` a killed training goes
+on, with `imitate` it can begin from a clone.
 """
 
 from __future__ import annotations
@@ -9,19 +10,109 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from numpy.typing import NDArray
 
 from agents.conditions import Conditions
-from agents.folder import BEST
-from agents.imitation import CloneReport, Cloning
 from agents.policies import Act, Policy
-from agents.training import Settings, Training
+from rimless_gym.checks import extra
 from rimless_gym.envs.task import Task
+
+if TYPE_CHECKING:
+    from agents.imitation import CloneReport, Cloning
+
+#: Where each learner is: module and class.
+LEARNERS = {
+    "evolution": "agents.evolution.learner:Evolution",
+    "ppo": "agents.sb3.learner:Ppo",
+    "sac": "agents.sb3.learner:Sac",
+    "screened_ppo": "agents.sb3.screened_ppo:ScreenedPpo",
+}
+
+#: What a training can begin from, besides a policy's file.
+SCRATCH, IMITATION = "scratch", "imitation"
+INITS = (SCRATCH, IMITATION)
+
+#: The policies that a training leaves in its folder: the clone that it began with, the best in the
+#: periodic evaluations, and the last.
+CLONE, BEST, LAST = "clone.zip", "best.zip", "last.zip"
+
+#: No changes to a learner's hyperparameters.
+NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
+
+
+def learner_class(name: str) -> type[Learner]:
+    """The learner of a name.
+
+    Raises:
+        ValueError: there is none of that name.
+        MissingExtraError: what it is built on is not installed.
+    """
+    if name not in LEARNERS:
+        raise ValueError(f"algo = {name!r}: choose from {sorted(LEARNERS)}")
+    module, _, kind = LEARNERS[name].partition(":")
+    with extra("learn"):
+        learner: type[Learner] = getattr(import_module(module), kind)
+    return learner
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Hyperparameters. A learner derives its own from these.
+
+    Attributes:
+        n_timesteps: time steps of a training, unless a number is given. A step is a control
+            interval, or several if the learner holds its actions for so long.
+    """
+
+    n_timesteps: int = 100_000
+
+    @property
+    def intervals_per_step(self) -> int:
+        """Control intervals for which the learner holds an action."""
+        return 1
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """Plain JSON values that tell these settings from others."""
+        return dataclasses.asdict(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """Everything that determines the trained policy.
+
+    Attributes:
+        algo: the learner's name.
+        init: "scratch", "imitation", or a description of the policy to start from.
+        seed: of everything random.
+        conditions: parameters, control, ranges and disturbances.
+        task: the reward.
+        settings: hyperparameters.
+    """
+
+    algo: str
+    init: str
+    seed: int
+    conditions: Conditions
+    task: Task
+    settings: Settings
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The training as plain JSON values, by which a folder is known to hold it."""
+        return {
+            "algo": self.algo,
+            "init": self.init,
+            "seed": self.seed,
+            "task": dataclasses.asdict(self.task),
+            "hyperparameters": self.settings.written,
+            **self.conditions.to_dict(),
+        }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,47 +135,30 @@ class Log(Protocol):
         """Note a figure until the next `dump`."""
 
     def dump(self, step: int = 0) -> None:
-        """Write the figures noted since the last time, as those of `step` control intervals."""
+        """Write the figures noted since the last time, as those of so many time steps."""
 
 
-class Watch(Protocol):
-    """What watches over a training, as its learner sees it."""
+class Callback(Protocol):
+    """What a learner calls while it learns."""
 
     @property
     def log(self) -> Log:
         """For the learner's own figures."""
 
-    def between(self) -> None:
+    def on_iteration(self) -> None:
         """To be called before every iteration, when the learner's state is complete.
 
         Evaluates the policy and saves the training when that is due.
 
         Raises:
-            KeyboardInterrupt: somebody asked to stop; everything is saved.
+            KeyboardInterrupt: the training was stopped; everything is saved.
         """
 
-    def advanced(self) -> None:
+    def on_step(self) -> None:
         """To be called whenever `steps` has grown, to move the progress bar."""
 
-    def doing(self, what: str) -> None:
-        """Say in the progress bar what takes long while `steps` does not grow; "" when over."""
-
-
-#: No changes to a learner's hyperparameters.
-NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
-
-
-def require_known(changes: Mapping[str, Any], names: Sequence[str]) -> None:
-    """Refuse hyperparameters that a learner does not have, and numbers that are not finite.
-
-    Raises:
-        ValueError: there is one.
-    """
-    for name, value in changes.items():
-        if name not in names:
-            raise ValueError(f"settings: {name!r} is not known; choose from {list(names)}")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ValueError(f"settings: {name} = {value}: must be finite")
+    def on_phase(self, name: str) -> None:
+        """Name in the progress bar what takes long while `steps` does not grow; "" when over."""
 
 
 class Learner(ABC):
@@ -94,21 +168,32 @@ class Learner(ABC):
         training: what to learn.
         start: the policy to start from; None: a new one.
 
+    Attributes:
+        default_settings: hyperparameters that `settings` changes.
+        recommended: the file of a finished training whose policy to take.
+        steps: time steps so far, all environments together; `learn` counts them.
+
     Raises:
         ValueError: `start` does not fit the learner.
     """
 
-    #: Whether it can imitate an expert.
-    imitates: ClassVar[bool] = False
-
-    #: The file of a finished training whose policy to take.
+    default_settings: ClassVar[Settings] = Settings()
     recommended: ClassVar[str] = BEST
+    steps: int = 0
 
     @abstractmethod
     def __init__(self, training: Training, start: PolicyParts | None = None) -> None: ...
 
-    @classmethod
     @abstractmethod
+    def learn(self, until: int, callback: Callback) -> None:
+        """Learn until there have been `until` steps or a few more."""
+
+    @property
+    @abstractmethod
+    def act(self) -> Act:
+        """The deterministic policy as it is now."""
+
+    @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The hyperparameters of a training from scratch if `init` says so, else from a policy.
 
@@ -120,6 +205,9 @@ class Learner(ABC):
             TypeError: a value is of the wrong kind.
             ValueError: there is no such hyperparameter, or a value is out of its range.
         """
+        names = [field.name for field in dataclasses.fields(cls.default_settings)]
+        require_known(changes, names)
+        return dataclasses.replace(cls.default_settings, **changes)
 
     @classmethod
     def advice(cls, training: Training) -> list[str]:
@@ -127,7 +215,6 @@ class Learner(ABC):
         return []
 
     @classmethod
-    @abstractmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy that a learner of this class took apart, without a training.
 
@@ -135,58 +222,48 @@ class Learner(ABC):
 
         Args:
             parts: of the policy. The record has entries of `agents.policy_files` too.
-            conditions: machine and control in which it was trained.
+            conditions: parameters and control in which it was trained.
             task: the reward that it was trained for.
         """
+        raise NotImplementedError(f"{cls.__name__}.load: its policies are not kept in files")
 
-    @property
-    @abstractmethod
-    def steps(self) -> int:
-        """Time steps so far, all environments together."""
+    def parts(self) -> PolicyParts | None:
+        """The policy as it is now, for a file; None: it is not kept in files."""
+        return None
 
-    @property
-    @abstractmethod
-    def act(self) -> Act:
-        """The deterministic policy as it is now."""
+    def state(self) -> dict[str, Any] | None:
+        """All that future learning depends on: plain values, arrays and tensors, nested.
 
-    @abstractmethod
-    def learn(self, until: int, watch: Watch) -> None:
-        """Learn until there have been `until` steps or a few more."""
-
-    @abstractmethod
-    def parts(self) -> PolicyParts:
-        """The policy as it is now, for a file.
-
-        Raises:
-            ValueError: it cannot be described by plain values.
+        It is needed between two iterations. None: a killed training begins anew.
         """
+        return None
 
-    @abstractmethod
-    def state(self) -> dict[str, Any]:
-        """All that future learning depends on, as a tree for `agents.trees`.
-
-        It is asked for between two iterations.
-        """
-
-    @abstractmethod
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state of a learner in the same training.
+        """Go on from a state of a learner in the same training."""
+        raise NotImplementedError(f"{type(self).__name__}.restore: it has no state")
 
-        It may raise anything if the state does not fit; the learner is not used then.
-        """
-
-    def imitate(self, expert: Policy, cloning: Cloning, kept: Path, progress: bool) -> CloneReport:
+    def imitate(self, expert: Policy, cloning: Cloning, progress: bool) -> CloneReport:
         """Make the policy act as `expert` does.
 
         Args:
-            expert: whom to imitate.
+            expert: to be imitated.
             cloning: how to clone it.
-            kept: file for the rounds done so far, from which a stopped cloning goes on.
             progress: whether to show a progress bar.
-
-        Only learners that say so in `imitates` are asked to.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__}.imitate: it cannot imitate")
 
     def close(self) -> None:  # noqa: B027  most learners have nothing to close
         """Close environments and files."""
+
+
+def require_known(changes: Mapping[str, Any], names: list[str]) -> None:
+    """Refuse hyperparameters that a learner does not have, and numbers that are not finite.
+
+    Raises:
+        ValueError: there is one.
+    """
+    for name, value in changes.items():
+        if name not in names:
+            raise ValueError(f"hyperparameters: {name!r} is not known; choose from {names}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"hyperparameters: {name} = {value}: must be finite")

@@ -15,11 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from agents import learners
 from agents.conditions import Conditions
-from agents.learner import Learner, PolicyParts
+from agents.learner import Learner, PolicyParts, Training, learner_class
 from agents.policies import Policy, Seeing, learned_policy
-from agents.training import Training
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.observation import (
     LEG_RATE_SCALE,
@@ -132,6 +130,8 @@ def save_policy(path: str | Path, training: Training, learner: Learner, **notes:
     """
     versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
     made_by, parts = provenance(), learner.parts()
+    if parts is None:
+        raise ValueError(f"algo = {training.algo!r}: its policies are not kept in files")
     record = {
         "algo": training.algo,
         "seed": training.seed,
@@ -220,7 +220,7 @@ def load_policy(
         control = Control(record.get("control_period", USUAL.period), speeds=record.get("speeds"))
         conditions = Conditions(trained_on, control=control)
         task, algo, seed = Task(**record["task"]), record["algo"], int(record["seed"])
-        kind = learners.learner(algo)
+        kind = learner_class(algo)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise CheckpointError(
             f"{path}: its record is incomplete or invalid: {error!r}; {_REMEDY}"
@@ -269,7 +269,7 @@ def _is_foreign(path: Path) -> bool:
 
 def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
     """The policy in a file of plain stable-baselines3."""
-    from agents.sb3.foreign import unpickled  # stable-baselines3 is an extra
+    from agents.sb3.learner import unpickled  # stable-baselines3 is an extra
 
     try:
         algo, act, conditions = unpickled(path, params)

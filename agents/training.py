@@ -1,70 +1,597 @@
-"""What determines a trained policy."""
+"""Training a learner, from scratch, from a clone of an expert, or from a policy."""
 
 from __future__ import annotations
 
 import dataclasses
+import io
+import json
+import math
+import signal
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
 from typing import Any
 
+import numpy as np
+from tqdm import tqdm
+
 from agents.conditions import Conditions
+from agents.evaluate import Evaluation, evaluate
+from agents.experts import EXPERT, expert_policy, fitting_policy
+from agents.film import film
+from agents.gaps import gap_to_continuous_optimum
+from agents.imitation import Cloning
+from agents.learner import (
+    BEST,
+    CLONE,
+    IMITATION,
+    INITS,
+    LAST,
+    SCRATCH,
+    Learner,
+    Settings,
+    Training,
+    learner_class,
+)
+from agents.policies import Policy, learned_policy
+from agents.policy_files import CheckpointError, origin, save_policy
+from agents.protocol import TRAINING_PROTOCOL, Protocol
+from agents.recording import record
+from agents.reward_weight import economy
+from agents.rollout import Rollout, at_rest
+from rimless_gym.checks import extra, integer
+from rimless_gym.envs.arguments import as_task
+from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
+from rimless_gym.presets import BUILDABLE, Machine
+from rimless_gym.rendering.display import save_gif
+from trajopt.feedback import laws
+from trajopt.feedback.law import Controller
+from trajopt.store import Store, write_bytes
 
-#: What a training can begin from, besides a policy's file.
-SCRATCH, IMITATION = "scratch", "imitation"
-INITS = (SCRATCH, IMITATION)
+with extra("learn"):
+    import torch
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from tensorboard.compat.proto.summary_pb2 import Summary
+    from torch.utils.tensorboard import SummaryWriter
+
+#: What a training leaves in its folder, besides policies and TensorBoard's events: what it is, and
+#: all that it needs to go on.
+IDENTITY, STATE = "train.json", "state.pt"
+
+#: Evaluations of a training, besides the one at its start. After each, its state is saved.
+EVALUATIONS = 20
+
+#: Seconds of a film of the best policy; its pictures per second, and their size in pixels.
+FILMED, FPS, PICTURE = 6.0, 10, (300, 180)
+
+#: The largest that numpy's global generator takes.
+MAX_SEED = 2**32 - 1
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Hyperparameters. A learner derives its own from these.
-
-    Attributes:
-        n_timesteps: time steps of a training, unless a number is given. A step is a control
-            interval, or several if the learner holds its actions for so long.
-        silent: time steps at its beginning in which the learner only collects experience.
-    """
-
-    n_timesteps: int
-    silent: int = 0
-
-    @property
-    def intervals_per_step(self) -> int:
-        """Control intervals for which the learner holds an action."""
-        return 1
-
-    @property
-    def written(self) -> dict[str, Any]:
-        """Plain JSON values that tell these settings from others."""
-        return dataclasses.asdict(self)
+class StateError(ValueError):
+    """A saved state is damaged, or does not fit the training that is to go on."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Training:
-    """Everything that determines the trained policy.
+class TrainingConfig:
+    """What to train, and how.
 
     Attributes:
-        algo: the learner's name.
-        init: "scratch", "imitation", or a description of the policy to start from.
-        seed: of everything random.
-        conditions: machine, control, ranges and disturbances.
-        task: the reward.
-        settings: hyperparameters.
+        algo: name of a learner, one of `agents.learner.LEARNERS`.
+        init: "scratch", "imitation" (clone `expert` first), or a policy's file to start from.
+        seed: of everything random, from 0 to 2**32 - 1. The same seed gives the same policy.
+        timesteps: environment steps in all; default: those of the hyperparameters. A finished
+            training goes on if more are asked for.
+        params: the wheel's parameters, as the environment takes them.
+        task: the reward, default: that of the environment; or a dictionary of some of its fields.
+        ranges: of parameters, as the environment takes them, for training and evaluation.
+        disturbances: as the environment takes them, for training and evaluation.
+        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`, two
+            different ones; None: no speed is commanded, as in `RimlessWheel-v0`.
+        control_period: how long an action is held (s), default: that of the environment.
+        hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
+        expert: to imitate, see `agents.experts.expert_policy`.
+        cloning: how, default `Cloning()`; or a dictionary of some of its fields.
+        score: what "best" means, larger is better; default: `walking_economy`, or the reward
+            where a speed is commanded.
+        protocol: of the periodic evaluations.
     """
 
     algo: str
-    init: str
-    seed: int
-    conditions: Conditions
-    task: Task
-    settings: Settings
+    init: str = SCRATCH
+    seed: int = 0
+    timesteps: int | None = None
+    params: Machine = BUILDABLE
+    task: Task | Mapping[str, float] | None = None
+    ranges: Ranges | Mapping[str, Any] | None = None
+    disturbances: Disturbances | Mapping[str, Any] | None = None
+    speeds: tuple[float, float] | None = None
+    control_period: float | None = None
+    hyperparameters: Settings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    expert: Controller | str = EXPERT
+    cloning: Cloning | Mapping[str, Any] | None = None
+    score: Callable[[Evaluation], float] | None = None
+    protocol: Protocol = TRAINING_PROTOCOL
+
+    def training(self) -> Training:
+        """What determines the policy, checked.
+
+        Raises:
+            ValueError: a value is out of range, or two contradict each other.
+            TypeError: a value is of the wrong kind.
+            CheckpointError: a policy to start from, or to imitate, cannot be read.
+        """
+        if self.init != IMITATION and (self.expert != EXPERT or self.cloning is not None):
+            raise ValueError(
+                f"init = {self.init!r}: expert and cloning are for init = {IMITATION!r} only"
+            )
+        kind = learner_class(self.algo)
+        if self.init == IMITATION and kind.imitate is Learner.imitate:
+            raise ValueError(
+                f"init = {IMITATION!r}: {self.algo} cannot imitate; begin from {SCRATCH!r}, or "
+                "from a policy's file"
+            )
+        settings = self.hyperparameters
+        if not isinstance(settings, Settings):
+            settings = kind.settings(self.init, settings)
+        if self.timesteps is not None:
+            integer("timesteps", self.timesteps, 0)
+        conditions = Conditions.of(
+            self.params, self.ranges, self.disturbances, self.speeds, self.control_period
+        )
+        return Training(
+            self.algo,
+            self._start(),
+            integer("seed", self.seed, 0, MAX_SEED),
+            conditions,
+            as_task(self.task, conditions.default_task),
+            settings,
+        )
+
+    def _start(self) -> str:
+        """What the training begins from, in words."""
+        if self.init != IMITATION:
+            return self.init if self.init in INITS else origin(self.init)
+        words, usual = self.init, dataclasses.asdict(Cloning())
+        if isinstance(self.expert, str) and self.expert != EXPERT:
+            words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
+        cloning = dataclasses.asdict(as_cloning(self.cloning))
+        changed = {k: v for k, v in cloning.items() if v != usual[k]}
+        return words + (f" with {json.dumps(changed)}" if changed else "")
+
+
+@dataclasses.dataclass(frozen=True)
+class Milestone:
+    """A periodic evaluation of a training: a point of its learning curve.
+
+    Attributes:
+        intervals: control intervals so far, all environments together.
+        minutes: of one core so far, those before a stop included.
+        walking_share: of the starts, in [0, 1].
+        speed: of those that walk (m/s); NaN if none does.
+        cot: of those that walk; NaN if none does.
+        objective: mean reward per second over all starts (m/s).
+    """
+
+    intervals: int
+    minutes: float
+    walking_share: float
+    speed: float
+    cot: float
+    objective: float
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainResult:
+    """What a training left in its folder.
+
+    Attributes:
+        best: file of the policy that did best in the periodic evaluations.
+        last: file of the policy as it is now.
+        clone: file of the clone that it began with, if any.
+        timesteps: environment steps so far.
+        curve: all evaluations, those of earlier calls included.
+    """
+
+    best: Path
+    last: Path
+    clone: Path | None
+    timesteps: int
+    curve: tuple[Milestone, ...]
+
+
+def reward_per_second(evaluation: Evaluation) -> float:
+    """The reward alone, as a score."""
+    return evaluation.objective
+
+
+def walking_economy(evaluation: Evaluation) -> float:
+    """The score by which the best policy is chosen, unless another is given."""
+    return economy(evaluation.walking_share, evaluation.cot)
+
+
+def train(
+    config: TrainingConfig,
+    out: str | Path = "runs/train",
+    *,
+    cache: Path | None = None,
+    progress: bool = True,
+) -> TrainResult:
+    """Train a policy into a folder: best.zip, last.zip, train.json, state.pt, TensorBoard events.
+
+    The state of the training is saved after each evaluation. However it was stopped, the same call
+    goes on from the last state and ends with the same policy as without a stop. Ctrl-C and SIGTERM
+    stop it after the current iteration of the learner, and save its state.
+
+    Args:
+        config: what to train.
+        out: folder; new, or that of the same training.
+        cache: folder of the experts' gaits and plans, which other trainings use too.
+        progress: whether to show progress bars.
+
+    Warns:
+        UserWarning: with these hyperparameters it cannot learn to walk.
+
+    Raises:
+        ValueError: an argument is out of range, or `out` holds another training.
+        TypeError: an argument is of the wrong kind.
+        CheckpointError: a policy to start from does not fit.
+        StateError: the state to go on from is damaged.
+        OSError: the disk is full, or `out` cannot be written; the last state is kept.
+        KeyboardInterrupt: the training was stopped.
+    """
+    out, training = Path(out), config.training()
+    resumes = (out / STATE).exists()
+    learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
+    try:
+        expert = None
+        if not resumes:
+            for reason in learner.advice(training):
+                warnings.warn(reason, stacklevel=2)
+            if config.init == IMITATION:
+                expert = expert_policy(config.expert, training.conditions, cache, progress)
+        with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
+            trainer = Trainer(config, training, learner, out, progress)
+            try:
+                if expert is not None:
+                    trainer.imitate(expert)
+                trainer.run()
+            finally:
+                trainer.close()
+            return trainer.result()
+    finally:
+        learner.close()
+
+
+def _new_learner(config: TrainingConfig, training: Training) -> Learner:
+    """The learner with which a training begins.
+
+    Raises:
+        CheckpointError: the policy to start from is missing, damaged, or of another learner.
+    """
+    kind = learner_class(training.algo)
+    if config.init in INITS:
+        return kind(training)
+    start = fitting_policy(config.init, training.conditions)
+    if start.algo != training.algo:
+        raise CheckpointError(
+            f"{config.init}: a policy of {start.algo}, which cannot start {training.algo}; use one "
+            f"of {training.algo}"
+        )
+    return kind(training, start.parts)
+
+
+class Trainer:
+    """One run of a training; the `agents.learner.Callback` of its learner.
+
+    Args:
+        config: what to train.
+        training: the same, checked.
+        learner: that begins; if the folder has a state, the training goes on from there.
+        out: folder.
+        progress: whether to show a progress bar.
+
+    Attributes:
+        log: for the learner's figures.
+        stopped: whether to stop at the end of this iteration.
+    """
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        training: Training,
+        learner: Learner,
+        out: Path,
+        progress: bool,
+    ) -> None:
+        self._config, self._training, self._learner = config, training, learner
+        self._out, self._progress = out, progress
+        default = reward_per_second if training.conditions.commanded else walking_economy
+        self._score = config.score or default
+        self._total = training.settings.n_timesteps
+        if config.timesteps is not None:
+            self._total = config.timesteps
+        self._best, self._due, self._over = -math.inf, 0, -1
+        self._minutes_before, self._began_at = 0.0, time.process_time()
+        self._curve: list[Milestone] = []
+        if (out / STATE).exists():
+            self._restore()
+        self.stopped = False
+        resumed_at = learner.steps if (out / STATE).exists() else None
+        self._events = _event_writer(out, resumed_at)
+        self.log = Logger(str(out), [self._events])
+        self._bar = tqdm(
+            total=self._total,
+            initial=min(learner.steps, self._total),
+            desc=f"{training.algo} {config.init if config.init in INITS else 'from a policy'}",
+            unit="step",
+            unit_scale=True,
+            disable=not progress,
+        )
+
+    def imitate(self, expert: Policy) -> None:
+        """Clone the expert."""
+        cloning = as_cloning(self._config.cloning)
+        report = self._learner.imitate(expert, cloning, self._progress)
+        self._save_policy(CLONE, cloning=dataclasses.asdict(report))
+
+    def run(self) -> None:
+        """Learn to the end.
+
+        Raises:
+            KeyboardInterrupt: the training was stopped.
+            ValueError: the training has diverged.
+        """
+        if self._over >= self._total:
+            return
+        try:
+            with _stopped_by_signals(self):
+                self._learner.learn(self._total, self)
+        except ValueError as error:
+            if "Expected parameter" in str(error):  # PyTorch's, of a distribution that is none
+                raise self._divergence() from error
+            raise
+        self._evaluate()
+        self._over = self._total
+        self._save()
+
+    def result(self) -> TrainResult:
+        """What is in the folder now."""
+        out = self._out
+        return TrainResult(
+            best=out / BEST,
+            last=out / LAST,
+            clone=out / CLONE if (out / CLONE).exists() else None,
+            timesteps=self._learner.steps,
+            curve=tuple(self._curve),
+        )
+
+    def on_iteration(self) -> None:
+        """See `agents.learner.Callback`."""
+        due = self._learner.steps >= self._due
+        if due:
+            self._evaluate()
+        if due or self.stopped:
+            self._save()
+        if self.stopped:
+            raise KeyboardInterrupt
+
+    def on_step(self) -> None:
+        """See `agents.learner.Callback`."""
+        self._bar.update(min(self._learner.steps, self._bar.total) - self._bar.n)
+
+    def on_phase(self, name: str) -> None:
+        """See `agents.learner.Callback`."""
+        self._bar.set_postfix_str(name)
+
+    def close(self) -> None:
+        """Close the log and leave the progress bar as it is."""
+        self._bar.close()
+        self.log.close()
+
+    def _evaluate(self) -> None:
+        """Evaluate the policy, log its figures, and keep it if it is the best so far."""
+        self._require_finite()
+        conditions, steps = self._training.conditions, self._learner.steps
+        self._due = steps + max(1, math.ceil(self._total / EVALUATIONS))
+        protocol, speeds = self._config.protocol, conditions.control.speeds
+        evaluation = evaluate(
+            learned_policy(self._learner.act),
+            conditions.params,
+            protocol,
+            task=self._training.task,
+            ranges=conditions.ranges,
+            disturbances=conditions.disturbances,
+            command=None if speeds is None else np.linspace(*speeds, protocol.starts),
+            control_period=conditions.control.period,
+        )
+        figures = {
+            name: float(getattr(evaluation, name))
+            for name in ("walking_share", "speed", "cot", "objective")
+        }
+        intervals = steps * self._training.settings.intervals_per_step
+        self._curve.append(Milestone(intervals, self._minutes, **figures))
+        score = float(self._score(evaluation))
+        if math.isnan(score):  # such as the cost of transport of a policy that does not walk
+            score = -math.inf
+        if score > self._best or not (self._out / BEST).exists():
+            self._best = score
+            self._save_policy(BEST, score=score, evaluation=evaluation.to_dict())
+            if evaluation.walking_share > 0.0:
+                self._film()
+        figures |= {
+            "cot_with_regeneration": evaluation.cot_with_regeneration,
+            "gap_to_continuous_optimum": gap_to_continuous_optimum(evaluation, conditions),
+            "best_score": self._best,
+        }
+        for name, value in figures.items():
+            if math.isfinite(value):  # without a walk there is no speed
+                self.log.record(f"eval/{name}", value)
+        self.log.dump(steps)
 
     @property
-    def identity(self) -> dict[str, Any]:
-        """The training as plain JSON values, by which a folder is known to hold it."""
-        return {
-            "algo": self.algo,
-            "init": self.init,
-            "seed": self.seed,
-            "task": dataclasses.asdict(self.task),
-            "hyperparameters": self.settings.written,
-            **self.conditions.to_dict(),
+    def _minutes(self) -> float:
+        return self._minutes_before + (time.process_time() - self._began_at) / 60.0
+
+    def _film(self) -> None:
+        """Log how the policy walks from rest; TensorBoard plays the film among its images."""
+        conditions = self._training.conditions
+        period, speeds = conditions.control.period, conditions.control.speeds
+        walk = Rollout(
+            conditions,
+            learned_policy(self._learner.act),
+            at_rest(conditions.params)[None],
+            round(FILMED / period),
+            command=None if speeds is None else float(np.mean(speeds)),
+        )
+        walked = record("from rest", walk, walk.machines[0], period)
+        frames = list(film(walked, fps=FPS, size=PICTURE))
+        encoded = io.BytesIO()
+        save_gif(frames, encoded, FPS)
+        image = Summary.Image(
+            width=PICTURE[0],
+            height=PICTURE[1],
+            colorspace=3,
+            encoded_image_string=encoded.getvalue(),
+        )
+        summary = Summary(value=[Summary.Value(tag="eval/from_rest", image=image)])
+        events = self._events.writer._get_file_writer()
+        events.add_summary(summary, self._learner.steps)  # as add_video does
+
+    def _save(self) -> None:
+        """Write the policy, and all that the training needs to go on."""
+        self._require_finite()
+        self._save_policy(LAST)
+        state = self._learner.state()
+        if state is None:
+            return
+        saved = {
+            "learner": state,
+            "best": self._best,
+            "due": self._due,
+            "over": self._over,
+            "minutes": self._minutes,
+            "curve": [dataclasses.asdict(milestone) for milestone in self._curve],
         }
+        write_state(self._out / STATE, saved)
+
+    def _restore(self) -> None:
+        """Go on from the saved state.
+
+        Raises:
+            StateError: it is damaged, or does not fit.
+        """
+        path = self._out / STATE
+        try:
+            state = read_state(path)
+            self._learner.restore(state["learner"])
+            self._best, self._due, self._over = state["best"], state["due"], state["over"]
+            self._minutes_before = state["minutes"]
+            self._curve = [Milestone(**each) for each in state["curve"]]
+        except Exception as error:  # torch and learners may raise anything
+            raise StateError(
+                f"{path}: {error!r}; go on with the versions that began it, or remove {self._out} "
+                "to train anew"
+            ) from error
+
+    def _save_policy(self, name: str, **notes: Any) -> None:
+        if self._learner.parts() is not None:
+            save_policy(self._out / name, self._training, self._learner, **notes)
+
+    def _require_finite(self) -> None:
+        """Stop before a policy that is of no use is written over a good one.
+
+        Raises:
+            ValueError: the training has diverged.
+        """
+        parts = self._learner.parts()
+        if parts and not all(np.isfinite(each).all() for each in parts.weights.values()):
+            raise self._divergence()
+
+    def _divergence(self) -> ValueError:
+        return ValueError(
+            f"the training has diverged: after {self._learner.steps} steps its weights are "
+            f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
+            "another --out and a smaller learning_rate (--settings)"
+        )
+
+
+def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
+    """How to clone, from what a config may hold."""
+    return cloning if isinstance(cloning, Cloning) else Cloning.of(cloning or {})
+
+
+def _event_writer(folder: Path, step: int | None) -> TensorBoardOutputFormat:
+    """TensorBoard events; those after `step` are replaced where a training goes on from there."""
+    events = TensorBoardOutputFormat.__new__(TensorBoardOutputFormat)  # __init__ purges nothing
+    events.writer = SummaryWriter(
+        log_dir=str(folder), purge_step=None if step is None else step + 1
+    )
+    events._is_closed = False
+    return events
+
+
+@contextmanager
+def _stopped_by_signals(trainer: Trainer) -> Iterator[None]:
+    """Within the block, Ctrl-C and SIGTERM stop the trainer; a second one stops it at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if trainer.stopped:
+            raise KeyboardInterrupt
+        trainer.stopped = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, before in former.items():
+            signal.signal(number, before)
+
+
+def write_state(path: Path, state: dict[str, Any]) -> None:
+    """Write nested plain values, arrays and tensors; the file is complete or left as it was."""
+    buffer = io.BytesIO()
+    torch.save(_with_tensors(state), buffer)
+    write_bytes(path, buffer.getvalue())
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """What `write_state` wrote, with lists for tuples; no code in the file is run."""
+    return dict(_with_arrays(torch.load(path, weights_only=True)))
+
+
+#: Marks a tensor that was an array.
+_ARRAY = "numpy array"
+
+
+def _with_tensors(tree: Any) -> Any:
+    match tree:
+        case np.ndarray():
+            return {_ARRAY: torch.from_numpy(np.ascontiguousarray(tree))}
+        case np.generic():
+            return tree.item()
+        case Mapping():
+            return {key: _with_tensors(each) for key, each in tree.items()}
+        case list() | tuple() | deque():
+            return [_with_tensors(each) for each in tree]
+    return tree
+
+
+def _with_arrays(tree: Any) -> Any:
+    match tree:
+        case {"numpy array": tensor}:
+            return tensor.numpy()
+        case dict():
+            return {key: _with_arrays(each) for key, each in tree.items()}
+        case list():
+            return [_with_arrays(each) for each in tree]
+    return tree

@@ -256,6 +256,8 @@ def read_arrays(
         source = Path(path).open("rb") if isinstance(path, str | Path) else path  # noqa: SIM115
         with source as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
+        if others := [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]:
+            raise ValueError(f"{others} are no arrays")
         header = json.loads(str(arrays[HEADER]))
         written = header.pop("format")
     except Exception as cause:  # a damaged archive raises almost anything

@@ -96,7 +96,7 @@ def gait(
 
 def catalog() -> int:
     """List policies, feedback laws, learners, machines and shipped gaits."""
-    from agents import learners
+    from agents.learner import LEARNERS
     from agents.policy_files import PRETRAINED
     from rimless_gym.presets import PRESETS
     from trajopt.feedback import laws
@@ -105,7 +105,7 @@ def catalog() -> int:
     for title, names in (
         ("policies", PRETRAINED),
         ("feedback laws", laws.names()),
-        ("learners", learners.names()),
+        ("learners", sorted(LEARNERS)),
     ):
         print(f"{title}: {', '.join(names)}")
     for name, params in PRESETS.items():

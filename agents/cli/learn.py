@@ -43,7 +43,7 @@ def train(
     """Train a policy: from scratch, from a clone of a feedback law, or from a policy.
 
     Writes best.zip (best in the periodic evaluations), last.zip, clone.zip (with --init imitation),
-    train.json, state.npz (all that is needed to continue) and TensorBoard events into a folder.
+    train.json, state.pt (all that is needed to continue) and TensorBoard events into a folder.
     However it was stopped, the same command continues, and ends with the same policies.
 
     Args:
@@ -64,14 +64,15 @@ def train(
         settings: hyperparameters that differ from the learner's own: gamma=0.995
         cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
     """
-    from agents import learners
     from agents.conditions import Conditions
     from agents.imitation import Cloning
-    from agents.train import train as trained
+    from agents.learner import learner_class
+    from agents.training import TrainingConfig
+    from agents.training import train as trained
     from rimless_gym.envs.arguments import as_task
     from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 
-    params_, learner = machine(preset, params), learners.learner(algo)
+    params_, learner = machine(preset, params), learner_class(algo)
     with of_option("--ranges"):
         drawn = as_ranges(ranges)
     with of_option("--disturbances"):
@@ -84,26 +85,22 @@ def train(
     with of_option("--task"):
         reward = as_task(task, conditions.default_task)
     require_folder(out)
-    result = trained(
+    config = TrainingConfig(
         algo,
         init,
         seed,
-        out,
-        timesteps=timesteps,
-        params=params_,
+        timesteps,
+        params_,
+        reward,
+        drawn,
+        disturbed,
+        speeds,
+        control_period,
+        hyperparameters=chosen,
         expert=expert,
-        task=reward,
-        ranges=drawn,
-        disturbances=disturbed,
-        speeds=speeds,
-        settings=chosen,
         cloning=imitation,
-        control_period=control_period,
     )
-    if result.interrupted:
-        raise KeyboardInterrupt(f"{result.timesteps} steps are kept; the same command continues")
-    if not result.evaluations:
-        print(f"{out} holds this training, which is complete")
+    trained(config, out)
     best = out / learner.recommended
     print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
     return 0

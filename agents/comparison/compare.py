@@ -27,7 +27,6 @@ from agents.comparison.speed_figure import plot_cot_against_speed
 from agents.comparison.study import Study
 from agents.comparison.style import STYLE
 from agents.film import times
-from agents.folder import sole_user
 from agents.policy_files import load_policy
 from agents.race import Race, ghost
 from agents.recording import record
@@ -36,6 +35,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.rendering.display import save_gif
 from trajopt.files import jsonable, write_text
 from trajopt.provenance import provenance
+from trajopt.store import Store
 
 #: Pictures of the animation per second.
 FPS = 20
@@ -61,7 +61,7 @@ class Comparison:
     def __init__(self, study: Study, out: Path, progress: bool = True, workers: int = 1) -> None:
         self.study, self.out, self.progress, self.workers = study, out, progress, workers
         self._arena = Arena(study, out, progress)
-        with sole_user(out):
+        with Store(out):
             self._claim()
 
     def _claim(self) -> None:
@@ -87,7 +87,7 @@ class Comparison:
         Raises:
             ValueError: another process is running it, or one of its files is damaged.
         """
-        with sole_user(self.out):
+        with Store(self.out):
             return self._run()
 
     def _run(self) -> dict[str, Any]:

@@ -15,11 +15,10 @@ from agents.comparison.learned import Learned
 from agents.comparison.optimal import Front, Gait, HeldFront, searched, swinging
 from agents.comparison.shipped import for_the_front, from_screened
 from agents.comparison.study import Study
-from agents.folder import BEST, CLONE, LAST
+from agents.experts import EXPERT
 from agents.law_names import law_title
+from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH
 from agents.policies import controller_policy
-from agents.train import EXPERT
-from agents.training import IMITATION, SCRATCH
 from trajopt.feedback import laws
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.comparison.arena import Arena, Result, Row
+from agents.experts import EXPERT
+from agents.learner import IMITATION, INITS
 from agents.policy_files import load_policy
-from agents.train import EXPERT, train
-from agents.training import IMITATION, INITS
+from agents.training import TrainingConfig, train
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
 
@@ -48,18 +49,15 @@ class Learned:
 
     def compete(self, arena: Arena) -> Result:
         """Train and evaluate it."""
-        trained = train(
+        config = TrainingConfig(
             self.algo,
-            self.init if self.init in INITS else arena.out / self.init,
+            self.init if self.init in INITS else str(arena.out / self.init),
             arena.study.seed,
-            arena.out / self.name,
             timesteps=0 if self.budget is None else getattr(arena.study, self.budget),
             params=arena.params,
             expert=self._expert(arena),
-            progress=arena.progress,
         )
-        if trained.interrupted:
-            raise KeyboardInterrupt
+        trained = train(config, arena.out / self.name, progress=arena.progress)
         files = [f"{self.name}/{file}" for file in self.shown.values()]
         evaluated = {
             Path(file).stem: arena.evaluated(load_policy(arena.out / file).policy) for file in files

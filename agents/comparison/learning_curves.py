@@ -24,7 +24,7 @@ ACROSS = {
     "minutes": "minutes of one core, evaluations and the cloning before included",
 }
 
-#: Milestones of a training (`agents.milestones`) as plain values, in order.
+#: Milestones of a training (`agents.training.Milestone`) as plain values, in order.
 Curve: TypeAlias = Sequence[Mapping[str, Any]]
 
 

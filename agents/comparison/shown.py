@@ -12,12 +12,12 @@ from agents.comparison.learned import Learned
 from agents.comparison.return_maps import last_middle, return_chart, return_map
 from agents.comparison.speed_figure import colour_of_policy
 from agents.conditions import Conditions
+from agents.experts import EXPERT
 from agents.law_names import law_title
 from agents.policies import Policy, controller_policy
 from agents.policy_files import load_policy
 from agents.reports.charts import Chart
 from agents.rollout import Interval, Rollout, at_rest
-from agents.train import EXPERT
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt.feedback import laws

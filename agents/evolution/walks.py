@@ -1,7 +1,19 @@
-"""Walks of thousands of policies side by side, in compiled code from start to end.
+"""Smooth policies, their walks by the thousand in compiled code, and what these walks are worth.
 
-The simulator is the environment's kernel, and every interval is the environment's: the observation
-of the state, an action, its voltage held for 10 ms.
+**Policies.** An action is linear in products of what is observed, so it is smooth:
+
+    a = clip(w . f(o), -1, 1)
+
+f has a constant, the six numbers of the observation, two harmonics of the pendulum's angle, and
+products of angles and rates: enough for a servo of the pendulum's rate with a bias, and for
+corrections that depend on where the leg and the pendulum are.
+
+**Walks.** The simulator is the environment's kernel, and every interval is the environment's: the
+observation of the state, an action, its voltage held for 10 ms.
+
+**Families.** A family of gaits is the number of revolutions that the pendulum makes per step,
+forward or backward: 0 if it swings or leans. No small change of a policy leads from one family to
+another, and a family in which walking is easy to find is rarely the cheapest.
 """
 
 from __future__ import annotations
@@ -12,12 +24,14 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.evolution.policy import SIZE, action
+from agents.reward_weight import FEWEST_STEPS, NO_WALK, CleanWalking
 from rimless_gym.energy import ROW
 from rimless_gym.envs.observation import observation
+from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.jit import cached
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import (
     DPHI,
     DTHETA,
@@ -32,12 +46,73 @@ from rimless_gym.kernel.tile import LANES
 from rimless_gym.params import WheelParams
 from rimless_gym.rules import LIMIT_TOLERANCE
 from trajopt.feedback.law import Floats
-from trajopt.processes import cores
+from trajopt.pool import cores
 
 EVOLUTION = "the simulator for evolution (about 15 s)"
 
 #: Most wheels that a thread walks with at a time.
 MOST = 512
+
+#: A walk belongs to a family if its revolutions per step differ by less than this.
+WITHIN = 0.25
+
+#: A wheel that lasted for at least this share of the time did not fall.
+WHOLE = 1.0 - 1e-9
+
+
+#: Numbers of a policy.
+SIZE = 21
+
+
+@inner
+def features(leg, sine, cosine, leg_rate, rate, resting):  # type: ignore[no-untyped-def]
+    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.observation`)."""
+    return (
+        1.0,
+        leg,
+        sine,
+        cosine,
+        leg_rate,
+        rate,
+        resting,
+        2.0 * sine * cosine,
+        cosine * cosine - sine * sine,
+        leg * sine,
+        leg * cosine,
+        leg_rate * sine,
+        leg_rate * cosine,
+        rate * sine,
+        rate * cosine,
+        leg * leg_rate,
+        leg * rate,
+        leg_rate * rate,
+        leg * leg,
+        rate * abs(rate),
+        resting * sine,
+    )
+
+
+@inner
+def action(weights, i, seen):  # type: ignore[no-untyped-def]
+    """The action in [-1, 1] of policy i of `weights` (n, SIZE) for an observation."""
+    found, total = features(*seen), 0.0
+    for k in range(len(found)):
+        total += weights[i, k] * found[k]
+    return min(max(total, -1.0), 1.0)
+
+
+def act(weights: Floats, observations: NDArray[np.float32]) -> Floats:
+    """Actions (N,) of one policy (SIZE,) for observations (N, 6)."""
+    actions = np.empty(len(observations))
+    _act(weights.reshape(1, SIZE), observations.astype(np.float64), actions)
+    return actions
+
+
+@cached()
+def _act(weights, observations, actions):  # type: ignore[no-untyped-def]
+    for i in range(len(actions)):
+        o = observations[i]
+        actions[i] = action(weights, 0, (o[0], o[1], o[2], o[3], o[4], o[5]))
 
 
 class Walks(NamedTuple):
@@ -71,24 +146,24 @@ class Duration(NamedTuple):
 
     Attributes:
         intervals: of control.
-        window: the last of them, in which walking is judged.
+        window: the last of them, in which walking is measured.
     """
 
     intervals: int
     window: int
 
     @classmethod
-    def judged_in_second_half(cls, intervals: int) -> Duration:
+    def second_half(cls, intervals: int) -> Duration:
         """Walks of so many intervals (at least 2), of which the first half is for getting going."""
         return cls(intervals, intervals // 2)
 
 
 @dataclasses.dataclass(frozen=True)
-class World:
-    """A machine to walk with.
+class Simulator:
+    """Walks of many policies with one wheel.
 
     Attributes:
-        params: the machine.
+        params: the wheel's parameters.
         threads: that share the walks; the results do not depend on their number.
     """
 
@@ -101,7 +176,7 @@ class World:
         assert weights.shape == (n_policies, SIZE)
         n = n_policies * n_starts
         results = np.zeros((len(Walks._fields), n))
-        params, machine = self.params, machine_arrays([self.params])
+        params, arrays = self.params, machine_arrays([self.params])
         slipping = params.friction * (1.0 + LIMIT_TOLERANCE)
         block = min(MOST, LANES * math.ceil(n / (LANES * self.threads)))
 
@@ -111,7 +186,7 @@ class World:
             of_wheel = np.ascontiguousarray(weights[which // n_starts])
             results[:, which] = _walk(
                 *(columns, of_wheel, duration.intervals, duration.window),
-                *(params.voltage_limit, 2.0 / params.leg_angle, slipping, *machine, scratch()),
+                *(params.voltage_limit, 2.0 / params.leg_angle, slipping, *arrays, scratch()),
             )
 
         with ThreadPoolExecutor(self.threads) as threads:
@@ -156,3 +231,102 @@ def _walk(  # type: ignore[no-untyped-def]
                 found[AT.turned, w] = states[THETA, i] - begun[w]
                 found[AT.slipping, w] += 1.0 if demand > slipping else 0.0
     return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """What is rewarded.
+
+    Attributes:
+        params: the wheel's parameters.
+        task: whose penalties for slips and falls apply.
+        speed: up to which distance is rewarded (m/s).
+    """
+
+    params: WheelParams
+    task: Task
+    speed: float
+
+    def scores(
+        self,
+        walks: Walks,
+        duration: Duration,
+        family: float,
+        distance_weight: float,
+        counted: float = 1.0,
+    ) -> Floats:
+        """The mean reward (P,) of policies per second (m/s), with a weight of distance.
+
+        It is the reward of the window, as a cost of transport is that of a steady walk: the energy
+        to get there is several times that of the gait, and would hide it. The penalty for a fall is
+        up to twice that of the task, the more the earlier it is. Distance in another family's gait
+        is not rewarded. Only each policy's best starts count, as many of them as `counted` says (a
+        share, at least one start).
+        """
+        time = duration.window * CONTROL_PERIOD
+        energy = walks.energy / self.params.weight + self._idle(duration)
+        off = np.abs(revolutions(walks) - family)
+        share = np.where(walks.steps >= FEWEST_STEPS, np.clip(1.5 - 2.0 * off, 0.0, 1.0), 1.0)
+        distance = np.minimum(walks.distance, self.speed * time)
+        distance = np.where(distance > 0.0, share * distance, distance)
+        slipped = self.task.slip_penalty * CONTROL_PERIOD * walks.slipping
+        fallen = self.task.fall_penalty * (walks.lasted < WHOLE) * (2.0 - walks.lasted)
+        rewards = distance_weight * (distance - slipped - fallen) - energy
+        count = max(1, round(counted * rewards.shape[1]))
+        return np.asarray(np.sort(rewards, axis=1)[:, -count:].mean(axis=1) / time)
+
+    def _idle(self, duration: Duration) -> float:
+        """Idle energy in the window, over the weight (m)."""
+        return self.params.idle_power * duration.window * CONTROL_PERIOD / self.params.weight
+
+    def costs(self, walks: Walks, duration: Duration) -> Floats:
+        """Costs of transport (P, S) in the window; infinite where there is no way forward."""
+        distance = walks.distance
+        energy = walks.energy / self.params.weight + self._idle(duration)
+        costs = energy / np.maximum(distance, 1e-12)
+        return np.asarray(np.where(distance > 0.0, costs, np.inf))
+
+    def gait(self, walks: Walks, duration: Duration, family: float) -> CleanWalking:
+        """How the first policy of some walks walks in its family's gait."""
+        fits = members(walks, family)[0] & (walks.slipping[0] == 0.0)
+        if not fits.any():
+            return NO_WALK
+        time = duration.window * CONTROL_PERIOD * fits.sum()
+        distance = walks.distance[0][fits].sum()
+        energy = walks.energy[0][fits].sum() + self.params.idle_power * time
+        return CleanWalking(
+            float(fits.mean()),
+            float(energy / (self.params.weight * distance)) if distance > 0.0 else np.inf,
+            float(distance / time),
+        )
+
+
+def stepping(walks: Walks) -> NDArray[np.bool_]:
+    """Whether the wheels still take steps forward at the end, (P, S)."""
+    return (walks.lasted > WHOLE) & (walks.steps >= FEWEST_STEPS)
+
+
+def members(walks: Walks, family: float) -> NDArray[np.bool_]:
+    """Which wheels walk in a family's gait, (P, S)."""
+    return stepping(walks) & (np.abs(revolutions(walks) - family) < WITHIN)
+
+
+def revolutions(walks: Walks) -> Floats:
+    """Revolutions of the pendulum per step in the window, (P, S)."""
+    return np.asarray(walks.turned / (2.0 * np.pi) / np.maximum(walks.steps, 1.0))
+
+
+def senses(walks: Walks) -> NDArray[np.int64]:
+    """In which sense pendulums go round in the window of wheels that do not fall, (P, S).
+
+    -1 forward, 1 backward, 0 for those that turn by less than half a revolution.
+    """
+    goes_round = (np.abs(walks.turned) > np.pi) & (walks.lasted > WHOLE)
+    return np.asarray(np.where(goes_round, np.sign(walks.turned), 0.0), dtype=np.int64)
+
+
+def families(walks: Walks) -> NDArray[np.int64]:
+    """The families in which some wheel walks, fewest revolutions first."""
+    found = np.unique(np.round(revolutions(walks))[stepping(walks)])
+    kept = [family for family in found.tolist() if members(walks, family).any()]
+    return np.asarray(sorted(kept, key=lambda family: (abs(family), family)), dtype=np.int64)

@@ -2,37 +2,64 @@
 
 from __future__ import annotations
 
-import ast
 import copy
 import dataclasses
+import functools
+import inspect
+import math
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import yaml
 from torch import nn
 
-from agents.learner import NO_CHANGES
-from agents.sb3.layers import arguments_of
-from agents.sb3.pacing import Pacing
-from agents.sb3.training_env import LAYERS, HeldActions, Offer
-from agents.training import Settings
-from rimless_gym.checks import integer, positive
+from agents.learner import NO_CHANGES, SCRATCH, Settings, Training, require_known
+from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
+from agents.sb3.wrappers import HeldActions, Wrapping
+from rimless_gym.checks import flag, integer, positive, real
 
 FOLDER = Path(__file__).parents[1] / "hyperparams"
+
+#: Activations by the names that they have in files.
 ACTIVATIONS = {"Tanh": nn.Tanh, "ReLU": nn.ReLU, "ELU": nn.ELU, "SiLU": nn.SiLU}
+
 #: The most environments of a training.
 MOST_ENVS = 65_536
+
 #: What is not the algorithm's.
 ENVIRONMENTS = ("n_envs", "n_timesteps", "env_wrapper", "vec_env_wrapper", "callback")
 
-_LIMITED = "gymnasium.wrappers.TimeLimit"
-_PACED = "agents.sb3.pacing.SelfPacedPrice"
-#: `LAYERS` as they are written in a file, and the arguments of what may be listed under each key.
-_LAYERS = {f"{kind.__module__}.{kind.__qualname__}": kind for kind in LAYERS}
-ENV_WRAPPERS = {_LIMITED: ["max_episode_steps"]}
-WRAPPERS = {name: list(arguments_of(kind)) for name, kind in _LAYERS.items()}
-CALLBACKS = {_PACED: [field.name for field in dataclasses.fields(Pacing)]}
+#: Arguments of stable-baselines3's algorithms that are no hyperparameters here. Those after the
+#: first line are objects, need a state that is not saved, or change nothing learned.
+NOT_OURS = (
+    *("env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model"),
+    *("use_sde", "sde_sample_freq", "use_sde_at_warmup", "action_noise", "optimize_memory_usage"),
+    *("replay_buffer_class", "replay_buffer_kwargs", "rollout_buffer_class"),
+    *("rollout_buffer_kwargs", "stats_window_size"),
+)
+
+#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
+#: writes -1 where a number follows from others.
+PLAIN: dict[Any, Callable[[str, Any], Any]] = {
+    int: functools.partial(integer, least=-1),
+    float: real,
+    bool: flag,
+}
+
+#: What `env_wrapper` and `callback` may list.
+_TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
+_ADAPTIVE = f"{AdaptiveRewardWeight.__module__}.{AdaptiveRewardWeight.__qualname__}"
+
+#: Speed of the step whose length in time a learner should look ahead (m/s).
+USUAL_SPEED = 0.5
+
+#: Cost of transport of the simplest walk, that under a constant voltage; see docs/learning.md.
+SIMPLEST_COT = 1.0
+
+#: The discount factor of stable-baselines3's algorithms.
+USUAL_GAMMA = 0.99
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -41,22 +68,25 @@ class Hyperparameters(Settings):
 
     Attributes:
         n_envs: environments side by side.
-        offer: what the environments offer.
-        pacing: of the price of distance; None: the task's own price is paid.
+        wrappers: around them, from the inside out.
+        episode_steps: control intervals of the longest episode; None: as the environment has them.
+        schedule: of the reward weight of distance; None: it stays that of the task.
         algorithm: keyword arguments of the algorithm, `policy` among them.
         entry: as it was written, plain JSON values.
     """
 
     n_envs: int
-    offer: Offer
-    pacing: Pacing | None = None
+    wrappers: tuple[Wrapping, ...] = ()
+    episode_steps: int | None = None
+    schedule: WeightSchedule | None = None
     algorithm: dict[str, Any]
     entry: dict[str, Any]
 
     @property
     def intervals_per_step(self) -> int:
         """Control intervals for which an action is held."""
-        return int(self.offer.value(HeldActions, "intervals"))
+        held = [given.get("intervals", 1) for kind, given in self.wrappers if kind is HeldActions]
+        return math.prod(held)
 
     @property
     def written(self) -> dict[str, Any]:
@@ -65,96 +95,86 @@ class Hyperparameters(Settings):
 
 
 def hyperparameters(
-    file: str, imitation: bool, changes: Mapping[str, Any] = NO_CHANGES, folder: Path = FOLDER
+    algorithm: type, file: str, init: str, changes: Mapping[str, Any] = NO_CHANGES
 ) -> Hyperparameters:
     """The entry of a file for a training from scratch, or from a policy.
 
     Args:
-        file: its name.
-        imitation: whether the training begins from a policy.
+        algorithm: of stable-baselines3.
+        file: its name in `agents/hyperparams`.
+        init: what the training begins from.
         changes: values that take the place of those in the file, or come beside them.
-        folder: of the file.
 
     Raises:
         TypeError: a number is of the wrong kind.
-        ValueError: there is no such file or entry, or something in it is not as rl-zoo3 writes it.
+        ValueError: there is no such hyperparameter, or it is not written as rl-zoo3 writes it.
     """
-    path, entry = folder / file, "RimlessWheel-v0" + "-imitation" * imitation
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file of hyperparameters")
-    entries = yaml.safe_load(path.read_text())
-    if entry not in entries:
-        raise ValueError(f"{path}: no entry {entry!r}; it has {list(entries)}")
-    written = entries[entry] | dict(changes)
+    signature = inspect.signature(algorithm).parameters
+    taken = {name: value for name, value in signature.items() if name not in NOT_OURS}
+    require_known(changes, [*ENVIRONMENTS, *taken])
+    for name, value in changes.items():
+        if name in taken and taken[name].annotation in PLAIN:
+            PLAIN[taken[name].annotation](name, value)
+    entries = yaml.safe_load((FOLDER / file).read_text())
+    written = entries["RimlessWheel-v0" + "-imitation" * (init != SCRATCH)] | dict(changes)
     values = copy.deepcopy(written)
+    limits = _listed(values, "env_wrapper")
+    wrappers = _listed(values, "vec_env_wrapper")
+    callbacks = _listed(values, "callback")
+    for key, listed, known in (
+        ("env_wrapper", limits, _TIME_LIMIT),
+        ("callback", callbacks, _ADAPTIVE),
+    ):
+        if not listed.keys() <= {known}:
+            raise ValueError(f"{key}: lists {list(listed)}, and only {known} can be")
     n_envs = integer("n_envs", values.pop("n_envs"), 1, MOST_ENVS)
     n_timesteps = integer("n_timesteps", values.pop("n_timesteps"), 0)
-    limits = _classes(values, "env_wrapper", ENV_WRAPPERS)
-    wrappers = _classes(values, "vec_env_wrapper", WRAPPERS)
-    ordered = [name for name in WRAPPERS if name in wrappers]
-    if list(wrappers) != ordered:
-        raise ValueError(f"vec_env_wrapper: lists {list(wrappers)}; the order must be {ordered}")
-    callbacks = _classes(values, "callback", CALLBACKS)
+    episode_steps = limits.get(_TIME_LIMIT, {}).get("max_episode_steps")
     for name in ("learning_rate", "clip_range"):
         if name in values:
             values[name] = _schedule(name, values[name])
     if "policy_kwargs" in values:
-        text = values["policy_kwargs"]
-        try:
-            values["policy_kwargs"] = _written(ast.parse(text, mode="eval").body)
-        except (SyntaxError, TypeError, ValueError, RecursionError, MemoryError) as error:
-            raise ValueError(
-                f"policy_kwargs = {text!r}: write dict(name=value, ...) of plain values and "
-                f"activations, one of {[f'nn.{name}' for name in ACTIVATIONS]}"
-            ) from error
+        values["policy_kwargs"] = policy_kwargs(values["policy_kwargs"])
     return Hyperparameters(
         n_timesteps=n_timesteps,
-        silent=integer("learning_starts", values.get("learning_starts", 0), 0),
         n_envs=n_envs,
-        offer=Offer(
-            {_LAYERS[name]: arguments for name, arguments in wrappers.items()},
-            limits.get(_LIMITED, {}).get("max_episode_steps"),
-        ),
-        pacing=Pacing(**callbacks[_PACED]) if _PACED in callbacks else None,
+        wrappers=tuple((_imported(path), given) for path, given in wrappers.items()),
+        episode_steps=episode_steps and integer("max_episode_steps", episode_steps, 1),
+        schedule=WeightSchedule(**callbacks[_ADAPTIVE]) if callbacks else None,
         algorithm=values,
         entry=written,
     )
 
 
-def _classes(
-    values: dict[str, Any], key: str, known: Mapping[str, list[str]]
-) -> dict[str, dict[str, Any]]:
-    """The arguments of the classes that are listed under a key, which is taken out of `values`.
+def policy_kwargs(described: Mapping[str, Any]) -> dict[str, Any]:
+    """The `policy_kwargs` of an algorithm, with an activation in place of its name.
 
     Raises:
-        ValueError: a class or one of its arguments is not known.
+        KeyError: there is no such activation.
     """
-    found: dict[str, dict[str, Any]] = {}
+    kwargs = dict(described)
+    if "activation_fn" in kwargs:
+        kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
+    return kwargs
+
+
+def _listed(values: dict[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    """Paths and arguments of the classes that are listed under a key, which is removed."""
     entries = values.pop(key, [])
+    listed: dict[str, dict[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else [entries]:
-        for name, arguments in (entry if isinstance(entry, dict) else {entry: {}}).items():
-            if name not in known:
-                raise ValueError(f"{key} = {entries!r}: {name!r} is not known; list {list(known)}")
-            arguments = {} if arguments is None else arguments
-            if not isinstance(arguments, dict) or not arguments.keys() <= set(known[name]):
-                raise ValueError(
-                    f"{key} = {entries!r}: the arguments of {name} must be some of {known[name]}; "
-                    f'write {{"{name}": {{"{known[name][0]}": ...}}}}'
-                )
-            found[name] = arguments
-    return found
+        named = entry if isinstance(entry, dict) else {entry: {}}
+        listed |= {path: arguments or {} for path, arguments in named.items()}
+    return listed
 
 
-def _written(node: ast.expr) -> Any:
-    """The value of an expression. rl-zoo3 evaluates any; here, only those that it needs."""
-    match node:
-        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=entries) if all(
-            entry.arg for entry in entries
-        ):
-            return {entry.arg: _written(entry.value) for entry in entries}
-        case ast.Attribute(value=ast.Name(id="nn"), attr=name) if name in ACTIVATIONS:
-            return ACTIVATIONS[name]
-    return ast.literal_eval(node)
+def _imported(path: str) -> Any:
+    """The class of a path."""
+    module, _, name = path.rpartition(".")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"vec_env_wrapper: {path!r}: {error}") from error
 
 
 def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
@@ -166,14 +186,39 @@ def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
     """
     if not isinstance(value, str):
         return positive(name, value)
-    prefix, _, number = value.partition("_")
     try:
-        if prefix != "lin":
-            raise ValueError("another schedule")
-        start = positive(name, float(number))
+        start = positive(name, float(value.removeprefix("lin_")))
     except ValueError as error:
-        raise ValueError(
-            f"{name} = {value!r}: write a number, or lin_ and a number greater than 0"
-        ) from error
+        raise ValueError(f"{name} = {value!r}: write lin_ and a number greater than 0") from error
     # The last roll-out may end after the last time step; `remaining` is negative then.
     return lambda remaining: start * max(remaining, 0.0)
+
+
+def advice(training: Training, settings: Hyperparameters) -> list[str]:
+    """Why a training will not learn to walk, each reason with its numbers; usually none."""
+    gamma = float(settings.algorithm.get("gamma", USUAL_GAMMA))
+    held = settings.intervals_per_step * training.conditions.control.period
+    step = training.conditions.params.step_length / USUAL_SPEED
+    reasons = []
+    if gamma < 1.0 and held / (1.0 - gamma) < step:
+        reasons.append(
+            f"gamma = {gamma:g}: with actions of {1e3 * held:g} ms the learner looks "
+            f"{held / (1.0 - gamma):.2g} s ahead, and a step at {USUAL_SPEED} m/s lasts "
+            f"{step:.2g} s; take a gamma of at least "
+            f"{math.ceil(1e3 * (1.0 - held / step)) / 1e3:g}, or hold actions for longer"
+        )
+    if held > 0.5 * step:
+        reasons.append(
+            f"actions are held for {held:g} s, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s: "
+            "no gait can be controlled so rarely; hold them for fewer intervals"
+        )
+    weight = training.task.distance_weight
+    if settings.schedule is not None:
+        weight = max(weight, settings.schedule.first_weight)
+    if training.init == SCRATCH and weight < SIMPLEST_COT:
+        reasons.append(
+            f"the reward weight of distance is {weight:g}, and the simplest walk costs about "
+            f"{SIMPLEST_COT:g} per metre, so standing still is best; let the weight adapt "
+            f"({_ADAPTIVE}), or start from a clone"
+        )
+    return reasons

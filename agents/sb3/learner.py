@@ -1,57 +1,98 @@
-"""What all learners built on stable-baselines3 share; each adds its algorithm and its actor."""
+"""PPO and SAC of stable-baselines3 in our vector environment, and what such learners share."""
 
 from __future__ import annotations
 
-import functools
-import inspect
+import dataclasses
+import random
 from abc import abstractmethod
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.save_util import recursive_getattr
+from stable_baselines3.common.utils import check_for_correct_spaces
+from stable_baselines3.common.vec_env import VecMonitor
+from torch import nn
 
+from agents import learner
 from agents.conditions import Conditions
-from agents.imitation import CloneReport, Cloning, Teaching
-from agents.learner import NO_CHANGES, Learner, PolicyParts, Watch, require_known
-from agents.policies import Act, Policy
-from agents.sb3.advice import advice
-from agents.sb3.bounds import NOT_OURS, require_possible
-from agents.sb3.callbacks import Freeze, LogWalking, Watched
-from agents.sb3.cloning import clone
-from agents.sb3.hyperparameters import ENVIRONMENTS, Hyperparameters, hyperparameters
-from agents.sb3.layers import layer_of
-from agents.sb3.networks import (
-    Actor,
-    NetworkPolicy,
-    architecture,
+from agents.imitation import CloneReport, Cloning, Teaching, clone
+from agents.learner import NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.policies import Act, Policy, Seeing
+from agents.sb3.hyperparameters import (
+    ACTIVATIONS,
+    Hyperparameters,
+    advice,
+    hyperparameters,
     policy_kwargs,
-    put_weights,
-    weights_of,
 )
-from agents.sb3.pacing import SelfPacedPrice
-from agents.sb3.state import restore, state_of
-from agents.sb3.training_env import training_env
+from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.training import SCRATCH, Settings, Training
-from rimless_gym.checks import flag, integer, real
+from agents.sb3.wrappers import training_env, wrapped
+from agents.walking_figures import WalkingFigures
+from rimless_gym.envs.control import USUAL, Control
+from rimless_gym.envs.observation import COMMANDED_SIZE
+from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import Task
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
 
+#: Fewest control intervals over which logged figures are summed.
+LOG_INTERVALS = 2000
 
-#: How arguments of one plain type are checked: stable-baselines3 takes any, and fails later. It
-#: writes -1 where a number follows from others.
-PLAIN: dict[Any, Callable[[str, Any], Any]] = {
-    int: functools.partial(integer, least=-1),
-    float: real,
-    bool: flag,
-}
+#: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
+COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
+
+#: The columns of a replay buffer.
+REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-class Sb3Learner(Learner):
+@dataclasses.dataclass(frozen=True)
+class NetworkPolicy:
+    """The deterministic policy of a stable-baselines3 `model`: observations -> actions."""
+
+    model: Any
+
+    def __call__(self, observations: NDArray[np.float32]) -> Floats:
+        """Actions (N,) in [-1, 1] for observations (N, 6)."""
+        actions, _ = self.model.predict(observations, deterministic=True)
+        return np.asarray(actions[:, 0], dtype=np.float64)
+
+
+@dataclasses.dataclass(frozen=True)
+class Actor:
+    """The part of a stable-baselines3 model that chooses actions.
+
+    Attributes:
+        model: to which it belongs.
+        mean_action: the deterministic action (N,) as a differentiable function of observations.
+        weights: of that function.
+        noise: parameters of the exploration noise that learning changes by themselves.
+        set_noise: gives the noise this natural logarithm of its standard deviation in all states.
+    """
+
+    model: Any
+    mean_action: Callable[[torch.Tensor], torch.Tensor]
+    weights: list[nn.Parameter]
+    noise: list[nn.Parameter]
+    set_noise: Callable[[float], None]
+
+    @property
+    def act(self) -> NetworkPolicy:
+        """The deterministic policy, for NumPy arrays."""
+        return NetworkPolicy(self.model)
+
+
+class Sb3Learner(learner.Learner):
     """An algorithm of stable-baselines3 in our vector environment.
 
     torch runs on one thread: sums depend on how they are split among threads, and these networks
@@ -64,9 +105,9 @@ class Sb3Learner(Learner):
 
     Raises:
         TypeError: the training's settings are not `Hyperparameters`.
+        ValueError: stable-baselines3 refuses a hyperparameter.
     """
 
-    imitates = True
     algorithm: ClassVar[Any]
     hyperparameter_file: ClassVar[str]
 
@@ -82,13 +123,14 @@ class Sb3Learner(Learner):
             training.conditions,
             training.task,
             training.seed,
-            settings.offer,
+            settings.wrappers,
+            settings.episode_steps,
         )
-        self._price = None if settings.pacing is None else SelfPacedPrice(settings.pacing)
-        if start is None:
-            self.model = self._new_model({})
-        else:
-            self.model = self._new_model(start.record)
+        self._adaptive: AdaptiveRewardWeight | None = None
+        if settings.schedule is not None:
+            self._adaptive = AdaptiveRewardWeight(settings.schedule)
+        self.model = self._new_model({} if start is None else start.record)
+        if start is not None:
             put_weights(self.model, start.weights)
 
     def _new_model(self, described: dict[str, Any]) -> Any:
@@ -109,18 +151,11 @@ class Sb3Learner(Learner):
     @classmethod
     def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
-        taken = inspect.signature(cls.algorithm).parameters
-        require_known(changes, [*ENVIRONMENTS, *(name for name in taken if name not in NOT_OURS)])
-        found = hyperparameters(cls.hyperparameter_file, init != SCRATCH, changes)
-        for name, value in found.algorithm.items():
-            if name in taken and taken[name].annotation in PLAIN:
-                PLAIN[taken[name].annotation](name, value)
-        require_possible(found.algorithm)
-        return found
+        return hyperparameters(cls.algorithm, cls.hyperparameter_file, init, changes)
 
     @classmethod
     def advice(cls, training: Training) -> list[str]:
-        """See `agents.sb3.advice`."""
+        """See `agents.sb3.hyperparameters.advice`."""
         settings = training.settings
         return advice(training, settings) if isinstance(settings, Hyperparameters) else []
 
@@ -140,7 +175,7 @@ class Sb3Learner(Learner):
         return NetworkPolicy(model)
 
     @property
-    def steps(self) -> int:
+    def steps(self) -> int:  # type: ignore[override]  # stable-baselines3 counts them
         """Time steps so far, all environments together."""
         return int(self.model.num_timesteps)
 
@@ -149,24 +184,29 @@ class Sb3Learner(Learner):
         """The deterministic policy as it is now."""
         return NetworkPolicy(self.model)
 
-    def imitate(self, expert: Policy, cloning: Cloning, kept: Path, progress: bool) -> CloneReport:
+    def imitate(self, expert: Policy, cloning: Cloning, progress: bool) -> CloneReport:
         """Clone the expert into the actor."""
         teaching = Teaching(expert, self.training.conditions, cloning, self.training.seed)
-        return clone(self.actor(self.model), teaching, kept=kept, progress=progress)
+        return clone(self.actor(self.model), teaching, progress)
 
-    def learn(self, until: int, watch: Watch) -> None:
+    def learn(self, until: int, callback: Callback) -> None:
         """Learn until there have been `until` steps; a roll-out that was begun is ended.
 
         Where there is a policy to start from, its actor stays as it is for a while.
         """
-        model = self.model
-        model.set_logger(watch.log)
-        log = LogWalking(self.training.conditions.params, layer_of(self._env, Sb3VecEnv))
-        callbacks: list[BaseCallback] = [log, Watched(watch)]
-        if self._price is not None:
-            callbacks.append(self._price)
+        callbacks: list[BaseCallback] = []
+        if self._adaptive is not None:
+            callbacks.append(self._adaptive)
         if self.training.init != SCRATCH:
-            callbacks.append(Freeze(self.actor(model), round(CRITIC_WARM_UP * until)))
+            callbacks.append(FreezeActor(self.actor(self.model), round(CRITIC_WARM_UP * until)))
+        self._learn(until, callback, callbacks)
+
+    def _learn(self, until: int, callback: Callback, callbacks: list[BaseCallback]) -> None:
+        """Learn with some callbacks, after those that every training has."""
+        model = self.model
+        model.set_logger(callback.log)
+        figures = LogWalking(self.training.conditions.params, wrapped(self._env, Sb3VecEnv))
+        callbacks = [figures, Forward(callback), *callbacks]
         model.learn(max(0, until - self.steps), callbacks, reset_num_timesteps=False)
 
     def parts(self) -> PolicyParts:
@@ -175,17 +215,261 @@ class Sb3Learner(Learner):
 
     def state(self) -> dict[str, Any]:
         """Model, environments and all random generators, between two roll-outs."""
-        price = None if self._price is None else self._price.state()
-        return {"policy_kwargs": architecture(self.model), "price": price, **state_of(self.model)}
+        adaptive = None if self._adaptive is None else self._adaptive.state()
+        kwargs = architecture(self.model)
+        return {"policy_kwargs": kwargs, "adaptive": adaptive, **model_state(self.model)}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         if state["policy_kwargs"] != architecture(self.model):
             self.model = self._new_model(state)
-        restore(self.model, state)
-        if self._price is not None:
-            self._price.restore(state["price"])
+        restore_model(self.model, state)
+        if self._adaptive is not None:
+            self._adaptive.restore(state["adaptive"])
 
     def close(self) -> None:
         """Close the environments."""
         self._env.close()
+
+
+class Ppo(Sb3Learner):
+    """Proximal policy optimisation (Schulman et al., 2017)."""
+
+    algorithm = PPO
+    hyperparameter_file = "ppo.yml"
+
+    @staticmethod
+    def actor(model: Any) -> Actor:
+        """The Gaussian actor; its noise is the same in all states."""
+        policy = model.policy
+
+        def mean_action(observations: torch.Tensor) -> torch.Tensor:
+            latent = policy.mlp_extractor.forward_actor(observations)
+            return policy.action_net(latent)[:, 0]
+
+        def set_noise(log_std: float) -> None:
+            with torch.no_grad():
+                policy.log_std.fill_(log_std)
+
+        modules = policy.mlp_extractor.policy_net, policy.action_net
+        weights = [weight for module in modules for weight in module.parameters()]
+        return Actor(model, mean_action, weights, [policy.log_std], set_noise)
+
+
+class Sac(Sb3Learner):
+    """Soft actor-critic (Haarnoja et al., 2018)."""
+
+    algorithm = SAC
+    hyperparameter_file = "sac.yml"
+
+    @staticmethod
+    def actor(model: Any) -> Actor:
+        """The squashed Gaussian actor; its noise is a network's output, not a parameter."""
+        actor = model.policy.actor
+
+        def mean_action(observations: torch.Tensor) -> torch.Tensor:
+            return torch.tanh(actor.mu(actor.latent_pi(observations)))[:, 0]
+
+        def set_noise(log_std: float) -> None:
+            with torch.no_grad():
+                actor.log_std.weight.zero_()
+                actor.log_std.bias.fill_(log_std)
+
+        modules = actor.latent_pi, actor.mu
+        weights = [weight for module in modules for weight in module.parameters()]
+        return Actor(model, mean_action, weights, [], set_noise)
+
+
+class LogWalking(BaseCallback):
+    """Logs the noisy walking of training: return, CoT, speed, steps and energy terms.
+
+    Of an action that is held for several control intervals, the last one is logged.
+
+    Args:
+        params: the wheel's parameters.
+        env: that is learned in, innermost.
+    """
+
+    def __init__(self, params: WheelParams, env: Sb3VecEnv) -> None:
+        super().__init__()
+        self._figures, self._env = WalkingFigures(params), env
+
+    def _on_step(self) -> bool:
+        self._figures.add(self._env.last_info)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._figures.intervals >= LOG_INTERVALS:
+            self._figures.record(self.logger)
+
+    def _on_training_end(self) -> None:
+        if self._figures.intervals:
+            self._figures.record(self.logger)
+        self.logger.dump(self.num_timesteps)
+
+
+class Forward(BaseCallback):
+    """Calls the callback of a training before every roll-out and at every step."""
+
+    def __init__(self, callback: Callback) -> None:
+        super().__init__()
+        self._callback = callback
+
+    def _on_rollout_start(self) -> None:
+        self._callback.on_iteration()
+
+    def _on_step(self) -> bool:
+        self._callback.on_step()
+        return True
+
+
+class FreezeActor(BaseCallback):
+    """Keeps the actor as it is until the critic has learned what it is worth.
+
+    The exploration noise stays as it is for good.
+
+    Args:
+        actor: of the model that learns.
+        until: time steps before which the actor does not change.
+    """
+
+    def __init__(self, actor: Actor, until: int) -> None:
+        super().__init__()
+        self._actor, self._until = actor, until
+
+    def _on_training_start(self) -> None:
+        for parameter in self._actor.noise:
+            parameter.requires_grad_(False)
+        self._on_rollout_start()
+
+    def _on_rollout_start(self) -> None:
+        for weight in self._actor.weights:
+            weight.requires_grad_(self.num_timesteps >= self._until)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+def architecture(model: Any) -> dict[str, Any]:
+    """The `policy_kwargs` of a model as JSON values, the activation by its name.
+
+    Raises:
+        ValueError: the policy is not an MlpPolicy, or has an activation without a name here.
+    """
+    if type(model.policy) is not type(model).policy_aliases["MlpPolicy"]:
+        raise ValueError(
+            f"policy = {type(model.policy).__name__}: only an MlpPolicy is kept in a policy file"
+        )
+    names = {kind: name for name, kind in ACTIVATIONS.items()}
+    kwargs = dict(model.policy_kwargs)
+    kwargs.pop("use_sde", None)  # SAC adds it by itself
+    if "activation_fn" in kwargs:
+        if kwargs["activation_fn"] not in names:
+            raise ValueError(f"activation_fn: choose from {list(ACTIVATIONS)}")
+        kwargs["activation_fn"] = names[kwargs["activation_fn"]]
+    return kwargs
+
+
+def weights_of(model: Any) -> dict[str, NDArray[Any]]:
+    """The weights of a model's networks by name."""
+    return {name: w.detach().cpu().numpy() for name, w in model.policy.state_dict().items()}
+
+
+def put_weights(model: Any, weights: Mapping[str, NDArray[Any]]) -> None:
+    """Give a model's networks the weights that `weights_of` named.
+
+    Raises:
+        RuntimeError: they do not fit its networks.
+    """
+    model.policy.load_state_dict({name: torch.from_numpy(w) for name, w in weights.items()})
+
+
+def model_state(model: Any) -> dict[str, Any]:
+    """The state of a learning model in a `training_env`, between two roll-outs.
+
+    It is made of policy, optimisers, counters, replay buffer, environments and every random
+    generator, so that a resumed training does exactly what it would have done without a break.
+    """
+    _, variables = model._get_torch_save_params()
+    monitor, replay = wrapped(model.env, VecMonitor), getattr(model, "replay_buffer", None)
+    envs = wrapped(model.env, Sb3VecEnv).env.get_state()
+    return {
+        "parameters": model.get_parameters(),
+        "variables": {name: recursive_getattr(model, name) for name in variables},
+        "counters": {name: getattr(model, name) for name in COUNTERS if hasattr(model, name)},
+        "episodes": model.ep_info_buffer,
+        "last_observations": model._last_obs,
+        "last_starts": model._last_episode_starts,
+        "replay": replay
+        and {
+            "columns": {name: getattr(replay, name)[: replay.size()] for name in REPLAY},
+            "position": replay.pos,
+            "full": replay.full,
+        },
+        "environments": {
+            "arrays": {k: v for k, v in envs["fleet"].items() if isinstance(v, np.ndarray)},
+            "generators": envs["generators"],
+            "seen": envs["seen"],
+        },
+        "monitored": {"returns": monitor.episode_returns, "lengths": monitor.episode_lengths},
+        "generators": {
+            "torch": torch.get_rng_state(),
+            "numpy": np.random.get_state(legacy=False),  # noqa: NPY002  stable-baselines3's
+            "python": random.getstate(),
+            "actions": model.action_space.np_random.bit_generator.state,
+        },
+    }
+
+
+def restore_model(model: Any, state: dict[str, Any]) -> None:
+    """Put a new model, made with the same settings, into a state of `model_state`."""
+    model.set_parameters(state["parameters"], exact_match=True)
+    for name, value in state["variables"].items():
+        recursive_getattr(model, name).data.copy_(value)
+    for name, value in state["counters"].items():
+        setattr(model, name, value)
+    # None, if it was saved before the first roll-out: while policies are screened.
+    model.ep_info_buffer = deque(state["episodes"] or (), maxlen=model._stats_window_size)
+    model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+    model._last_obs = state["last_observations"]
+    model._last_episode_starts = state["last_starts"]
+    if state["replay"] is not None:
+        buffer, replay = model.replay_buffer, state["replay"]
+        for name, column in replay["columns"].items():
+            getattr(buffer, name)[: len(column)] = column
+        buffer.pos, buffer.full = replay["position"], replay["full"]
+    monitor = wrapped(model.env, VecMonitor)
+    monitor.episode_returns = state["monitored"]["returns"]
+    monitor.episode_lengths = state["monitored"]["lengths"]
+    envs, saved = wrapped(model.env, Sb3VecEnv).env, state["environments"]
+    arrays = envs.get_state()["fleet"] | saved["arrays"]
+    envs.set_state({"fleet": arrays, "generators": saved["generators"], "seen": saved["seen"]})
+    generators = state["generators"]
+    torch.set_rng_state(generators["torch"])
+    np.random.set_state(generators["numpy"])  # noqa: NPY002
+    version, words, gauss = generators["python"]
+    random.setstate((version, tuple(words), gauss))
+    model.action_space.np_random.bit_generator.state = generators["actions"]
+
+
+def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]:
+    """The learner, the policy and the conditions of a file of plain stable-baselines3.
+
+    Such files are pickles: reading one runs whatever code it has.
+
+    Raises:
+        ValueError: it is of none of our learners, or of another environment.
+    """
+    causes = []
+    for name, kind in (("ppo", Ppo), ("sac", Sac)):
+        try:
+            model = kind.algorithm.load(path, device="cpu")
+            (size,) = model.observation_space.shape or ()
+            control = Control(PERIOD, speeds=SPEEDS) if size == COMMANDED_SIZE else USUAL
+            conditions = Conditions(params, control=control)
+            env = training_env(1, conditions, conditions.default_task, seed=0)
+            check_for_correct_spaces(env, model.observation_space, model.action_space)
+            return name, Seeing(NetworkPolicy(model), size), conditions
+        except Exception as error:  # unpickling can raise anything
+            causes.append(f"{name}: {error!r}")
+    raise ValueError(f"{path}: not a model of a known algorithm ({'; '.join(causes)})")

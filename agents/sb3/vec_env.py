@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from agents.sb3.single_envs import gathered, wrappers
-from rimless_gym import RimlessWheelVectorEnv
+from rimless_gym import (
+    RimlessWheelSpeedEnv,
+    RimlessWheelSpeedVectorEnv,
+    RimlessWheelVectorEnv,
+)
+from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.info import begun, row_of
 from rimless_gym.envs.lazy_info import LazyInfo
+
+#: The native environment of each single one.
+NATIVE: dict[type, type[RimlessWheelVectorEnv]] = {
+    RimlessWheelEnv: RimlessWheelVectorEnv,
+    RimlessWheelSpeedEnv: RimlessWheelSpeedVectorEnv,
+}
+
+#: Wrappers whose effect `Sb3VecEnv` reproduces.
+HONOURED = (Monitor, TimeLimit, OrderEnforcing, PassiveEnvChecker)
 
 _FINAL = ("final_obs", "_final_obs", "final_info", "_final_info")
 
@@ -78,9 +92,11 @@ class Sb3VecEnv(VecEnv):
             self.env = _same_step(envs)
         else:
             singles = [make() for make in envs]
-            self.env = gathered(singles)
+            self.env = _gathered(singles)
         native = self.env
-        self._wrappers = [list(wrappers(single)) for single in singles] or [[]] * native.num_envs
+        self._wrappers = [list(_wrappers_of(single)) for single in singles] or [
+            []
+        ] * native.num_envs
         self._monitors = [
             [wrapper for wrapper in row if isinstance(wrapper, Monitor)] for row in self._wrappers
         ]
@@ -169,12 +185,12 @@ class Sb3VecEnv(VecEnv):
                 info = row_of(last, i)
                 info["TimeLimit.truncated"] = not terminated[i]
                 info["terminal_observation"] = final["final_obs"][i].copy()
-                self._book(i, info)
+                self._end_episode(i, info)
                 self.reset_infos[i] = begun(columns["mode"].item(i))
                 infos[i] = info
         return observations, rewards.astype(np.float32), dones, infos
 
-    def _book(self, i: int, info: dict[str, Any]) -> None:
+    def _end_episode(self, i: int, info: dict[str, Any]) -> None:
         """Do what the Monitors of row i do when an episode ends."""
         for monitor in self._monitors[i]:
             total, length = float(self._returns[i]), int(self._lengths[i])
@@ -267,3 +283,88 @@ def _same_step(env: Any) -> RimlessWheelVectorEnv:
             "gym.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)"
         )
     return env
+
+
+def _wrappers_of(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, Any]]:
+    """The wrappers around an environment, from the outside in."""
+    while isinstance(env, gym.Wrapper):
+        yield env
+        env = env.env
+
+
+def _gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
+    """Rows that behave like the single environments, with autoreset in the same step.
+
+    Raises:
+        TypeError: the class of an environment is not in `NATIVE`.
+        ValueError: there are none, they differ in more than `params`, or one has a wrapper whose
+            effect cannot be reproduced.
+    """
+    if not envs:
+        raise ValueError("no environments: give at least one function that makes one")
+    arguments = [_arguments_of(env) for env in envs]
+    shared = {name: value for name, value in arguments[0].items() if name != "params"}
+    for i, other in enumerate(arguments):
+        for name, value in shared.items():
+            if other[name] != value:
+                raise ValueError(
+                    f"environment {i} has {name} = {other[name]}, the first {value}: they may "
+                    "differ in params only; use DummyVecEnv for others"
+                )
+    native = shared.pop("native")
+    return native(
+        num_envs=len(envs),
+        params=[each["params"] for each in arguments],
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        **shared,
+    )
+
+
+def _arguments_of(env: gym.Env[Any, Any]) -> dict[str, Any]:
+    """The arguments with which the native environment behaves like this one."""
+    single: Any = env.unwrapped
+    limits = []
+    if type(single) not in NATIVE:
+        names = " or a ".join(kind.__name__ for kind in NATIVE)
+        raise TypeError(
+            f"{single}: must be a {names}, whose rows are stepped natively; use DummyVecEnv for "
+            "others"
+        )
+    for wrapper in _wrappers_of(env):
+        if type(wrapper) not in HONOURED:
+            name = type(wrapper).__name__
+            raise ValueError(
+                f"wrapper {name}: native rows cannot be wrapped one by one; put a VecEnvWrapper "
+                f"that does the same around the vector, or use DummyVecEnv with {name}"
+            )
+        if isinstance(wrapper, Monitor) and (
+            wrapper.reset_keywords or not wrapper.allow_early_resets
+        ):
+            raise ValueError(
+                "wrapper Monitor: reset_keywords and allow_early_resets=False are for single "
+                "environments; leave them out, or use DummyVecEnv"
+            )
+        if isinstance(wrapper, TimeLimit):
+            limits.append(wrapper._max_episode_steps)
+    if single.max_episode_steps is not None:
+        limits.append(single.max_episode_steps)
+    if single.render_mode not in (None, "rgb_array"):
+        raise ValueError(
+            f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
+            "use DummyVecEnv"
+        )
+    fleet = single.get_state()["fleet"]  # the parameters before anything was drawn
+    commanded = {} if single.control.speeds is None else {"speeds": single.control.speeds}
+    return {
+        "native": NATIVE[type(single)],
+        "params": fleet["params"][0],
+        "task": single.task,
+        "ranges": fleet["ranges"],
+        "disturbances": fleet["disturbances"],
+        "starts": fleet["starts"],
+        "control_period": single.control.period,
+        "actions": single.control.actions,
+        "max_episode_steps": min(limits, default=None),
+        "render_mode": single.render_mode,
+        **commanded,
+    }

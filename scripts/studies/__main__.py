@@ -21,7 +21,7 @@ STUDIES = {
     "publish_policy": "publish_policy",
     "returns": "returns",
     "textbook": "textbook",
-    "thesis": "thesis.command",
+    "thesis": "thesis.experiments",
 }
 
 

@@ -1,15 +1,14 @@
 """A simple controller, short trainings and one thread for the tests of learning."""
 
 import dataclasses
-import shutil
 
 import numpy as np
 import pytest
 import torch
 
-from agents import learners, session
+from agents import training
 from agents.conditions import Conditions
-from agents.training import Training
+from agents.learner import Training, learner_class
 from rimless_gym import THESIS_PHYSICAL, Task
 from tests.agents.runs import run
 
@@ -21,14 +20,9 @@ def one_thread():
 
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch):
-    """Evaluations and the states that are saved with them take half of a short training."""
-    monkeypatch.setattr(session, "EVALUATIONS", 4)
-
-
-@pytest.fixture(autouse=True)
-def short_films(monkeypatch):
-    """So do the films of their policies: `test_film.py` looks at longer ones."""
-    monkeypatch.setattr(session, "FILMED", 0.3)
+    """Evaluations, saved states and films take half of a short training."""
+    monkeypatch.setattr(training, "EVALUATIONS", 4)
+    monkeypatch.setattr(training, "FILMED", 0.3)
 
 
 @pytest.fixture
@@ -45,12 +39,9 @@ def swing():
 def new_learner():
     """Makes a learner with the networks of the published hyperparameters in two environments."""
 
-    def make(algo="ppo", seed=0, task=None, **changes):
-        kind = learners.learner(algo)
-        settings = kind.settings("imitation")
-        if algo == "ppo":
-            changes = {"batch_size": 64} | changes
-        settings = dataclasses.replace(settings, n_envs=2, algorithm=settings.algorithm | changes)
+    def make(algo="ppo", seed=0, task=None):
+        kind = learner_class(algo)
+        settings = dataclasses.replace(kind.settings("imitation"), n_envs=2)
         conditions = Conditions(THESIS_PHYSICAL)
         return kind(Training(algo, "scratch", seed, conditions, task or Task(), settings))
 
@@ -59,13 +50,7 @@ def new_learner():
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory):
-    """A short PPO training that is over; copy it before changing it."""
+    """The folder of a short PPO training that is over; not to be changed."""
     out = tmp_path_factory.mktemp("finished")
     run(out, timesteps=128)
     return out
-
-
-@pytest.fixture
-def folder(finished, tmp_path):
-    """A copy of it."""
-    return shutil.copytree(finished, tmp_path / "training")

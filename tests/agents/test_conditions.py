@@ -116,7 +116,7 @@ def test_ranges_and_disturbances_change_a_training_and_are_recorded_with_it(tmp_
     assert notes["ranges"] == {"pendulum_mass": [2.0, 2.4]}
     assert notes["disturbances"]["pushes"]["rate"] == 5.0
     assert read_record(whole.last)["ranges"] == notes["ranges"]
-    with pytest.raises(ValueError, match=r"holds a training with ranges = .*, not None"):
+    with pytest.raises(ValueError, match=r"ranges = .*, not None"):
         run(tmp_path / "whole", algo, timesteps=steps)
 
 

@@ -7,15 +7,13 @@ from base64 import b64encode
 
 import numpy as np
 import pytest
-import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from agents import PRETRAINED
 from agents.policy_files import FORMAT, CheckpointError, load_policy, read_record, save_policy
-from agents.sb3.networks import architecture
 from agents.sb3.vec_env import Sb3VecEnv
-from agents.training_state import StateError, read_state
+from agents.training import read_state
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.envs.control import Control
 from rimless_gym.presets import PRESETS
@@ -191,13 +189,13 @@ def test_a_pickle_within_a_policy_or_a_state_is_not_run(tmp_path, new_policy, pa
         np.savez(file, allow_pickle=True, **{HEADER: header, DIGEST: np.array("")} | {part: trap})
     path = tmp_path / "trap.zip"
     path.write_bytes(file.getvalue())
-    for read, error in ((load_policy, CheckpointError), (read_state, StateError)):
-        with pytest.raises(error, match=r"trap\.zip"):
-            read(path)
+    with pytest.raises(CheckpointError, match=r"trap\.zip"):
+        load_policy(path)
     path.write_bytes(pickle.dumps(Trap(mark)))
-    for read, error in ((load_policy, CheckpointError), (read_state, StateError)):
-        with pytest.raises(error, match="damaged"):
-            read(path)
+    with pytest.raises(CheckpointError, match="damaged"):
+        load_policy(path)
+    with pytest.raises(pickle.UnpicklingError):
+        read_state(path)
     assert not mark.exists()
 
 
@@ -308,9 +306,3 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, saved, weight):
 def test_a_folder_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match=r"a folder.*best\.zip"):
         load_policy(tmp_path)
-
-
-def test_networks_that_plain_values_cannot_describe_are_refused():
-    odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"optimizer_class": torch.optim.SGD})
-    with pytest.raises(ValueError, match="optimizer_class"):
-        architecture(odd)

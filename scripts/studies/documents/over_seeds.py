@@ -10,7 +10,7 @@ from agents.comparison.shipped import SCREENED, TITLE
 STUDIED: Mapping[str, tuple[str, ...]] = {
     "imitation": ("imitation of the LQR",),
     "fine-tuned, best kept": ("imitation, fine-tuned by PPO, best kept",),
-    TITLE: ("imitation of a ladder of laws", "0.56 m/s"),
+    TITLE: ("imitation of a gain schedule", "0.56 m/s"),
     "evolution from scratch": ("evolution from scratch, best kept",),
     SCREENED: ("PPO from screened policies, best kept",),
     "PPO from scratch": ("PPO from scratch, best kept",),

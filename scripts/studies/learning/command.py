@@ -1,84 +1,203 @@
-"""Train and judge every learner over several seeds: the tables of docs/learning.md.
+"""Train and evaluate every learner over several seeds: the tables of docs/learning.md.
 
-A cell is one seed of one row. Its result is kept as soon as it is known, and trainings keep their
-own states: after Ctrl-C or a kill, the same command goes on. (A first evening of plain
-stable-baselines3 begins again.) With --rows, only some rows are trained; the tables have all rows
-of which the first three seeds are finished, and say how many seeds there are. A damaged result is
-refused.
+A task is one seed of one row. Its result is kept as soon as it is known, and trainings save their
+states: after Ctrl-C or a kill, the same command goes on. (A training of plain stable-baselines3
+begins again.) With --rows, only some rows are trained; --docs writes the tables whose rows are all
+finished.
 """
 
 from __future__ import annotations
 
+import argparse
+import functools
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-from agents.cli.main import INTERRUPTED
-from scripts.studies.commandline import DEFAULT_PRESET, Parser, terminated_like_ctrl_c, whole
-from scripts.studies.documents import headline
-from scripts.studies.learning import page
+from agents.gaps import best_held, gap_to_gaits, ticks_around
+from agents.protocol import PROTOCOL, SHORT_PROTOCOL, Protocol
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import preset
+from scripts.studies.documents import headline, markdown
 from scripts.studies.learning.rows import ROWS
-from scripts.studies.learning.study import Study, run
+from scripts.studies.learning.tables import Gap, Results, tables
+from scripts.studies.learning.trials import Figures, Result, Row
+from trajopt import Solution, pool
+from trajopt.store import Store, jsonable, key
+
+#: A row appears in a table once this many seeds have finished.
+FEWEST = 3
+
+#: The folder of the optimal gaits, in that of the study.
+GAITS = "front"
+
+
+class Task(NamedTuple):
+    """One seed of a row.
+
+    Attributes:
+        row: how it is trained and evaluated.
+        seed: of everything random in the training.
+    """
+
+    row: Row
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Its name, and that of its folder."""
+        return key(f"{self.row.name}_{self.seed}", row=self.row)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 1 if a cell failed, 130 after Ctrl-C or SIGTERM."""
-    parser = Parser(__doc__)
+    """Run the command line; 0 when all is done, 1 if a task failed."""
+    parser = argparse.ArgumentParser(prog="python -m scripts.studies learning", description=__doc__)
     names = [row.name for row in ROWS]
-    parser.add_argument("--seeds", type=whole(1), default=10, help="of every row: 0, 1, ...")
-    parser.add_argument(
-        "--rows", nargs="+", choices=names, default=names, metavar="ROW", help=", ".join(names)
-    )
-    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
+    parser.add_argument("--seeds", type=int, default=10, help="of every row: 0, 1, ...")
+    parser.add_argument("--rows", nargs="+", choices=names, default=names, metavar="ROW")
+    parser.add_argument("--workers", type=int, help="processes; default: as many as cores")
     parser.add_argument("--out", type=Path, default=Path("runs/study"), help="folder")
-    parser.add_machine(DEFAULT_PRESET)
-    parser.add_argument(
-        "--quick", action="store_true", help="a trial with few steps: shows only that all runs"
-    )
+    parser.add_argument("--quick", action="store_true", help="few steps: shows that all runs")
     parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
-    parser.add_argument(
-        "--headline",
-        type=Path,
-        help="a page, README.md, whose headline gets the gaps over seeds; needs --docs",
-    )
+    parser.add_argument("--headline", type=Path, help="README.md, whose headline has their gaps")
     options = parser.parse_args(arguments)
-    study = Study(ROWS, options.seeds, parser.machine(options))
-    folder = options.out
+    if (options.quick and options.docs) or (options.headline and not options.docs):
+        parser.error("--docs is not for --quick, and --headline needs --docs")
+    rows: Sequence[Row] = ROWS
+    folder, protocol = options.out, PROTOCOL
     if options.quick:
-        study, folder = study.briefly(), folder / "quick"
-    parser.require_folder(folder, "results.json")
+        rows, folder = [row.brief() for row in ROWS], folder / "quick"
+        protocol = SHORT_PROTOCOL
+    chosen = [row for row in rows if row.name in options.rows]
+    with Store(folder, {"protocol": jsonable(protocol)}) as store:
+        tasks = [Task(row, seed) for row in chosen for seed in range(options.seeds)]
+        failures = completed(store, tasks, protocol, options.workers)
+        results = finished(store, rows, options.seeds)
+        sections = tables(results, gaps(results, folder, options.workers))
+    print("\n\n".join(sections.values()))
     if options.docs:
-        if options.quick:
-            parser.error(f"--docs {options.docs}: a page tells of no trials; leave out --quick")
-        for marks in page.MARKS.values():
-            parser.require_page(options.docs, marks, page.WANTED)
+        whole = {row.table for row in rows} - {row.table for row in rows if row not in results}
+        marks = markdown.marks("study", tuple(sections))
+        written = {name: table + "\n" for name, table in sections.items() if name in whole}
+        markdown.refresh(options.docs, marks, written)
     if options.headline:
-        if not options.docs:
-            parser.error(f"--headline {options.headline}: tells what --docs does; add --docs")
-        marks = headline.MARKS[headline.HEADLINE]
-        parser.require_page(options.headline, marks, headline.WANTED)
+        headline.refresh_gaps(options.headline, options.docs)
+    for task, failure in failures.items():
+        print(f"{task.row.name} {task.seed}: {failure}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+def completed(
+    store: Store, tasks: Sequence[Task], protocol: Protocol, workers: int | None
+) -> dict[Task, str]:
+    """Run the tasks that have no result yet.
+
+    A task that needs a policy of another row waits until the tasks of that row are finished.
+
+    Returns:
+        What went wrong with tasks; the others go on.
+    """
+    failures: dict[Task, str] = {}
+    work = functools.partial(ran, store, protocol)
+    for depth in sorted({_depth(task.row) for task in tasks}):
+        wave = [t for t in tasks if _depth(t.row) == depth and t.key not in store]
+        with closing(pool.run(work, wave, workers, progress=f"study, wave {depth}")) as results:
+            for task, result in results:
+                if isinstance(result, str):
+                    failures[task] = result
+                else:
+                    store.save(
+                        task.key,
+                        jsonable(
+                            result._asdict()
+                            | {
+                                "policies": {
+                                    name: each._asdict() for name, each in result.policies.items()
+                                }
+                            }
+                        ),
+                    )
+    return failures
+
+
+def _depth(row: Row) -> int:
+    """How many rows have to be trained before, one after the other."""
+    return max((1 + _depth(other) for other in row.trial.needs), default=0)
+
+
+def ran(store: Store, protocol: Protocol, task: Task) -> Result | str:
+    """Train and evaluate a seed; in words what went wrong, if something did."""
+    others = {other.name: Task(other, task.seed) for other in task.row.trial.needs}
+    missing = [name for name, other in others.items() if other.key not in store]
+    if missing:
+        return f"needs a policy of {' and '.join(missing)}: run these rows first"
+    folder = store.folder / task.key
+    folders = {name: store.folder / other.key for name, other in others.items()}
+    params = preset(task.row.preset)
     try:
-        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
-            found = run(study, options.rows, folder, options.workers)
-    except KeyboardInterrupt:
-        print(
-            f"\ninterrupted: what was finished is in {folder}; the same command goes on",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
-    if options.docs:
-        page.refresh(options.docs, found.sections, [row.title for row in ROWS])
-    print("\n\n".join(found.sections.values()))
-    if found.unfinished:
-        print(f"unfinished: {', '.join(found.unfinished)}", file=sys.stderr)
-    for cell, failure in found.failures.items():
-        print(f"{cell}: {failure}", file=sys.stderr)
-    if options.headline:
-        with parser.refusing():
-            headline.refresh_gaps(options.headline, options.docs)
-    return 1 if found.failures else 0
+        return task.row.trial.run(task.seed, folder, folders, params, protocol)
+    except (TypeError, ValueError, RuntimeError, ArithmeticError) as error:
+        return f"{type(error).__name__}: {error}"
+
+
+def finished(store: Store, rows: Sequence[Row], seeds: int) -> Results:
+    """The results of the first seeds of each row, up to one that is missing; none of too few.
+
+    So a row says how many seeds it has, and nobody chose which.
+    """
+    results: dict[Row, list[Result]] = {}
+    for row in rows:
+        found: list[Result] = []
+        while len(found) < seeds and (name := Task(row, len(found)).key) in store:
+            saved = store.load(name)
+            policies = {
+                which: Figures(**{k: float("nan") if v is None else v for k, v in each.items()})
+                for which, each in saved["policies"].items()
+            }
+            found.append(Result(policies, saved["steps"], saved["minutes"]))
+        if len(found) >= min(FEWEST, seeds):
+            results[row] = found
+    return results
+
+
+def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
+    """How far policies are above the environment's own optimum at the speed that they learned.
+
+    A step of a held gait lasts a whole number of control intervals. At the two such speeds around
+    a policy's, the best gaits of 1 to 3 steps per stride are solved.
+
+    Returns:
+        (row, figures) -> CoT over the optimum, minus 1; None without a walk or a gait, and where
+        actions are held for another time than those of the optima.
+    """
+    needed: dict[tuple[WheelParams, int], None] = {}
+    for row, own in results.items():
+        if row.trial.period == CONTROL_PERIOD:
+            walking = [each for result in own for each in result.policies.values()]
+            for each in filter(row.walks, walking):
+                params = preset(row.preset)
+                needed |= dict.fromkeys((params, n) for n in ticks_around(params, each.speed))
+    solve = functools.partial(_best_held, folder / GAITS)
+    with closing(pool.run(solve, list(needed), workers, progress="optimal gaits")) as solved:
+        gaits = dict(solved)
+
+    def gap(row: Row, figures: Figures) -> float | None:
+        if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
+            return None
+        params = preset(row.preset)
+        around = ticks_around(params, figures.speed)
+        return gap_to_gaits(figures.cot, figures.speed, [gaits[params, n] for n in around])
+
+    return gap
+
+
+def _best_held(folder: Path, task: tuple[WheelParams, int]) -> Solution | None:
+    return best_held(*task, folder)

@@ -1,68 +1,164 @@
-"""How a seed is trained by `agents.train`, and how its policies are judged."""
+"""How a seed of the study is trained, and how its policies are evaluated."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
-from agents import learners, protocol
-from agents.commanded import evaluate_commanded, walk_through
-from agents.evaluate import evaluate
-from agents.folder import BEST
+from agents import Sb3VecEnv, protocol
+from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
+from agents.evaluate import Evaluation, evaluate
+from agents.experts import EXPERT, EXPERT_STEPS
 from agents.imitation import Cloning
+from agents.learner import BEST, IMITATION, SCRATCH, learner_class
+from agents.policies import learned_policy
 from agents.policy_files import load_policy
-from agents.train import EXPERT, EXPERT_SPEED, EXPERT_STEPS, train
-from agents.training import IMITATION, SCRATCH
+from agents.sb3.learner import NetworkPolicy
+from agents.training import TrainingConfig, train
+from agents.verdicts import FALLS
+from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
-from scripts.studies.learning.figures import Figures
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
-from trajopt.files import jsonable
 from trajopt.gaits.fronts import cot_front
 
-#: The file of a finished cell, in the folder of its training.
-RESULT = "cell.json"
+with extra("learn"):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
 
-#: Folder of the laws' plans, in that of the study: all seeds share them.
-PLANS = "plans"
+#: Folder of the laws' gaits and plans, in that of the study: all seeds use them.
+CACHE = "plans"
 
-#: Control intervals of a trial that only shows that it runs, where a learner has no other least.
+#: Control intervals of a trial that only shows that it runs, and its cloning.
 BRIEF_STEPS = 4096
-
-#: A cloning of such a trial.
 BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
-class Trial(Protocol):
-    """How one seed is trained and judged. It must be picklable."""
+class Figures(NamedTuple):
+    """How a policy walks.
 
-    @property
-    def settings(self) -> dict[str, Any]:
-        """All that its result depends on besides seed, machine and protocol: plain JSON values."""
+    Attributes:
+        share: of the starts that walk, in [0, 1].
+        falls: of the starts that fall.
+        slips: of the starts that still take steps at the end, but whose foot slips.
+        cot: cost of transport of those that walk, from E+; NaN if none gets anywhere.
+        speed: of those that walk (m/s); NaN if none does.
+    """
+
+    share: float
+    falls: float
+    slips: float
+    cot: float
+    speed: float
+
+    @classmethod
+    def of(cls, walks: Evaluation | Stretch) -> Figures:
+        """The figures of an evaluation, or of the part of a walk under one command."""
+        if isinstance(walks, Stretch):
+            falls, slips = walks.fallen_share, walks.slipping_share
+        else:
+            starts = len(walks.verdicts)
+            falls = walks.faults.get(FALLS, 0) / starts
+            slips = sum(walks.faults.get(verdict, 0) for verdict in SLIPS) / starts
+        return cls(walks.walking_share, falls, slips, walks.cot, walks.speed)
+
+
+#: What distinguishes a policy from the others of its seed -> how it walks.
+Policies: TypeAlias = dict[str, Figures]
+
+
+class Result(NamedTuple):
+    """What became of a seed.
+
+    Attributes:
+        policies: how they walk.
+        steps: of the environment, in all.
+        minutes: of one core, for training; those before a stop included.
+    """
+
+    policies: Policies
+    steps: int
+    minutes: float
+
+
+class Trial(Protocol):
+    """How one seed is trained and evaluated. It must be picklable."""
 
     @property
     def period(self) -> float:
         """How long its policies hold an action (s); gaps are to optima that do the same."""
 
-    def train(self, seed: int, folder: Path, params: WheelParams) -> int:
-        """Train into a folder, or go on there; the environment steps in all.
+    @property
+    def needs(self) -> tuple[Row, ...]:
+        """Rows whose policies it needs, of the same seed."""
 
-        It notes its time in the folder, with `agents.stopwatch`, as `agents.train` does.
+    def run(
+        self,
+        seed: int,
+        folder: Path,
+        others: Mapping[str, Path],
+        params: WheelParams,
+        by: protocol.Protocol,
+    ) -> Result:
+        """Train into a folder, or go on there, and evaluate.
 
-        Raises:
-            KeyboardInterrupt: somebody asked to stop; what was learned so far is kept.
+        Args:
+            seed: of everything random.
+            folder: in that of the study.
+            others: the folders of the same seed of `needs`, by their names.
+            params: of the wheel.
+            by: the protocol of the evaluation.
         """
-
-    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
-        """The policies that were trained, each by what distinguishes it from the others."""
 
     def brief(self) -> Trial:
         """A trial that learns nothing, but shows that everything runs."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Row:
+    """A way to learn, over several seeds.
+
+    Attributes:
+        name: of its files, and on the command line.
+        title: in the table.
+        table: in which it stands, one of those of `rows`.
+        trial: how a seed is trained and evaluated.
+        enough: a seed walks if this share of its starts does.
+        preset: of the wheel's parameters.
+    """
+
+    name: str
+    title: str
+    table: str
+    trial: Trial
+    enough: float = 0.95
+    preset: str = "BUILDABLE"
+
+    def brief(self) -> Row:
+        """The same with a trial that shows that everything runs."""
+        return dataclasses.replace(self, trial=self.trial.brief())
+
+    def walks(self, policy: Figures) -> bool:
+        """Whether a policy walks from enough starts."""
+        return policy.share >= self.enough - 1e-9
+
+
+class Other(NamedTuple):
+    """A policy of another row.
+
+    Attributes:
+        row: the other row.
+        file: of the policy, in the folder of the same seed.
+    """
+
+    row: Row
+    file: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,52 +167,29 @@ class Trained:
 
     Attributes:
         algo: name of the learner.
-        init: "scratch" or "imitation", which also says whose settings are used.
+        init: "scratch" or "imitation", which also says whose hyperparameters are used.
         timesteps: control intervals; None: as many as the learner says.
-        judged: what distinguishes a policy -> its file in the training's folder.
+        files: what distinguishes a policy -> its file in the training's folder.
+        start: the policy with which the training begins; None: that of `init`.
+        expert: what it imitates, if it does: a policy, or the usual law about the best held gait of
+            one step nearest to a speed (m/s); None: the usual law.
         hyperparameters: that differ from the learner's own.
         cloning: fields of `agents.imitation.Cloning` that differ from its own.
-        task: prices in training that differ from the environment's.
+        task: reward weight and penalties in training that differ from the environment's.
         disturbances: in training, as the environment takes them.
     """
 
     algo: str
     init: str = SCRATCH
     timesteps: int | None = None
-    judged: tuple[tuple[str, str], ...] = (("", BEST),)
+    files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY
-    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
-    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
-    task: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
-    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The fields, with what the learner says and how it clones, defaults included."""
-        own = learners.learner(self.algo).settings(self.init)
-        cloning = None if self.cloned is None else dataclasses.asdict(self.cloned)
-        fields = dataclasses.asdict(self) | {"learner": own.written, "cloning": cloning}
-        return dict(jsonable(fields))
-
-    def train(self, seed: int, folder: Path, params: WheelParams) -> int:
-        """Train, or go on from the last state."""
-        trained = train(
-            self.algo,
-            self.start(seed, folder),
-            seed,
-            folder,
-            timesteps=self.timesteps,
-            params=params,
-            settings=learners.learner(self.algo).settings(self.init, self.hyperparameters),
-            expert=self.expert(seed, folder, params),
-            cloning=self.cloned,
-            plans=folder.parent / PLANS,
-            progress=False,
-            **self.environment,
-        )
-        if trained.interrupted:
-            raise KeyboardInterrupt
-        return trained.timesteps
+    start: Other | None = None
+    expert: Other | float | None = None
+    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    task: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def period(self) -> float:
@@ -124,110 +197,165 @@ class Trained:
         return CONTROL_PERIOD
 
     @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of `agents.train` that choose the environment."""
-        return {"task": self.task, "disturbances": self.disturbances}
+    def needs(self) -> tuple[Row, ...]:
+        """Rows whose policies it needs."""
+        return tuple(each.row for each in (self.start, self.expert) if isinstance(each, Other))
 
-    @property
-    def cloned(self) -> Cloning | None:
-        """How it clones; None if it does not."""
-        return Cloning.of(self.cloning) if self.init == IMITATION else None
+    def run(
+        self,
+        seed: int,
+        folder: Path,
+        others: Mapping[str, Path],
+        params: WheelParams,
+        by: protocol.Protocol,
+    ) -> Result:
+        """Train, or go on from the last state, and evaluate."""
+        cache = folder.parent / CACHE
+        start = self.init
+        if self.start is not None:
+            start = str(others[self.start.row.name] / self.start.file)
+        config = TrainingConfig(
+            self.algo,
+            start,
+            seed,
+            timesteps=self.timesteps,
+            params=params,
+            task=self.task,
+            disturbances=self.disturbances,
+            hyperparameters=learner_class(self.algo).settings(self.init, self.hyperparameters),
+            **self._environment(),
+        )
+        if self.init == IMITATION and self.start is None:
+            expert = self._expert(others, params, cache)
+            config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
+        trained = train(config, folder, cache=cache, progress=False)
+        policies = self.evaluate(folder, params, by)
+        return Result(policies, trained.timesteps, trained.curve[-1].minutes)
 
-    def start(self, seed: int, folder: Path) -> str:
-        """What it begins from: the name of a way to begin, or a policy's file."""
-        return self.init
+    def _environment(self) -> dict[str, Any]:
+        """Arguments of the training that choose the environment."""
+        return {}
 
-    def expert(self, seed: int, folder: Path, params: WheelParams) -> Controller | str:
-        """Whom it imitates, if it does."""
-        return EXPERT
+    def _expert(
+        self, others: Mapping[str, Path], params: WheelParams, cache: Path
+    ) -> Controller | str:
+        if isinstance(self.expert, Other):
+            return str(others[self.expert.row.name] / self.expert.file)
+        if self.expert is None:
+            return EXPERT
+        cache.mkdir(exist_ok=True)
+        front = cot_front(params, [self.expert], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=cache)
+        return laws.design(EXPERT, front.envelope[0], cache)
 
-    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
         """Every policy by the protocol."""
-        found = {}
-        for which, file in self.judged:
-            policy = load_policy(folder / file, params).policy
-            found[which] = Figures.of(evaluate(policy, params, by))
-        return found
+        return {
+            name: Figures.of(evaluate(load_policy(folder / file, params).policy, params, by))
+            for name, file in self.files.items()
+        }
 
-    def brief(self) -> Self:
+    def brief(self) -> Trained:
         """The same with the fewest steps, of cloning too; one that only imitates still does."""
-        silent = learners.learner(self.algo).settings(self.init).silent
-        least = 0 if self.timesteps == 0 else max(BRIEF_STEPS, 2 * silent)
-        return dataclasses.replace(self, timesteps=least, cloning={**self.cloning, **BRIEF_CLONING})
+        start, expert = self.start, self.expert
+        return dataclasses.replace(
+            self,
+            timesteps=0 if self.timesteps == 0 else BRIEF_STEPS,
+            cloning={**self.cloning, **BRIEF_CLONING},
+            start=start and start._replace(row=start.row.brief()),
+            expert=Other(expert.row.brief(), expert.file) if isinstance(expert, Other) else expert,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
 class Following(Trained):
-    """A training on `RimlessWheelSpeed-v0`, judged at constant commands and as they change.
+    """A training on `RimlessWheelSpeed-v0`, evaluated at constant commands and as they change.
 
     Attributes:
         speeds: between which one is commanded in training (m/s).
-        control_period: how long an action is held (s).
         commands: that stay for the whole walk (m/s).
         changes: one after the other, every 10 s, in one walk (m/s).
     """
 
     speeds: tuple[float, float] = SPEEDS
-    control_period: float = PERIOD
     commands: tuple[float, ...] = ()
     changes: tuple[float, ...] = ()
 
-    @property
-    def period(self) -> float:
-        """How long its policies hold an action (s)."""
-        return self.control_period
+    def _environment(self) -> dict[str, Any]:
+        return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
 
-    @property
-    def environment(self) -> dict[str, Any]:
-        """With speeds and control period."""
-        own = {"speeds": self.speeds, "control_period": self.control_period}
-        return super().environment | own
-
-    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
         """The policy at every command."""
-        ((_, file),) = self.judged
-        policy, period = load_policy(folder / file, params).policy, self.control_period
-        found = {
+        (file,) = self.files.values()
+        policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
+        policies = {
             f"{each.command:g} m/s": Figures.of(each.evaluation)
             for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
         }
         stretches = walk_through(policy, self.changes, params, by, control_period=period)
         for before, stretch in itertools.pairwise(stretches):
-            found[f"{stretch.command:g} m/s after {before.command:g}"] = Figures.of_stretch(stretch)
-        return found
+            policies[f"{stretch.command:g} m/s after {before.command:g}"] = Figures.of(stretch)
+        return policies
 
 
 @dataclasses.dataclass(frozen=True)
 class Disturbed(Trained):
-    """A training under disturbances, judged with them and without."""
+    """A training under disturbances, evaluated with them and without."""
 
-    def judge(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> dict[str, Figures]:
+    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""
-        each = {name: {name: value} for name, value in self.disturbances.items()}
-        judged: dict[str, Mapping[str, Any]] = {"undisturbed": {}, **each}
-        judged["all disturbances"] = self.disturbances
-        found = {}
-        for which, file in self.judged:
+        each = {name.replace("_", " "): {name: value} for name, value in self.disturbances.items()}
+        conditions = {"undisturbed": {}, **each, "all disturbances": self.disturbances}
+        policies = {}
+        for name, file in self.files.items():
             policy = load_policy(folder / file, params).policy
-            for name, disturbances in judged.items():
-                walk = evaluate(policy, params, by, disturbances=disturbances)
-                found[f"{which}: {name.replace('_', ' ')}"] = Figures.of(walk)
-        return found
+            for condition, disturbances in conditions.items():
+                walks = evaluate(policy, params, by, disturbances=disturbances)
+                policies[f"{name}: {condition}"] = Figures.of(walks)
+        return policies
 
 
 @dataclasses.dataclass(frozen=True)
-class Holding(Trained):
-    """An imitation of the usual law, about the best held gait of one step nearest to a speed.
+class PlainPpo:
+    """PPO of stable-baselines3 on `RimlessWheelSpeed-v0`, every setting at its default.
+
+    A training that was stopped begins again: stable-baselines3 saves no state to go on from.
 
     Attributes:
-        speed: m/s.
+        n_envs: environments side by side.
+        timesteps: of all of them together.
+        commands: the speeds at which the policy is evaluated (m/s).
     """
 
-    speed: float = EXPERT_SPEED
+    n_envs: int = 8
+    timesteps: int = 500_000
+    commands: tuple[float, ...] = COMMANDS
+    needs: tuple[Row, ...] = ()
+    period: float = PERIOD
 
-    def expert(self, seed: int, folder: Path, params: WheelParams) -> Controller:
-        """The law. Its gait and its plans are shared by all seeds."""
-        plans = folder.parent / PLANS
-        plans.mkdir(exist_ok=True)
-        front = cot_front(params, [self.speed], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=plans)
-        return laws.design(EXPERT, front.envelope[0], plans)
+    def run(
+        self,
+        seed: int,
+        folder: Path,
+        others: Mapping[str, Path],
+        params: WheelParams,
+        by: protocol.Protocol,
+    ) -> Result:
+        """Train, and evaluate the policy at every commanded speed."""
+        begun = time.process_time()
+        envs = make_vec_env(
+            "RimlessWheelSpeed-v0",
+            self.n_envs,
+            seed,
+            vec_env_cls=Sb3VecEnv,  # type: ignore[arg-type]
+            env_kwargs={"params": params},
+        )
+        model = PPO("MlpPolicy", envs, seed=seed, device="cpu").learn(self.timesteps)
+        minutes = (time.process_time() - begun) / 60.0
+        policy = learned_policy(NetworkPolicy(model))
+        walks = evaluate_commanded(policy, self.commands, params, by)
+        policies = {f"{each.command:g} m/s": Figures.of(each.evaluation) for each in walks}
+        return Result(policies, model.num_timesteps, minutes)
+
+    def brief(self) -> PlainPpo:
+        """The same with few steps."""
+        return dataclasses.replace(self, timesteps=2048)

@@ -16,7 +16,7 @@ from PIL import Image
 from agents.cli.main import REFUSED, main
 from agents.evaluate import evaluate
 from agents.protocol import Protocol
-from agents.train import train
+from agents.training import TrainingConfig, train
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait
 from trajopt.gaits.library import nearest
@@ -106,7 +106,8 @@ def test_policies_and_laws_are_measured_in_one_table(
 def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    policy = str(train("ppo", out=tmp_path, timesteps=0, speeds=(0.4, 0.6), progress=False).last)
+    config = TrainingConfig("ppo", timesteps=0, speeds=(0.4, 0.6))
+    policy = str(train(config, tmp_path, progress=False).last)
     arguments = ["evaluate", policy, "--no-gap", "--json"]
     assert main([*arguments, "--commands", "0.45", "0.55"]) == 0
     report = json.loads(capsys.readouterr().out)["policies"]

@@ -19,13 +19,13 @@ from agents.cli.learn import compare, train
 from agents.cli.main import COMMANDS, INTERRUPTED, REFUSED, STUDIES, UNREAD, main
 from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
-from agents.train import EXPERT
+from agents.experts import EXPERT
 from rimless_gym.presets import PRESETS
 from trajopt.pool import KilledError
 
 #: What the work of a command begins with; it must not be reached with bad input.
 WORK = (
-    "agents.train.train",
+    "agents.training.train",
     "agents.comparison.compare.Comparison.run",
     "agents.evaluate.evaluate",
     "agents.data.write.write",

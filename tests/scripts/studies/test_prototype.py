@@ -9,17 +9,23 @@ import numpy as np
 import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
-from scripts.studies.thesis.prototype import page
-from scripts.studies.thesis.prototype.gait import cheapest, followed
-from scripts.studies.thesis.prototype.limits import binding
-from scripts.studies.thesis.prototype.points import Point, store
-from scripts.studies.thesis.prototype.starts import MOST_TURNS, StartsAtScale, whirling
-from scripts.studies.thesis.prototype.study import shared, study
-from scripts.studies.thesis.prototype.variant import SCALES, VARIANTS
+from scripts.studies.thesis import prototype
+from scripts.studies.thesis.prototype import Point, save, searched, shared
+from scripts.studies.thesis.variants import (
+    MOST_TURNS,
+    SCALES,
+    VARIANTS,
+    StartsAtScale,
+    binding,
+    cheapest,
+    followed,
+    whirling,
+)
 from trajopt.gaits.library import shipped
 from trajopt.gaits.problem import MIN_NORMAL_FORCE
 from trajopt.gaits.solution import Solution
 from trajopt.gaits.verify import simulated, verify
+from trajopt.store import Store
 
 DOCS = Path(__file__).parents[3] / "docs"
 STOCK, STRONG, GEARED = VARIANTS
@@ -64,7 +70,7 @@ def test_known_gaits_are_the_first_starts_with_their_own_turns_and_gear() -> Non
     assert np.array_equal(start.parameters, [3.5, 1.0])
 
 
-def test_a_gait_can_be_led_to_a_smaller_pendulum() -> None:
+def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:
     curve = followed(STOCK, slow_whirl(), 3.9)
     assert curve.reached
     assert curve.values[0] == 4.0
@@ -81,18 +87,14 @@ def test_limits_that_a_gait_reaches_are_named_with_their_share_of_time() -> None
     assert (shares["voltage"] > 0.0) == (v.peak_voltage > 0.999 * 20.0)
 
 
-def test_points_in_the_folder_are_not_solved_again(tmp_path: Path) -> None:
+def test_stored_points_are_not_searched_again(tmp_path: Path) -> None:
     found = Point(STOCK, 4.0, slow_whirl())
     missing = Point(STOCK, 2.0, None, "nothing leads there")
-    for point in (found, missing):
-        store(tmp_path, point)
-    again = list(study(tmp_path, variants=[STOCK], scales=[4.0, 2.0]))
+    with Store(tmp_path) as store:
+        for point in (found, missing):
+            save(store, point)
+        again = searched(store, [STOCK], [4.0, 2.0])
     assert [p.row() for p in again] == [found.row(), missing.row()]
-    store(tmp_path, Point(STOCK, 2.0, slow_whirl()))
-    assert [p.gait is None for p in study(tmp_path, variants=[STOCK], scales=[4.0, 2.0])] == [
-        False,
-        False,
-    ]
 
 
 def test_a_supply_without_a_gait_takes_that_of_a_weaker_supply() -> None:
@@ -112,7 +114,7 @@ def published() -> dict:
 
 
 def test_the_page_has_the_published_table(published: dict) -> None:
-    assert page.table(published) in (DOCS / "thesis.md").read_text()
+    assert prototype.table(published) in (DOCS / "thesis.md").read_text()
 
 
 def test_every_published_gait_is_verified_within_all_limits(published: dict) -> None:

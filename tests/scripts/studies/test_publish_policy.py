@@ -13,7 +13,7 @@ import pytest
 from agents.evaluate import evaluate
 from agents.policy_files import PRETRAINED
 from agents.protocol import PROTOCOL
-from agents.train import train
+from agents.training import TrainingConfig, train
 from scripts.studies import publish_policy as command
 
 #: Long enough to walk.
@@ -79,7 +79,8 @@ def test_a_policy_at_commanded_speeds_gets_a_card_with_a_line_for_each(
 def test_a_policy_that_decides_more_rarely_than_the_optimum_is_refused(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trained = train("ppo", out=tmp_path / "t", timesteps=0, speeds=(0.4, 0.6), progress=False)
+    config = TrainingConfig("ppo", timesteps=0, speeds=(0.4, 0.6))
+    trained = train(config, tmp_path / "t", progress=False)
     with pytest.raises(SystemExit):
         command.main(["found", str(trained.last), "found"])
     assert "--control-period 0.01" in capsys.readouterr().err

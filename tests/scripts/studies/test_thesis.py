@@ -1,132 +1,196 @@
-"""What thesis.py has solved is kept when it is interrupted, and the same command goes on."""
+"""The thesis's experiments: their results, the files in which they continue, the published page."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import signal
-from collections.abc import Iterator
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from scripts.studies.thesis import command as thesis
-from scripts.studies.thesis.experiments import case_files, report, run
-from scripts.studies.thesis.experiments.case import Case, Effort
-from scripts.studies.thesis.experiments.cases import every_case, experiment_1, needed
-from scripts.studies.thesis.experiments.solve import solved
-from scripts.studies.thesis.experiments.solved import Solved
-from scripts.studies.thesis.prototype import campaign
+from scripts.studies.thesis import experiments
+from scripts.studies.thesis.cases import (
+    EXPERIMENTS,
+    Case,
+    Effort,
+    Key,
+    every_case,
+    experiment_1,
+    experiment_2,
+    experiment_6,
+    needed,
+)
+from scripts.studies.thesis.problems import COST_4_5, TABLE_4_4, steps
+from scripts.studies.thesis.solve import Solved, WaypointStarts, solved
+from trajopt import Mesh, solve
+from trajopt.gaits.verify import simulated
+from trajopt.ocp.multi_start import multi_start
+from trajopt.store import Store
 
+DOCS = Path(__file__).parents[3] / "docs"
 QUICK = Effort(2, elements=10)
 
 
-def press(number: signal.Signals) -> None:
-    os.kill(os.getpid(), number)
+def quick(case: Case, before: Solved | None = None) -> Solved:
+    return solved(dataclasses.replace(case, effort=QUICK), before)
 
 
 @pytest.fixture(scope="module")
-def one() -> Solved:
-    """A solved case."""
-    return solved(experiment_1()[1])
+def chain() -> tuple[Solved, Solved]:
+    """Experiment 1 with cost 4.4, and its continuation in Experiment 6."""
+    first = quick(experiment_1()[1])
+    return first, quick(experiment_6()[0], first)
 
 
-@pytest.fixture(autouse=True)
-def quick_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A page of no content: the real one takes seconds, and has tests of its own."""
-
-    def empty(path: Path) -> Path:
-        path.write_text("")
-        return path
-
-    monkeypatch.setattr(report, "write_page", empty)
-
-
-@pytest.fixture
-def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the variants begun; each is solved from two starts only."""
-    variants = list[str]()
-
-    def noted(case: Case, before: Solved | None = None) -> Solved:
-        variants.append(case.variant)
-        return solved(dataclasses.replace(case, effort=QUICK), before)
-
-    monkeypatch.setattr(run, "solved", noted)
-    return variants
+def test_experiments_1_and_6_come_out_to_all_printed_digits(chain: tuple[Solved, Solved]) -> None:
+    (first,), (second,) = (solution.rows() for solution in chain)
+    assert f"{first['cost']:.6f}" == "0.040904"
+    assert first["energy_J"] == pytest.approx(0.001559, abs=2e-6)
+    assert first["peak_voltage"] < 4e-6
+    assert f"{second['cost']:.6f}" == "0.040907"
+    assert second["energy_J"] == pytest.approx(0.003125, abs=5e-6)
+    assert second["touchdown_time_error"] < 1e-8
+    assert max(second["thesis_style_touchdown_time_errors"]) < 1e-8
+    assert first["converged"]
+    assert second["converged"]
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_experiment_goes_on_with_what_is_missing(
-    begun: list[str],
-    by: signal.Signals,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_a_chain_is_simulated_from_its_first_step(chain: tuple[Solved, Solved]) -> None:
+    first, second = chain
+    assert len(second.motion) == 2
+    duration = first.extremal.duration + second.extremal.duration
+    assert second.simulated.times[-1] == pytest.approx(duration, abs=1e-6)
+    shaft = simulated(second.machine, second.motion, duration).ledger.shaft
+    assert second.energy == pytest.approx(shaft, rel=1e-6)
+
+
+def test_a_passive_step_costs_no_voltage() -> None:
+    solution = quick(experiment_1()[0])
+    assert solution.extremal.cost < 1e-12
+    assert solution.converged
+
+
+def test_a_case_whose_simulation_is_off_has_not_converged(chain: tuple[Solved, Solved]) -> None:
+    off = dataclasses.replace(chain[0].simulated, state_error=1e-5)
+    assert not dataclasses.replace(chain[0], simulated=off).converged
+
+
+def test_a_stored_case_is_the_case_that_was_solved(
+    chain: tuple[Solved, Solved], tmp_path: Path
 ) -> None:
-    command = ["--experiment", "1", "--workers", "1", "--out", str(tmp_path)]
-    store = case_files.store
+    with Store(tmp_path) as store:
+        experiments.save(store, chain[0])
+        again = experiments.load(store, chain[0].key, None)
+        assert again is not None
+        assert again.rows() == chain[0].rows()
+        path = tmp_path / f"{experiments.name_of(chain[0].key)}.npz"
+        path.write_bytes(path.read_bytes()[:100])
+        assert experiments.load(store, chain[0].key, None) is None
 
-    def interrupted(folder: Path, solution: Solved) -> None:
-        store(folder, solution)
-        press(by)
 
-    monkeypatch.setattr(case_files, "store", interrupted)
-    assert thesis.main(command) == 130
-    assert "the same command goes on" in capsys.readouterr().out
-    assert begun == ["cost 4.3"]
-    assert not (tmp_path / "results.json").exists()
-    monkeypatch.setattr(case_files, "store", store)
-    assert thesis.main(command) == 0
-    assert begun == ["cost 4.3", "cost 4.4"]
-    rows = json.loads((tmp_path / "results.json").read_text())
+def test_an_interrupted_study_continues_with_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = list[str]()
+
+    def interrupted(case: Case, before: Solved | None = None) -> Solved:
+        begun.append(case.variant)
+        if begun == ["cost 4.3", "cost 4.4"]:
+            raise KeyboardInterrupt
+        return quick(case, before)
+
+    monkeypatch.setattr(experiments, "solved", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        experiments.solve_all([1], tmp_path, 1)
+    rows = [row for each in experiments.solve_all([1], tmp_path, 1) for row in each.rows()]
+    assert begun == ["cost 4.3", "cost 4.4", "cost 4.4"]
     assert [row["variant"] for row in rows] == ["cost 4.3", "cost 4.4"]
-    left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == ["page.html", "report.html", "results.json"]
+    json.dumps(rows, allow_nan=False)
 
 
-def test_a_case_in_a_file_is_the_case_that_was_solved(one: Solved, tmp_path: Path) -> None:
-    case_files.store(tmp_path, one)
-    again = case_files.recalled(tmp_path, needed([1]))
-    assert list(again) == [one.key]
-    assert again[one.key].rows() == one.rows()
-    case_files.forget(tmp_path, needed([1]))
-    assert not tmp_path.exists()
-
-
-def test_a_file_that_is_damaged_or_of_another_version_is_not_used(
-    one: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case_files.store(tmp_path, one)
-    path = case_files.place(tmp_path, one.key)
-    content = path.read_bytes()
-    path.write_bytes(content[:100])
-    assert not case_files.recalled(tmp_path, needed([1]))
-    path.write_bytes(content)
-    other: dict[str, Any] = {"versions": {}, "git_revision": "another"}
-    monkeypatch.setattr(case_files, "provenance", lambda: other)
-    assert not case_files.recalled(tmp_path, needed([1]))
-
-
-def test_every_case_has_a_file_of_its_own(tmp_path: Path) -> None:
-    places = {case_files.place(tmp_path, case.key) for case in every_case()}
-    assert len(places) == len(every_case())
-
-
-def test_the_cases_that_a_wanted_case_continues_are_solved_too() -> None:
-    keys = [case.key for case in needed([6])]
-    assert keys[0] == (1, "cost 4.4")
+def test_cases_have_names_of_their_own_and_follow_what_they_continue() -> None:
+    keys = [case.key for case in every_case()]
+    assert len({experiments.name_of(key) for key in keys}) == len(keys)
+    assert set(EXPERIMENTS) == {key[0] for key in keys}
+    wanted = [case.key for case in needed([6])]
+    assert wanted[0] == (1, "cost 4.4")
     for case in needed([6]):
-        assert case.after is None or case.after.key in keys[: keys.index(case.key)]
+        assert case.after is None or case.after.key in wanted[: wanted.index(case.key)]
 
 
-def test_an_interrupted_prototype_study_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_the_page_has_the_tables_of_the_published_results() -> None:
+    rows = json.loads((DOCS / "figures" / "thesis" / "results.json").read_text())
+    page = (DOCS / "thesis.md").read_text()
+    for name, table in experiments.sections(rows).items():
+        assert f"<!-- thesis: {name} -->\n{table}<!-- end of {name} -->" in page
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, Any]:
+    solutions = experiments.solve_all(list(EXPERIMENTS), tmp_path_factory.mktemp("thesis"))
+    return {solution.key: solution for solution in solutions}
+
+
+@pytest.mark.slow
+def test_every_case_converges_from_more_than_one_start(everything: dict[Key, Any]) -> None:
+    assert set(everything) == {case.key for case in every_case()}
+    for key, solution in everything.items():
+        assert solution.converged, key
+        assert solution.reaching > 1, key
+
+
+@pytest.mark.slow
+def test_printed_costs_are_beaten_wherever_they_are_wrong(everything: dict[Key, Any]) -> None:
+    for (experiment, _), solution in everything.items():
+        for row in solution.rows():
+            if row["thesis_cost"] is not None and experiment in (3, 4, 5):
+                assert row["cost"] < row["thesis_cost"] / 100
+
+
+@pytest.mark.slow
+def test_a_chain_aimed_at_an_optimum_costs_as_much(everything: dict[Key, Any]) -> None:
+    both = everything[5, "plastic, phi'(0) <= 10"].extremal.cost
+    parts = [everything[6, f"plastic, step {i}"].extremal.cost for i in (1, 2)]
+    assert sum(parts) == pytest.approx(both, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_mass_goes_to_its_bound_unless_the_cost_is_that_of_transport(
+    everything: dict[Key, Any],
 ) -> None:
-    def interrupted(folder: Path, workers: int) -> Iterator[Any]:
-        yield press(signal.SIGTERM)
+    for key, solution in everything.items():
+        names = list(solution.extremal.problem.parameters)
+        if key[0] == 3 and names == ["m2"] and "periodic" not in key[1]:
+            low = solution.extremal.problem.parameters["m2"][0]
+            assert solution.extremal.parameters[0] == pytest.approx(low, abs=1e-5)
+    periodic = everything[3, "periodic, plastic, least E+, m2 free"].extremal
+    assert 2.5 < periodic.parameters[0] < 3.2
 
-    monkeypatch.setattr(campaign, "study", interrupted)
-    assert thesis.main(["--prototype", "--out", str(tmp_path)]) == 130
-    assert "goes on" in capsys.readouterr().out
+
+@pytest.mark.slow
+def test_a_collisionless_step_needs_a_floor_that_pulls(everything: dict[Key, Any]) -> None:
+    assert everything[2, "least pull of the foot"].extremal.parameters[0] > 3
+    for key, solution in everything.items():
+        if "not held down" in key[1]:
+            assert solution.rows()[0]["min_normal_force_over_weight"] > -1e-6
+
+
+@pytest.mark.slow
+def test_the_printed_bound_admits_no_collisionless_step(everything: dict[Key, Any]) -> None:
+    slowest = everything[2, "least |theta'| at the end"].extremal
+    assert math.sqrt(slowest.cost) > 4 * math.pi
+    problem = steps(experiment_2()[0].params, TABLE_4_4, COST_4_5)
+    starts = WaypointStarts(problem, durations=(0.15, 1.5))
+    assert not multi_start(problem, starts, 10, mesh=Mesh.uniform(problem, 10)).optima
+
+
+@pytest.mark.slow
+def test_a_coarse_mesh_gives_what_experiment_2_printed(everything: dict[Key, Any]) -> None:
+    fine = everything[2, "|theta'| <= 8 pi at the end"].extremal
+    coarse = solve(
+        fine.problem, fine.phases, Mesh.uniform(fine.problem, 2, 3), passes=0, mu_init=1e-3
+    )
+    assert coarse.cost == pytest.approx(1.246894, abs=3e-3)
+    assert fine.cost == pytest.approx(1.267271, abs=1e-6)

@@ -1,0 +1,192 @@
+"""What can be imitated: feedback laws, gain schedules of them, and learned policies in files.
+
+A feedback law holds one gait. A gain schedule has one law for every speed at which a step lasts a
+whole number of control intervals. Near one of its gaits, of the laws whose gaits are within reach
+the one nearest to the commanded speed acts, so that a change of command is followed step by step: a
+law that is far from its gait may lose the foot, or slip. Elsewhere the law nearest to the command
+acts. A network that imitates the schedule fills in the speeds between its laws.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from agents.conditions import Conditions
+from agents.policies import Policy, controller_policy, seeing_policy
+from agents.policy_files import Checkpoint, CheckpointError, load_policy
+from rimless_gym.envs.observation import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
+from rimless_gym.equations import SINGLE
+from rimless_gym.kernel.stepping import MODE
+from trajopt import periodic_gait
+from trajopt.feedback import laws
+from trajopt.feedback.controller import NEAR
+from trajopt.feedback.law import Controller, Floats
+from trajopt.feedback.orbit import Orbit, squared_distances
+from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.held_stride import held_speeds
+
+#: What is imitated by default: a feedback law, and the gait that it holds.
+EXPERT, EXPERT_SPEED, EXPERT_STEPS = "lqr", 0.56, 1
+
+#: Distance from its gait up to which a law is within reach on the way to another speed, in standard
+#: deviations of the gait's own motion. It is well within `NEAR`, where laws act themselves and not
+#: their start-up controllers. With 0.1, walks slip on the way from the gait of 0.52 m/s to that of
+#: 0.62.
+REACH = 0.06
+
+
+def expert_policy(
+    expert: Controller | str,
+    conditions: Conditions,
+    cache: Path | None = None,
+    progress: bool = False,
+) -> Policy:
+    """The policy to imitate.
+
+    Args:
+        expert: a feedback law; or the name of one, about the optimal gait at `EXPERT_SPEED` whose
+            voltage is held as in the environment, or scheduled over all commanded speeds; or a
+            policy's file.
+        conditions: of the training.
+        cache: folder of gaits and plans that other trainings use too.
+        progress: whether to show progress bars.
+
+    Raises:
+        CheckpointError: it is neither, or the policy is for another wheel or control.
+    """
+    params, period = conditions.params, conditions.control.period
+    if not isinstance(expert, str):
+        return controller_policy(params, expert)
+    if expert not in laws.names():
+        return seeing_policy(params, fitting_policy(expert, conditions).act)
+    if progress:
+        tqdm.write(f"designing {expert} and its start-up controller (up to a minute)", sys.stderr)
+    if conditions.commanded:
+        return gain_schedule(expert, conditions, [EXPERT_STEPS], cache, progress)
+    gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=progress)
+    return controller_policy(params, laws.design(expert, gait, cache))
+
+
+def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
+    """The policy in a file, if it observes and decides as these conditions say.
+
+    Raises:
+        CheckpointError: it is missing or damaged, or for another wheel or control.
+    """
+    policy = load_policy(path, conditions.params)
+    if policy.conditions.commanded != conditions.commanded:
+        how = ("without", "with")[policy.conditions.commanded]
+        raise CheckpointError(
+            f"{path}: a policy that walks {how} a commanded speed; train {how} speeds "
+            "(--speeds), or give another policy"
+        )
+    period, wanted = policy.conditions.control.period, conditions.control.period
+    if period != wanted:
+        raise CheckpointError(
+            f"{path}: a policy that decides every {period:g} s, not every {wanted:g} s; train with "
+            "its control period (--control-period), or give another policy"
+        )
+    return policy
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledLaw:
+    """A policy that holds a gait.
+
+    Attributes:
+        speed: of the gait (m/s).
+        policy: that holds it, and reaches it from everywhere.
+        orbit: of the gait.
+    """
+
+    speed: float
+    policy: Policy
+    orbit: Orbit
+
+
+@dataclasses.dataclass(frozen=True)
+class GainSchedule:
+    """A policy that follows commanded speeds.
+
+    Attributes:
+        laws: by rising speed.
+
+    Raises:
+        ValueError: there is no law, or their speeds do not rise.
+    """
+
+    laws: tuple[ScheduledLaw, ...]
+
+    def __post_init__(self) -> None:
+        speeds = [law.speed for law in self.laws]
+        if not speeds or any(low >= high for low, high in itertools.pairwise(speeds)):
+            raise ValueError(f"laws: have speeds {speeds}; give one or more, by rising speed")
+
+    @property
+    def speeds(self) -> Floats:
+        """Speeds of the laws (m/s), (K,)."""
+        return np.array([law.speed for law in self.laws])
+
+    def __call__(self, states: Floats, observations: NDArray[np.float32]) -> Floats:
+        """Actions (N,) for states (N, STATE_SIZE) and observations (N, 8)."""
+        commands = MIDDLE_SPEED + SPEED_SCALE * observations[:, OBSERVATION_SIZE].astype(np.float64)
+        wanted = np.abs(commands[:, None] - self.speeds).argmin(axis=1)
+        acting = self._towards(wanted, states)
+        actions = np.empty(len(states))
+        for k in np.unique(acting):
+            rows = acting == k
+            actions[rows] = self.laws[k].policy(states[rows], observations[rows])
+        return actions
+
+    def _towards(self, wanted: NDArray[np.int64], states: Floats) -> NDArray[np.int64]:
+        """The laws (N,) that act: on the way to those that are wanted, (N,)."""
+        smooth = np.ascontiguousarray(states[:, :4])
+        away = np.stack([squared_distances(smooth, law.orbit) for law in self.laws], axis=1)
+        walking = (away.min(axis=1) <= NEAR**2) & (states[:, MODE] == SINGLE)
+        left = np.abs(np.arange(len(self.laws)) - wanted[:, None]).astype(np.float64)
+        left[away > REACH**2] = np.inf
+        towards = np.where(np.isfinite(left.min(axis=1)), left.argmin(axis=1), away.argmin(axis=1))
+        return np.where(walking, towards, wanted)
+
+
+def gain_schedule(
+    name: str,
+    conditions: Conditions,
+    steps: Sequence[int],
+    cache: Path | None = None,
+    progress: bool = False,
+) -> GainSchedule:
+    """Feedback laws about the most efficient held gaits of all speeds that may be commanded.
+
+    Args:
+        name: of the law.
+        conditions: parameters and control, with commanded speeds.
+        steps: numbers of steps per stride to consider.
+        cache: folder of gaits and plans that other schedules use too; None: none.
+        progress: whether to show progress bars.
+
+    Raises:
+        ValueError: there is no such law, or no speed is commanded.
+        NoGaitError: there is no gait at any of the speeds.
+    """
+    if conditions.control.speeds is None:
+        raise ValueError("conditions: no speed is commanded; give speeds")
+    if cache is not None:
+        cache.mkdir(parents=True, exist_ok=True)
+    period, params = conditions.control.period, conditions.params
+    speeds = held_speeds(params, *conditions.control.speeds, period)
+    front = cot_front(params, speeds, steps, hold=period, folder=cache, progress=progress)
+    scheduled = []
+    for gait in tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False):
+        law = laws.holding(name, gait)
+        policy = controller_policy(params, laws.design(law, gait, cache))
+        scheduled.append(ScheduledLaw(gait.speed, policy, law.data.orbit))
+    return GainSchedule(tuple(scheduled))

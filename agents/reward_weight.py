@@ -1,0 +1,83 @@
+"""The adaptive reward weight of distance, and the score by which policies are compared.
+
+With the true weight, standing still is the best that an untrained policy can do. With a high one
+walking is rewarded at once, but so is running, and little is gained by walking efficiently. So the
+weight begins high and falls with the policy's own cost of transport, to a multiple of it: walking
+is always rewarded, and so is walking at a lower cost. Lowered faster than that, it may make
+policies rest, or fall on purpose.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+#: The weight is this multiple of the cost of transport, by default.
+MULTIPLE = 2.0
+
+#: Share of starts that must walk before the weight falls.
+LEAST_SHARE = 0.3
+
+#: Fewest steps in the window of a wheel that walks.
+FEWEST_STEPS = 3
+
+#: One more start in a hundred that does not walk weighs as much as 4 % of the energy, which is
+#: about what it costs an efficient gait by the reward.
+SHARE_EXPONENT = 4
+
+
+class CleanWalking(NamedTuple):
+    """How a policy walks without exploration.
+
+    Attributes:
+        share: of the starts, from which it walks by the rules.
+        cot: cost of transport of these walks; infinite without any.
+        speed: of these walks (m/s); 0 without any.
+    """
+
+    share: float
+    cot: float
+    speed: float
+
+
+#: That of a policy which walks from no start.
+NO_WALK = CleanWalking(0.0, math.inf, 0.0)
+
+
+def adapted_weight(
+    weight: float,
+    walking: CleanWalking,
+    floor: float,
+    least_share: float = LEAST_SHARE,
+    multiple: float = MULTIPLE,
+    margin: float = math.inf,
+) -> float:
+    """The next weight of distance.
+
+    Args:
+        weight: the last one; it never rises.
+        walking: how the policy walks, without exploration.
+        floor: the true weight, below which it never falls.
+        least_share: of starts that must walk before it falls.
+        multiple: of the cost of transport, which the weight becomes.
+        margin: the most that the weight exceeds the cost of transport.
+    """
+    if walking.share < least_share or not math.isfinite(walking.cot):
+        return weight
+    aimed = min(multiple * walking.cot, walking.cot + margin)
+    return min(weight, max(aimed, floor))
+
+
+def economy(share: float, cot: float) -> float:
+    """Distance per energy of the starts that walk, times a power of their share; 0 without any.
+
+    By reward alone, a policy that stands still would beat every walk that costs more than the
+    reward weight of distance, and a learner that has just begun to walk would leave its first
+    policy as its best. By the share of starts alone, a walk at ten times the cost would beat one
+    that misses a start.
+
+    Args:
+        share: of the starts, from which the policy walks.
+        cot: cost of transport of these walks; anything if none walks.
+    """
+    return share**SHARE_EXPONENT / cot if share > 0.0 else 0.0

@@ -1,0 +1,344 @@
+"""The rounds in which PPO improves screened policies, and the parts of PPO that this needs.
+
+The candidates are improved one after the other, round after round, until one is left. They are
+linear in the products of `agents.evolution.walks`, and their critics are new in each round.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from agents.evolution.walks import SIZE, features
+from agents.reward_weight import CleanWalking, economy
+from agents.sb3.learner import Actor
+from agents.sb3.reward_weight import AdaptiveRewardWeight
+from agents.sb3.wrappers import ScaledReward, StartUpPhase
+from trajopt.feedback.law import Floats
+
+
+class Round(NamedTuple):
+    """How PPO improves each candidate, for some time, before they are compared.
+
+    Attributes:
+        steps: time steps; None: all that are left.
+        critic_first: roll-outs at the beginning in which only the critic learns. A critic that has
+            only begun to learn spoils a good policy within a minute.
+        noise: standard deviations at first and in the end, in units of the limit. To leave costly
+            gaits takes more noise than efficient ones stand; and what is best under noise is not
+            what is best without, so noise that stays stops the descent.
+        last_rate: to what share of itself the learning rate falls.
+        finalists: candidates that go on to the next round, at most `OF_A_FAMILY` of each family.
+    """
+
+    steps: int | None
+    critic_first: int
+    noise: tuple[float, float]
+    last_rate: float
+    finalists: int
+
+
+#: A trial of all candidates, two rounds of the best, and the best of all to the end.
+ROUNDS = (
+    Round(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
+    Round(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
+    Round(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
+    Round(None, 12, (0.06, 0.02), 0.2, finalists=0),
+)
+
+#: Candidates of one family that may go on to the next round.
+OF_A_FAMILY = 2
+
+#: A direction in which the products hardly vary is stretched as though its mean square were larger
+#: by this. docs/learning.md has trials with more and with less.
+FLOOR = 0.003
+
+#: Advantages further from the median than so many spreads count as though they were at that limit.
+LIMIT = 10.0
+
+#: The percentage of a normal distribution that lies within one standard deviation.
+WITHIN_SPREAD = 68.27
+
+
+def score(gait: CleanWalking) -> float:
+    """Distance per energy, times the share of starts that walk.
+
+    A share counts for less than in `agents.reward_weight.economy`, because falls and rests are
+    mended later. With that score the slowest gaits whose pendulum goes round would win: they walk
+    from nearly all starts, but only lean in the end.
+    """
+    return gait.share / gait.cot
+
+
+def best_of(scores: list[float], families: list[int], most: int) -> list[int]:
+    """The candidates with the highest scores, the best first, `OF_A_FAMILY` of each family."""
+    best: list[int] = []
+    for k in sorted(range(len(scores)), key=lambda k: -scores[k]):
+        if [families[i] for i in best].count(families[k]) < OF_A_FAMILY:
+            best.append(k)
+    return best[:most]
+
+
+@dataclasses.dataclass
+class Race:
+    """Candidates that are improved one after the other, round after round, until one is left.
+
+    Attributes:
+        candidates: weights of the round's policies, (n, size). Each is replaced by what it has
+            become.
+        families: of their gaits, (n,).
+        round: index of the round.
+        gaits: of the candidates that have been improved in this round.
+    """
+
+    candidates: Floats
+    families: NDArray[np.int64]
+    round: int = 0
+    gaits: list[CleanWalking] = dataclasses.field(default_factory=list)
+
+    @classmethod
+    def last_round(cls, weights: Floats) -> Race:
+        """One in which a single policy (size,) is left."""
+        return cls(weights[None], np.zeros(1, dtype=np.int64), len(ROUNDS) - 1)
+
+    @property
+    def rules(self) -> Round:
+        """How policies are improved in this round."""
+        return ROUNDS[self.round]
+
+    @property
+    def decided(self) -> bool:
+        """Whether one candidate is left, which learns to the end."""
+        return self.rules.steps is None
+
+    @property
+    def candidate(self) -> Floats:
+        """Weights of the policy that is improved now, (size,)."""
+        return self.candidates[len(self.gaits)]
+
+    def advance(self, weights: Floats, gait: CleanWalking) -> None:
+        """Note what the policy has become and how it walks; go on to the next one."""
+        self.candidates[len(self.gaits)] = weights
+        self.gaits.append(gait)
+        if len(self.gaits) < len(self.candidates):
+            return
+        best = best_of(
+            [score(each) for each in self.gaits], self.families.tolist(), self.rules.finalists
+        )
+        self.candidates, self.families = self.candidates[best], self.families[best]
+        self.round, self.gaits = self.round + 1, []
+
+    @classmethod
+    def read(cls, state: Mapping[str, Any]) -> Race:
+        """The race of which `dataclasses.asdict` made this."""
+        gaits = [CleanWalking(*gait) for gait in state["gaits"]]
+        return cls(**{**state, "gaits": gaits})
+
+
+class Products(BaseFeaturesExtractor):
+    """The products, mixed so that gradients are natural ones.
+
+    Along a gait the products are nearly dependent: in some directions of their space they vary
+    a hundred times as much as in others, and a gradient sees only the first. `whiten` mixes them so
+    that all directions count alike. For a linear policy with constant noise, gradients then are
+    the natural ones (Kakade, A natural policy gradient, 2001).
+
+    Args:
+        space: of the observations, six numbers each.
+    """
+
+    mixing: torch.Tensor
+
+    def __init__(self, space: Any) -> None:
+        super().__init__(space, SIZE)
+        self.register_buffer("mixing", torch.eye(SIZE))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """The mixed products (N, SIZE) of observations (N, 6)."""
+        return _products(observations) @ self.mixing
+
+    def whiten(self, observations: NDArray[np.float32]) -> None:
+        """Mix the products so that they vary alike over some observations (N, 6)."""
+        products = _products(torch.from_numpy(observations)).numpy().astype(np.float64)
+        variances, directions = np.linalg.eigh(products.T @ products / len(products))
+        mixing = (directions / np.sqrt(variances + FLOOR)) @ directions.T
+        self.mixing.copy_(torch.from_numpy(mixing))
+
+
+def _products(observations: torch.Tensor) -> torch.Tensor:
+    constant, *others = features(*observations.unbind(1))
+    return torch.stack([torch.full_like(others[0], constant), *others], dim=1)
+
+
+def put_policy(network: Any, weights: Floats) -> None:
+    """Let a stable-baselines3 policy with `Products` act by weights (SIZE,) of the products."""
+    mixing = network.features_extractor.mixing.double()
+    with torch.no_grad():
+        network.action_net.bias.zero_()
+        network.action_net.weight[0] = torch.linalg.solve(mixing, torch.from_numpy(weights))
+
+
+def policy_of(network: Any) -> Floats:
+    """The weights (SIZE,) of the products by which a stable-baselines3 policy acts."""
+    layer, mixing = network.action_net, network.features_extractor.mixing
+    weights = mixing.numpy() @ layer.weight.detach().numpy()[0].astype(np.float64)
+    weights[0] += layer.bias.item()  # the constant product comes first
+    return np.asarray(weights)
+
+
+class NormalizeByPhase(BaseCallback):
+    """Gives advantages of start-up, of walking and of stalled wheels mean 0 and spread 1 each.
+
+    Otherwise those of the gait, which hardly vary, are lost among the others. A wheel has stalled
+    if it has started up but takes no step forward in a roll-out, which should last longer than a
+    step. A time step counts by its first control interval. For on-policy algorithms that do not
+    normalise advantages themselves.
+
+    Args:
+        env: in which the phases are counted.
+    """
+
+    def __init__(self, env: StartUpPhase) -> None:
+        super().__init__()
+        self._env = env
+        self._starting: list[NDArray[np.bool_]] = []
+        self._steps_before = env.steps
+
+    def _on_rollout_start(self) -> None:
+        self._starting, self._steps_before = [self._env.starting], self._env.steps
+
+    def _on_step(self) -> bool:
+        self._starting.append(self._env.starting)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        buffer: Any = self.locals["rollout_buffer"]
+        starting = np.array(self._starting[: len(buffer.advantages)])
+        walks = self._env.steps > self._steps_before
+        for samples in (starting, ~starting & walks, ~starting & ~walks):
+            advantages = buffer.advantages[samples]
+            if len(advantages) > 1:
+                buffer.advantages[samples] = normalized(advantages)
+
+
+def normalized(advantages: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    """Advantages (N,) with mean 0 and standard deviation 1, in which rare ones do not hide others.
+
+    The spread is measured by the usual ones, and what is beyond `LIMIT` spreads is clipped.
+    """
+    centred = advantages - np.median(advantages)
+    limit = LIMIT * np.percentile(np.abs(centred), WITHIN_SPREAD)
+    if limit > 0.0:
+        centred = np.clip(centred, -limit, limit)
+    return (centred - centred.mean()) / (centred.std() + 1e-8)
+
+
+class InMetres(BaseCallback):
+    """Divides rewards by the weight of distance: so they keep their size while the weight falls.
+
+    Args:
+        env: what scales the rewards.
+        adaptive: the weight.
+    """
+
+    def __init__(self, env: ScaledReward, adaptive: AdaptiveRewardWeight) -> None:
+        super().__init__()
+        self._env, self._adaptive, self._scale = env, adaptive, env.scale
+
+    def _on_rollout_start(self) -> None:
+        assert self._adaptive.weight is not None
+        self._env.scale = self._scale / self._adaptive.weight
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        self._env.scale = self._scale
+
+
+class Anneal(BaseCallback):
+    """Lets noise and learning rate fall between two counts of time steps.
+
+    The noise falls geometrically, the learning rate linearly.
+
+    Args:
+        actor: of the model that learns.
+        noise: standard deviation at first and in the end, in units of the limit.
+        rates: of learning, at first and in the end.
+        begin, end: the time steps.
+    """
+
+    def __init__(
+        self,
+        actor: Actor,
+        noise: tuple[float, float],
+        rates: tuple[float, float],
+        begin: int,
+        end: int,
+    ) -> None:
+        super().__init__()
+        self._actor, self._noise, self._rates = actor, noise, rates
+        self._begin, self._lasting = begin, max(1, end - begin)
+
+    def _on_rollout_start(self) -> None:
+        share = min(1.0, (self.num_timesteps - self._begin) / self._lasting)
+        (loud, quiet), (fast, slow) = self._noise, self._rates
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * fast + share * slow
+        self.model.lr_schedule = lambda _: rate
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class KeepBest(BaseCallback):
+    """Checks the policy now and then, between two roll-outs, and keeps the weights of the best.
+
+    From update to update a policy walks from a few more or a few less starts, and costs a little
+    more or less. So the last one is seldom the best. It logs `checks/share` and `checks/cot`.
+
+    Args:
+        gait_of: how the policy with some weights walks.
+        every: time steps between two checks.
+
+    Attributes:
+        weights: of the policy with the greatest `economy` so far; None before any has walked.
+    """
+
+    def __init__(self, gait_of: Callable[[Floats], CleanWalking], every: int) -> None:
+        super().__init__()
+        self.weights: Floats | None = None
+        self._gait_of, self._every = gait_of, every
+        self._economy, self._due = 0.0, 0
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps < self._due:
+            return
+        self._due = self.num_timesteps + self._every
+        weights = policy_of(self.model.policy)
+        gait = self._gait_of(weights)
+        self.logger.record("checks/share", gait.share)
+        if np.isfinite(gait.cot):
+            self.logger.record("checks/cot", gait.cot)
+        reached = economy(gait.share, gait.cot)
+        if reached > self._economy:
+            self._economy, self.weights = reached, weights
+
+    def _on_step(self) -> bool:
+        return True
+
+    def state(self) -> dict[str, Any]:
+        """What it keeps, and when the next check is due."""
+        return {"weights": self.weights, "economy": self._economy, "due": self._due}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.weights, self._economy, self._due = state["weights"], state["economy"], state["due"]

@@ -1,0 +1,399 @@
+"""One case solved from many starts, refined and simulated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from rimless_gym.equations import equations
+from rimless_gym.params import WheelParams
+from rimless_gym.reference import simulate
+from rimless_gym.symbolic import HybridModel
+from rimless_gym.trajectory import Trajectory
+from scripts.studies.thesis.cases import Case, Key, case_of
+from trajopt.gaits.verify import playback, simulated_stride
+from trajopt.ocp.arrays import Array
+from trajopt.ocp.constraints import pair
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import Guess, Waypoints
+from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.multi_start import Outcome, Search, multi_start
+from trajopt.ocp.problem import Problem
+from trajopt.ocp.ranking import least_first
+from trajopt.ocp.solve import WARM_BARRIER, solve
+from trajopt.ocp.trajectory import PhaseTrajectory
+
+#: Costs that differ by less (relative, absolute) count as equal.
+AS_GOOD = (1e-4, 1e-7)
+
+
+def solved(case: Case, before: Solved | None = None) -> Solved:
+    """Solve a case, and simulate what came out.
+
+    Args:
+        case: what to solve.
+        before: the solution of `case.after`.
+
+    Raises:
+        RuntimeError: every start failed.
+    """
+    begin = time.perf_counter()
+    problem = case.problem(before.extremal if before else None)
+    family = case.family or partial(WaypointStarts, durations=case.effort.durations)
+    search = multi_start(
+        problem,
+        family(problem),
+        case.effort.starts,
+        mesh=Mesh.uniform(problem, case.effort.elements),
+        same=same,
+    )
+    if not search.optima:
+        raise RuntimeError(f"experiment {case.experiment}, {case.variant}: {search.report()}")
+    best = _best(search, case.quickest)
+    extremal = solve(
+        of_durations(problem, best.phases) if case.quickest else problem,
+        best.phases,
+        search.mesh,
+        parameters=best.parameters,
+        tolerance=case.effort.tolerance,
+        mu_init=WARM_BARRIER,
+    )
+    return Solved(
+        key=case.key,
+        extremal=extremal,
+        optima=tuple((o.cost, len(o.starts), _duration(o.best)) for o in search.optima),
+        failed=len(search.failures),
+        reaching=len(search.optima[0].starts),
+        **simulated(case, extremal, before),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def simulated(case: Case, extremal: Extremal, before: Solved | None) -> dict[str, Any]:
+    """A case's motion and its simulations: the fields of `Solved` of these names."""
+    motion = extremal.phases
+    if before and case.appended:
+        motion = before.motion + motion
+    machine = case.machine(extremal.parameters)
+    return {
+        "motion": motion,
+        "simulated": replayed(machine, motion),
+        "resampled": resampled(machine, motion),
+    }
+
+
+def same(one: Outcome, other: Outcome) -> bool:
+    """Whether two outcomes cost the same; then they count as one optimum."""
+    relative, absolute = AS_GOOD
+    return math.isclose(one.cost, other.cost, rel_tol=relative, abs_tol=absolute)
+
+
+def _best(search: Search, quickest: bool) -> Outcome:
+    """The best outcome; if `quickest`, the shortest of those that cost the same."""
+    best = search.optima[0]
+    if not quickest:
+        return best.best
+    return least_first((o for o in search.outcomes if o.index in best.starts), _duration)[0]
+
+
+def of_durations(problem: Problem, phases: Sequence[PhaseTrajectory]) -> Problem:
+    """The problem with durations fixed to a solution's.
+
+    Where many durations cost the same, a solver would drift from one to another.
+    """
+    pairs = zip(problem.phases, phases, strict=True)
+    fixed = [dataclasses.replace(phase, duration=found.duration) for phase, found in pairs]
+    return dataclasses.replace(problem, phases=tuple(fixed))
+
+
+def _duration(outcome: Outcome) -> float:
+    return sum(phase.duration for phase in outcome.phases)
+
+
+#: The largest errors of a converged case: of the mesh, the simulated states, the touchdowns (s).
+MESH_ERROR, STATE_ERROR, TIME_ERROR = 1e-7, 1e-6, 1e-8
+
+
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """A case and its solution.
+
+    Attributes:
+        key: of the case.
+        extremal: the best solution, refined.
+        motion: its steps, after those that it continues.
+        optima: cost, number of starts and duration (s) of each local optimum, best first.
+        failed: number of starts that failed.
+        reaching: number of starts that reached the best optimum.
+        simulated: the motion under its own control.
+        resampled: the motion as the thesis simulated it.
+        seconds: time that the search and the simulations took.
+    """
+
+    key: Key
+    extremal: Extremal
+    motion: tuple[PhaseTrajectory, ...]
+    optima: tuple[tuple[float, int, float], ...]
+    failed: int
+    reaching: int
+    simulated: Replay
+    resampled: Replay
+    seconds: float
+
+    @property
+    def case(self) -> Case:
+        """The case."""
+        return case_of(self.key)
+
+    @property
+    def machine(self) -> WheelParams:
+        """The machine, with the values found for what was to be chosen."""
+        return self.case.machine(self.extremal.parameters)
+
+    @property
+    def energy(self) -> float:
+        """Integral of the motor's power without sign over all steps (J), as the thesis has it."""
+        return energy(self.machine, self.motion)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver converged and the simulation confirms it."""
+        if not (self.extremal.converged and self.extremal.mesh_error <= MESH_ERROR):
+            return False
+        return bool(
+            self.case.limit
+            or (
+                self.simulated.state_error <= STATE_ERROR
+                and max(self.simulated.touchdown_time_errors) <= TIME_ERROR
+            )
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of `results.json`: one for every time that the thesis prints the case."""
+        return [
+            {
+                "experiment": self.case.experiment,
+                "variant": printed.variant,
+                "thesis_cost": printed.cost,
+                "cost": self.extremal.cost,
+                "thesis_energy_J": printed.energy,
+                "energy_J": self.energy,
+                "thesis_touchdown_time_error": printed.late,
+                **self._figures(),
+            }
+            for printed in self.case.printed
+        ]
+
+    @property
+    def _played_back(self) -> float | None:
+        played = self.extremal.resimulation
+        return max(played.phase_errors) if played else None
+
+    def _figures(self) -> dict[str, Any]:
+        extremal, exact, coarse = self.extremal, self.simulated, self.resampled
+        names = extremal.problem.parameters
+        peak = max(np.abs(p.control(sampled_times(p))).max() for p in self.motion)
+        return {
+            "final_time": extremal.duration,
+            "max_state_error": exact.state_error,
+            "touchdown_time_error": _number(max(exact.touchdown_time_errors)),
+            "min_normal_force_over_weight": least_normal_force(self.machine, self.motion),
+            "peak_voltage": float(peak),
+            "converged": self.converged,
+            "starts": self.case.effort.starts,
+            "starts_reaching_best": self.reaching,
+            "starts_failed": self.failed,
+            "local_optima": [list(optimum) for optimum in self.optima],
+            "parameters": dict(zip(names, extremal.parameters.tolist(), strict=True)),
+            "mesh_error": extremal.mesh_error,
+            "played_back_error": self._played_back,
+            "thesis_style_state_error": coarse.state_error,
+            "thesis_style_touchdown_time_errors": [
+                _number(e) for e in coarse.touchdown_time_errors
+            ],
+            "seconds": self.seconds,
+        }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+#: Times per element of a mesh at which motions are compared.
+SAMPLES = 24
+
+#: Simulated past the planned end (s) until the last touchdown has happened.
+SPARE_TIMES = (1e-8, 1e-7, 1e-6, 1e-5, 1e-3)
+
+#: Below this phi' (rad/s) a step ends without a collision: its leg comes to rest at the guard.
+COLLISIONLESS = 1e-6
+
+#: The rate at which the thesis samples controls (Hz), how long we wait for late touchdowns (s),
+#: and the tolerances of the simulation.
+THESIS_RATE, THESIS_WAITS = 1000.0, (0.02, 0.5, 5.0)
+THESIS_RTOL, THESIS_ATOL = 1e-10, 1e-12
+
+#: How far from the planned end the top of a step without a collision is searched for (s).
+WITHIN = 0.005
+
+#: The interval over which phi'' is measured where a foot lands before phi' vanishes (s).
+SECANT = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """A motion simulated by the reference simulator, the foot pinned to the ground.
+
+    Attributes:
+        times: of the simulated states (s), shape (N,); an event's time is there twice.
+        states: shape (N, 4).
+        state_error: largest deviation from the solution's states, all steps simulated in one
+            (rad, rad/s).
+        touchdown_time_errors: one per step (s); infinite if its touchdown did not happen. For a
+            step without a collision, the error of the time at which phi' vanishes.
+    """
+
+    times: Array
+    states: Array
+    state_error: float
+    touchdown_time_errors: tuple[float, ...]
+
+
+def replayed(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Replay:
+    """Simulate under the solution's own control."""
+    return _compared(simulated_stride(params, phases, SPARE_TIMES), phases)
+
+
+def resampled(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Replay:
+    """Simulate as the thesis did: the control linear between its values every millisecond."""
+    duration = sum(phase.duration for phase in phases)
+    _, own = playback(phases)
+    times = np.append(np.arange(0.0, duration, 1 / THESIS_RATE), duration)
+    values = np.array([own(t, None) for t in times])
+
+    def linear(t: float, x: Array) -> float:
+        return float(np.interp(t, times, values))
+
+    for wait in THESIS_WAITS if phases[-1].end[2] > COLLISIONLESS else THESIS_WAITS[:1]:
+        motion = simulate(
+            *(params, phases[0].start, linear, duration + wait),
+            rtol=THESIS_RTOL,
+            atol=THESIS_ATOL,
+        )
+        if motion.steps >= len(phases):
+            break
+    return _compared(motion, phases)
+
+
+def _compared(motion: Trajectory, phases: Sequence[PhaseTrajectory]) -> Replay:
+    """Compare step by step, at the times that lie within the simulated step too."""
+    times = _landings(motion)[: len(phases)]
+    marks = [0.0, *times, *[float(motion.t[-1])] * (len(phases) - len(times))]
+    error, begin, errors = 0.0, 0.0, []
+    for i, phase in enumerate(phases):
+        local = sampled_times(phase)
+        at = np.clip(begin + local, marks[i], marks[i + 1])
+        states = motion.state(at)
+        states[at >= marks[i + 1]] = motion.state(marks[i + 1], side="left")
+        error = max(error, float(np.abs(states - phase.state(local)).max()))
+        begin += phase.duration
+        if abs(phase.end[2]) < COLLISIONLESS:
+            errors.append(abs(_top(motion, marks[i], begin) - begin))
+        else:
+            errors.append(abs(times[i] - begin) if i < len(times) else math.inf)
+    return Replay(motion.t, motion.x, error, tuple(errors))
+
+
+def _landings(motion: Trajectory) -> list[float]:
+    """Times of forward touchdowns (s)."""
+    return [float(event.time) for event in motion.touchdowns if event.direction > 0]
+
+
+def _top(motion: Trajectory, after: float, near: float) -> float:
+    """Time about `near` at which phi' vanishes (s); extrapolated if the foot lands before."""
+    end = next((t for t in _landings(motion) if t > after), float(motion.t[-1]))
+
+    def rate(t: float) -> float:
+        return float(motion.state(t, side="left")[2])
+
+    times = np.linspace(max(after, near - WITHIN), min(end, near + WITHIN), 401)
+    rates = [rate(t) for t in times]
+    tops = [i for i in range(400) if rates[i] > 0 >= rates[i + 1]]
+    if not tops:
+        slope = (rate(end) - rate(end - SECANT)) / SECANT
+        return end - rate(end) / slope
+    i = min(tops, key=lambda i: abs(times[i] - near))
+    return float(brentq(rate, times[i], times[i + 1], xtol=1e-14))
+
+
+def sampled_times(phase: PhaseTrajectory) -> Array:
+    """Times within a phase, evenly spread over every element, ends included (s)."""
+    inside = np.linspace(phase.edges[:-1], phase.edges[1:], SAMPLES, endpoint=False)
+    return np.append(inside.T.ravel(), phase.duration)
+
+
+_eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays
+
+
+def energy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> float:
+    """The energy that the thesis reports: the integral of |T psi'| (J)."""
+    nodes, weights = np.polynomial.legendre.leggauss(SAMPLES)
+    total = 0.0
+    for phase in phases:
+        h = phase.element_durations
+        times = phase.edges[:-1, None] + 0.5 * h[:, None] * (1 + nodes)
+        rate, volts = _motor(params, phase, times.ravel())
+        power = np.abs(_eq.shaft_power(rate, volts, params.constants))
+        total += float(0.5 * h @ (power.reshape(times.shape) @ weights))
+    return total
+
+
+def _motor(params: WheelParams, phase: PhaseTrajectory, times: Array) -> tuple[Array, Array]:
+    """psi' (rad/s) and the voltage (V) at times of a phase."""
+    x = phase.state(times)
+    rate = _eq.relative_rate(x[:, 2], x[:, 3], params.constants)
+    return rate, phase.control(times)[:, 0]
+
+
+def least_normal_force(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> float:
+    """Smallest normal force on the foot, in weights; negative where its pin joint pulls it down."""
+    reaction: Any = HybridModel(params).functions["ground_reaction"]
+    least = math.inf
+    for phase in phases:
+        times = sampled_times(phase)
+        forces = np.asarray(reaction(phase.state(times).T, phase.control(times).T))
+        least = min(least, float(forces[1].min()) / params.weight)
+    return least
+
+
+@dataclasses.dataclass(frozen=True)
+class WaypointStarts(Waypoints):
+    """Random waypoints; the logarithms of the durations are uniformly distributed.
+
+    Attributes:
+        durations: least and most (s).
+    """
+
+    durations: tuple[float, float] = (0.2, 4.0)
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
+        """Guess number `index`."""
+        low, high = np.log(self.durations)
+        pairs = zip(self.problem.phases, super().__call__(rng, index), strict=True)
+        return tuple(
+            _stretched(trajectory, np.clip(np.exp(rng.uniform(low, high)), *pair(phase.duration)))
+            for phase, trajectory in pairs
+        )
+
+
+def _stretched(trajectory: PhaseTrajectory, duration: float) -> PhaseTrajectory:
+    return dataclasses.replace(
+        trajectory, edges=trajectory.edges * (duration / trajectory.duration)
+    )

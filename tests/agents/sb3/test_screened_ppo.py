@@ -1,0 +1,301 @@
+"""PPO from screened random policies: its policy, its race, and how it goes on after a kill."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.conditions import Conditions
+from agents.evaluate import evaluate
+from agents.evolution.search import EvolutionSettings
+from agents.evolution.walks import SIZE, Duration, act
+from agents.learner import Training
+from agents.policy_files import load_policy
+from agents.protocol import SHORT_PROTOCOL
+from agents.reward_weight import NO_WALK, CleanWalking
+from agents.sb3 import rounds, screened_ppo
+from agents.sb3.rounds import (
+    LIMIT,
+    Anneal,
+    NormalizeByPhase,
+    Products,
+    Race,
+    normalized,
+    policy_of,
+    put_policy,
+)
+from agents.sb3.screened_ppo import ScreenedPpo
+from agents.sb3.wrappers import BackwardSteps, StartUpPhase, training_env, wrapped
+from agents.training import TrainingConfig, read_state, train
+from rimless_gym.envs.task import Task
+from tests.agents.runs import assert_same_policies, killed_after, run, scalars, weights
+
+#: Time steps of a candidate's turn, and of a training: two families, of one policy each, have a
+#: trial and two rounds; then the best goes on.
+TURN, STEPS = 256, 1800
+
+START_UP = 5
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch, request):
+    """Screen and compare few policies for a moment, unless a test is slow anyway."""
+    if request.node.get_closest_marker("slow"):
+        return
+    few = EvolutionSettings(screened=400, retained=20, screen_intervals=400, candidates=2)
+    monkeypatch.setattr(screened_ppo, "SCREENING", few)
+    short = tuple(each._replace(steps=each.steps and TURN) for each in rounds.ROUNDS)
+    monkeypatch.setattr(rounds, "ROUNDS", short)
+    for name, value in {
+        "CANDIDATES": 1,
+        "COMPARED": Duration.second_half(500),
+        "CHECK": Duration.second_half(500),
+        "COMPARED_STARTS": 16,
+        "WHITENED_INTERVALS": 100,
+        "CHECK_STARTS": 16,
+        "CHECK_EVERY": 128,
+    }.items():
+        monkeypatch.setattr(screened_ppo, name, value)
+
+
+def small():
+    entry = ScreenedPpo.settings("scratch").entry
+    [(adaptive, schedule)] = entry["callback"][0].items()
+    return {
+        "n_envs": 4,
+        "n_steps": 32,
+        "batch_size": 32,
+        "env_wrapper": [{"gymnasium.wrappers.TimeLimit": {"max_episode_steps": 100}}],
+        "vec_env_wrapper": [
+            {"agents.sb3.wrappers.StartUpPhase": {"intervals": 30}},
+            *entry["vec_env_wrapper"][1:],
+        ],
+        "callback": [{adaptive: schedule | {"every": 256, "least_share": 0.0, "starts": 8}}],
+    }
+
+
+def trained(out, **changes):
+    changes = {"timesteps": STEPS, "hyperparameters": small()} | changes
+    return run(out, "screened_ppo", **changes)
+
+
+@pytest.fixture
+def learner():
+    settings = ScreenedPpo.settings("scratch", small())
+    learner = ScreenedPpo(Training("screened_ppo", "scratch", 0, Conditions(), Task(), settings))
+    yield learner
+    learner.close()
+
+
+@pytest.fixture
+def observations(rng):
+    envs = Conditions().envs(64, autoreset_mode=AutoresetMode.SAME_STEP)
+    seen = [envs.reset(seed=0)[0]]
+    for _ in range(50):
+        seen.append(envs.step(rng.uniform(-1.0, 1.0, size=(64, 1)).astype(np.float32))[0])
+    return np.concatenate(seen)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def test_the_network_acts_as_the_policy_whose_weights_it_was_given(learner, observations, rng):
+    given, network = rng.normal(size=SIZE), learner.model.policy
+    network.features_extractor.whiten(observations)
+    put_policy(network, given)
+    np.testing.assert_allclose(policy_of(network), given, atol=1e-4)
+    with torch.no_grad():
+        actions = learner.actor(learner.model).mean_action(torch.from_numpy(observations)).numpy()
+    np.testing.assert_allclose(np.clip(actions, -1.0, 1.0), act(given, observations), atol=1e-3)
+
+
+def test_whitened_products_vary_alike_in_all_directions(observations, learner):
+    products = Products(learner.model.observation_space)
+    seen = torch.from_numpy(observations)
+
+    def spread():
+        found = products(seen).numpy().astype(np.float64)
+        variances = np.linalg.eigvalsh(found.T @ found / len(found))
+        return variances[-1] / variances[1]
+
+    before = spread()
+    products.whiten(observations)
+    assert spread() < 20.0 < 100.0 < before
+
+
+def test_killed_in_a_round_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
+    whole = trained(tmp_path / "whole")
+    assert whole.timesteps >= STEPS
+    killed_after(410, monkeypatch, lambda: trained(tmp_path / "broken"))
+    assert read_state(tmp_path / "broken" / "state.pt")["learner"]["race"]["round"] == 3
+    assert_same_policies(trained(tmp_path / "broken"), whole)
+    shown = {
+        name: [event.value for event in events]
+        for name, events in scalars(tmp_path / "whole").items()
+    }
+    assert max(shown["train/std"]) == pytest.approx(rounds.ROUNDS[0].noise[0])
+    assert min(shown["train/std"]) < rounds.ROUNDS[-1].noise[0]
+    assert min(shown["reward_weight/distance"]) < 5.0
+    assert shown["train/learning_rate"][-1] < 0.5 * shown["train/learning_rate"][0]
+
+
+def test_noise_and_learning_rate_reach_their_last_values_at_the_end():
+    deviations = []
+    actor = SimpleNamespace(set_noise=lambda log_std: deviations.append(np.exp(log_std)))
+    anneal = Anneal(actor, (0.06, 0.02), (2e-3, 4e-4), 100, 300)
+    anneal.model = SimpleNamespace(num_timesteps=0, logger=None)
+    rates = []
+    for anneal.num_timesteps in (100, 200, 300, 310):
+        anneal.on_rollout_start()
+        rates.append(anneal.model.lr_schedule(0.0))
+    assert deviations == pytest.approx([0.06, (0.06 * 0.02) ** 0.5, 0.02, 0.02])
+    assert rates == pytest.approx([2e-3, 1.2e-3, 4e-4, 4e-4])
+
+
+def test_resumed_before_the_first_time_step_it_begins_with_the_same_weight(learner):
+    learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    learner._begin()
+    learner._adaptive.weight = 0.7
+    again = ScreenedPpo(learner.training)
+    again.restore(learner.state())
+    assert again._adaptive.schedule.first_weight == 0.7
+    again.close()
+
+
+def test_the_best_policy_of_its_checks_is_kept_and_not_the_last(tmp_path, monkeypatch):
+    shares, checked = iter([0.5, 0.9, 0.7, 0.0]), []
+
+    def check(self, weights):
+        checked.append(weights)
+        return CleanWalking(next(shares, 0.6), 0.1, 0.5)
+
+    monkeypatch.setattr(ScreenedPpo, "_checked", check)
+    result = trained(tmp_path, timesteps=2000)
+    assert len(checked) > 3
+    np.testing.assert_allclose(weights(result.last), checked[1], rtol=1e-6)
+
+
+def test_only_the_last_candidate_has_a_penalty_for_steps_backward_and_must_walk_from_most_starts(
+    learner,
+):
+    shares, penalties = [], []
+    learner._schedule = dataclasses.replace(learner._schedule, least_share=0.8)
+    for number in range(len(rounds.ROUNDS)):
+        learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
+        learner._begin()
+        wrapper = wrapped(learner._env, BackwardSteps)
+        learner.model.learn = lambda *_, wrapper=wrapper, **__: penalties.append(wrapper.penalty)
+        learner._improve(1, 1, SimpleNamespace(log=None))
+        shares.append(learner._adaptive.schedule.least_share)
+    assert penalties == [0.0, 0.0, 0.0, 0.1]
+    assert shares == [0.5, 0.5, 0.5, 0.8]
+
+
+def test_it_goes_on_from_its_own_policy_without_a_race(tmp_path):
+    begun = trained(tmp_path / "begun", timesteps=TURN // 2)
+    second = trained(tmp_path / "second", init=str(begun.last), timesteps=0)
+    np.testing.assert_allclose(weights(second.last), weights(begun.last), atol=1e-4)
+    assert trained(tmp_path / "on", init=str(begun.last), timesteps=TURN).timesteps == TURN
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"ranges": {"pendulum_mass": (1.5, 1.7)}}, "nominal machine without disturbances"),
+        ({"control_period": 0.04}, r"holds a voltage for 0\.01 s"),
+        ({"init": "imitation"}, "cannot imitate"),
+        ({"hyperparameters": {"normalize_advantage": True}}, "normalize_advantage: false"),
+        ({"hyperparameters": {"callback": []}}, "needs an AdaptiveRewardWeight"),
+        ({"hyperparameters": {"learning_rate": "lin_0.1"}}, "learning_rate: must be a number"),
+        ({"hyperparameters": {"policy_kwargs": {"net_arch": {"pi": [8]}}}}, "must be empty"),
+    ],
+)
+def test_what_it_cannot_train_with_is_refused(tmp_path, changes, message):
+    with pytest.raises(ValueError, match=message):
+        run(tmp_path, "screened_ppo", **changes)
+
+
+GAITS = [
+    CleanWalking(1.0, 0.2, 0.5),
+    CleanWalking(0.6, 0.1, 0.5),
+    CleanWalking(0.9, 0.2, 0.5),
+    NO_WALK,
+    CleanWalking(1.0, 0.4, 0.5),
+    CleanWalking(0.9, 0.8, 0.5),
+]
+
+
+def end_round(race):
+    """Let every policy of a round learn nothing; who goes on, and of which families."""
+    for candidate in race.candidates.copy():
+        assert (race.candidate == candidate).all()
+        race.advance(candidate, GAITS[int(candidate[0]) % 10])
+    return race.candidates[:, 0].tolist(), race.families.tolist()
+
+
+def test_the_best_two_of_each_family_go_on_and_the_best_of_all_learns_to_the_end():
+    race = Race(np.arange(6.0)[:, None], np.array([0, 0, 0, -1, -1, 1]))
+    assert end_round(race) == ([1, 0, 4, 5, 3], [0, 0, -1, 1, -1])
+    assert end_round(race) == ([1, 0], [0, 0])
+    race.advance(np.array([11.0]), GAITS[1])  # it goes on as what it has become
+    race = Race.read(dataclasses.asdict(race))
+    assert (race.gaits, race.decided) == ([GAITS[1]], False)
+    race.advance(np.array([10.0]), GAITS[0])
+    assert (race.candidates.tolist(), race.decided) == ([[11.0]], True)
+    assert race.rules == rounds.ROUNDS[-1]
+    assert Race.last_round(np.array([3.0])).decided
+
+
+class Spreads(BaseCallback):
+    """Notes means and spreads of advantages: of start-up, of walking, and of stalled wheels."""
+
+    def __init__(self):
+        super().__init__()
+        self.ages, self.early, self.steps, self.found = np.zeros(8, dtype=int), [], 0, []
+
+    def _on_step(self):
+        self.early.append(self.ages < START_UP)
+        self.ages = np.where(self.locals["dones"], 0, self.ages + 1)
+        self.steps = self.steps + np.array([info["steps"] for info in self.locals["infos"]])
+        return True
+
+    def _on_rollout_end(self):
+        advantages, early = self.locals["rollout_buffer"].advantages, np.array(self.early)
+        parts = [early, ~early & (self.steps > 0), ~early & (self.steps <= 0)]
+        self.found += [[(advantages[part].mean(), advantages[part].std()) for part in parts]]
+        self.early, self.steps = [], 0
+
+
+def test_advantages_of_start_up_of_walking_and_of_stalled_wheels_have_the_same_spread():
+    phase = StartUpPhase, {"intervals": START_UP}
+    env = training_env(8, Conditions(), Task(), 7, [phase], episode_steps=50)
+    settings = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "normalize_advantage": False}
+    spreads = Spreads()
+    PPO("MlpPolicy", env, device="cpu", seed=0, **settings).learn(
+        1024, [NormalizeByPhase(wrapped(env, StartUpPhase)), spreads]
+    )
+    np.testing.assert_allclose(spreads.found, [[(0.0, 1.0)] * 3] * 2, atol=1e-4)
+
+
+def test_rare_advantages_do_not_hide_the_usual_ones():
+    usual = np.random.default_rng(0).normal(size=1000)
+    found = normalized(np.concatenate([usual, [-1000.0, 400.0]]))
+    assert found[:1000].std() > 0.85
+    assert np.corrcoef(found[:1000], usual)[0, 1] > 0.999
+    assert np.abs(found[1000:]) == pytest.approx(LIMIT, rel=0.15)
+    np.testing.assert_allclose(normalized(np.full(5, 3.0)), 0.0)
+
+
+@pytest.mark.slow
+def test_from_nothing_it_walks_at_a_lower_cost_than_anything_that_leans(tmp_path):
+    config = TrainingConfig("screened_ppo", timesteps=20_000_000, protocol=SHORT_PROTOCOL)
+    walk = evaluate(load_policy(train(config, tmp_path).best).policy, protocol=SHORT_PROTOCOL)
+    assert walk.walking_share > 0.8
+    assert walk.cot < 0.3

@@ -1,0 +1,78 @@
+"""One expert for many commanded speeds."""
+
+import numpy as np
+import pytest
+
+from agents.conditions import Conditions
+from agents.experts import GainSchedule, ScheduledLaw, gain_schedule
+from agents.rollout import Rollout, draw_starts
+from rimless_gym import BUILDABLE
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.kernel.stepping import MODE
+from trajopt.feedback.orbit import Orbit
+
+STATE = np.array([[1.5, 0.0, -2.0, 0.0, SINGLE, 0.0]])
+
+
+def law(speed, value, offset=100.0):
+    """A law that does `value`; its short orbit lies `offset` of pendulum rate away from STATE."""
+    nodes = np.repeat(STATE[:, :4], 64, axis=0) + [0.0, 0.0, 0.0, offset]
+    nodes[:, 1] += np.linspace(-1e-3, 1e-3, 64)
+    continued = np.arange(64) < 63
+    orbit = Orbit(nodes, np.arange(64.0), np.zeros(64), continued, np.ones(4), 12.0)
+    return ScheduledLaw(speed, lambda states, observations: np.full(len(states), value), orbit)
+
+
+def commanded(*speeds):
+    observations = np.zeros((len(speeds), 8), dtype=np.float32)
+    observations[:, 6] = (np.array(speeds) - 0.45) / 0.2
+    return observations
+
+
+def test_far_from_all_gaits_the_law_nearest_to_the_command_acts():
+    schedule = GainSchedule((law(0.4, 0.1), law(0.5, 0.2), law(0.6, 0.3)))
+    actions = schedule(np.repeat(STATE, 5, axis=0), commanded(0.3, 0.44, 0.46, 0.56, 0.9))
+    np.testing.assert_array_equal(actions, [0.1, 0.1, 0.2, 0.3, 0.3])
+
+
+def test_near_the_gaits_the_law_nearest_to_the_command_acts_among_those_within_reach():
+    away = {3: 0.05, 4: 0.0, 5: 0.05, 6: 0.1}
+    laws = [law(0.1 * k, 0.1 * k, offset=away.get(k, 100.0)) for k in range(1, 8)]
+    actions = GainSchedule(tuple(laws))(
+        np.repeat(STATE, 5, axis=0), commanded(0.1, 0.3, 0.4, 0.6, 0.7)
+    )
+    np.testing.assert_allclose(actions, [0.3, 0.3, 0.4, 0.5, 0.5])
+
+
+def test_near_a_gait_and_with_none_within_reach_the_law_of_the_nearest_gait_acts():
+    schedule = GainSchedule((law(0.4, 0.4, offset=0.12), law(0.5, 0.5, offset=0.1), law(0.6, 0.6)))
+    np.testing.assert_allclose(schedule(STATE, commanded(0.4)), [0.5])
+
+
+def test_at_rest_on_two_feet_nothing_is_on_a_gait():
+    resting = STATE.copy()
+    resting[:, MODE] = DOUBLE
+    schedule = GainSchedule(
+        (law(0.3, 0.3, offset=0.0), *(law(0.1 * k, 0.1 * k) for k in (4, 5, 6)))
+    )
+    np.testing.assert_allclose(schedule(resting, commanded(0.6)), [0.6])
+    np.testing.assert_allclose(schedule(STATE, commanded(0.6)), [0.3])
+
+
+@pytest.mark.parametrize("speeds", [(), (0.5, 0.4), (0.5, 0.5)])
+def test_a_gain_schedule_has_laws_by_rising_speed(speeds):
+    with pytest.raises(ValueError, match="by rising speed"):
+        GainSchedule(tuple(law(speed, 0.0) for speed in speeds))
+
+
+@pytest.mark.slow
+def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed():
+    conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.57), 0.01)
+    schedule = gain_schedule("lqr", conditions, [1])
+    assert len(schedule.speeds) == 1
+    starts = draw_starts(BUILDABLE, 6, 0)
+    distance = np.zeros(6)
+    for k, interval in enumerate(Rollout(conditions, schedule, starts, 1600, command=0.566)):
+        if k >= 1000:
+            distance[interval.running] += interval.info["distance"]
+    assert distance / 6.0 == pytest.approx(schedule.speeds[0], rel=0.02)

@@ -1,0 +1,207 @@
+"""Every learner over several seeds: what is kept, what is told, and how a seed is trained."""
+
+import dataclasses
+import functools
+import math
+from pathlib import Path
+
+import pytest
+
+from agents.learner import BEST, IMITATION
+from agents.policy_files import load_policy
+from agents.protocol import Protocol
+from agents.training import TrainingConfig
+from rimless_gym import BUILDABLE
+from rimless_gym.hybrid import CONTROL_PERIOD
+from scripts.studies.learning import command, trials
+from scripts.studies.learning.command import Task, completed, finished
+from scripts.studies.learning.rows import ROWS, SECTIONS
+from scripts.studies.learning.tables import tables
+from scripts.studies.learning.trials import (
+    Disturbed,
+    Figures,
+    Following,
+    Other,
+    PlainPpo,
+    Result,
+    Row,
+    Trained,
+)
+from trajopt.store import Store
+
+BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
+NAN = math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Toy:
+    """A trial that trains nothing: its policies walk from the share that the seed says."""
+
+    shares: tuple[float, ...]
+    period: float = CONTROL_PERIOD
+    needs: tuple[Row, ...] = ()
+    fails: int = -1
+
+    def run(self, seed, folder, others, params, by):
+        folder.mkdir()  # fails if it is run again
+        if seed == self.fails:
+            raise ValueError("it did not learn")
+        assert all(other.exists() for other in others.values())
+        share = self.shares[seed]
+        policy = Figures(share, 1.0 - share, 0.0, 0.05 + 0.01 * seed if share else NAN, 0.56)
+        return Result({"best kept": policy}, 1000 * (seed + 1), 1.5)
+
+    def brief(self):
+        return self
+
+
+FIRST = Row("first", "the first", "learned", Toy((1.0, 0.96, 0.5)))
+SECOND = Row("second", "the second", "learned", Toy((1.0, 1.0, 0.0), needs=(FIRST,), fails=2))
+
+
+def tasks(*rows):
+    return [Task(row, seed) for row in rows for seed in range(3)]
+
+
+@pytest.fixture
+def store(tmp_path):
+    with Store(tmp_path / "study") as store:
+        yield store
+
+
+def test_finished_seeds_are_kept_failures_are_told_and_needed_rows_come_first(store):
+    failures = completed(store, tasks(SECOND, FIRST), BRIEF, 1)
+    assert failures == {Task(SECOND, 2): "ValueError: it did not learn"}
+    results = finished(store, (FIRST, SECOND), 3)
+    assert [result.steps for result in results[FIRST]] == [1000, 2000, 3000]
+    assert SECOND not in results  # too few seeds
+    assert finished(store, (SECOND,), 2)[SECOND][1].policies["best kept"].share == 1.0
+    again = completed(store, tasks(FIRST), BRIEF, 1)  # none is run again
+    assert again == {}
+
+
+def test_a_row_without_the_policies_that_it_needs_says_so(store):
+    failures = completed(store, [Task(SECOND, 0)], BRIEF, 1)
+    assert failures == {Task(SECOND, 0): "needs a policy of first: run these rows first"}
+
+
+def test_a_changed_trial_is_another_task():
+    other = dataclasses.replace(FIRST, trial=Toy((1.0, 0.96, 0.6)))
+    assert Task(FIRST, 0).key == Task(dataclasses.replace(FIRST), 0).key
+    assert len({Task(FIRST, 0).key, Task(FIRST, 1).key, Task(other, 0).key}) == 3
+
+
+def test_tables_count_seeds_that_do_not_walk_and_average_over_the_others():
+    results = {FIRST: [FIRST.trial.run(*seed) for seed in made_seeds()]}
+    (table,) = tables(results, lambda row, policy: 0.1 if row.walks(policy) else None).values()
+    (line,) = table.splitlines()[2:]
+    assert line == (
+        "| the first, best kept | 2 of 3 | 96 % (50 to 100) | +10.0 % (+10.0 to +10.0) | 0.0550 | "
+        "0.560 | 18 % | 0 % | 1.5 | 2 k |"
+    )
+
+
+def made_seeds():
+    class Folder:
+        def mkdir(self):
+            pass
+
+    return [(seed, Folder(), {}, BUILDABLE, BRIEF) for seed in range(3)]
+
+
+def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
+    nothing = Figures(0.0, 1.0, 0.0, NAN, NAN)
+    row = Row("plain", "plain", "first_evening", PlainPpo())
+    results = {row: [Result({"0.5 m/s": nothing, "0.6 m/s": nothing}, 500, 1.0)]}
+    (table,) = tables(results, lambda row, policy: None).values()
+    assert table.splitlines()[2] == (
+        "| plain | 0.5 m/s | 0 of 1 | 0 % (0 to 0) | - | - | - | 100 % | 0 % |"
+    )
+    assert table.splitlines()[4].startswith("| plain | all of these | 0 of 1 |")
+
+
+def test_gaps_are_those_to_the_best_gaits_around_the_learned_speed(tmp_path, monkeypatch):
+    solved = []
+
+    def best_held(params, ticks, folder):
+        solved.append(ticks)
+
+    monkeypatch.setattr(command, "best_held", best_held)
+    monkeypatch.setattr(command, "gap_to_gaits", lambda cot, speed, gaits: (cot, len(gaits)))
+    walks, falls = Figures(1.0, 0.0, 0.0, 0.05, 0.56), Figures(0.5, 0.5, 0.0, 0.05, 0.56)
+    gap = command.gaps({FIRST: [Result({"": walks}, 1, 1.0)]}, tmp_path, 1)
+    assert len(solved) == 2
+    assert gap(FIRST, walks) == (0.05, 2)
+    assert gap(FIRST, falls) is None
+    other = Row("other", "other", "learned", Toy((1.0,), period=0.04))
+    assert gap(other, walks) is None
+
+
+def test_the_command_writes_tables_whose_rows_are_all_finished(tmp_path, monkeypatch, capsys):
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    page.write_text("<!-- study: learned -->\nold\n<!-- end of learned -->\n")
+    monkeypatch.setattr(command, "ROWS", (FIRST, SECOND))
+    monkeypatch.setattr(command, "gaps", lambda *_: lambda row, policy: None)
+    arguments = ["--out", str(out), "--seeds", "2", "--workers", "1", "--docs", str(page)]
+    assert command.main([*arguments, "--rows", "first"]) == 0
+    assert "old" in page.read_text()
+    assert command.main(arguments) == 0
+    assert "| the second, best kept | 2 of 2 |" in page.read_text()
+    assert "the second" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        command.main([*arguments, "--quick"])
+
+
+def test_the_rows_have_names_and_titles_of_their_own_and_a_table():
+    assert len({row.name for row in ROWS}) == len({row.title for row in ROWS}) == len(ROWS)
+    assert {row.table for row in ROWS} == set(SECTIONS)
+    keys = {Task(row, 0).key for row in ROWS}
+    assert len(keys) == len(ROWS)
+    for row in ROWS:
+        assert all(other in ROWS for other in row.trial.needs)
+        assert row.brief().trial.period == row.trial.period
+
+
+@pytest.fixture(scope="module")
+def untrained(tmp_path_factory):
+    """A store with a policy that has learned nothing, and its row."""
+    row = Row("untrained", "untrained", "learned", Trained("ppo", timesteps=0))
+    with pytest.MonkeyPatch.context() as patch, Store(tmp_path_factory.mktemp("study")) as store:
+        patch.setattr(trials, "TrainingConfig", functools.partial(TrainingConfig, protocol=BRIEF))
+        assert completed(store, [Task(row, 0)], BRIEF, 1) == {}
+        yield store, row
+
+
+def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(untrained):
+    store, row = untrained
+    small = {"n_envs": 2, "n_steps": 32, "batch_size": 32}
+    trial = Trained("ppo", IMITATION, 64, start=Other(row, BEST), hyperparameters=small)
+    tuned = Row("tuned", "tuned", "learned", trial)
+    assert completed(store, [Task(tuned, 0)], BRIEF, 1) == {}
+    [result] = finished(store, [tuned], 1)[tuned]
+    assert result.steps == 64
+    assert result.minutes > 0.0
+    started, trained = (load_policy(store.folder / Task(r, 0).key / BEST) for r in (row, tuned))
+    assert started.record["policy_kwargs"] == trained.record["policy_kwargs"]
+
+
+def test_policies_are_evaluated_under_each_disturbance(untrained):
+    store, row = untrained
+    trial = Disturbed("ppo", files={"best": BEST}, disturbances={"actuator_delay": 2})
+    policies = trial.evaluate(store.folder / Task(row, 0).key, BUILDABLE, BRIEF)
+    conditions = "undisturbed", "actuator delay", "all disturbances"
+    assert list(policies) == [f"best: {name}" for name in conditions]
+
+
+def test_policies_for_commanded_speeds_are_evaluated_at_each_and_as_they_change(monkeypatch):
+    trial = Following("ppo", commands=(0.52, 0.6), changes=(0.6, 0.52))
+    monkeypatch.setattr(trials, "load_policy", lambda *_: load_policy("front"))
+    policies = trial.evaluate(Path(), BUILDABLE, BRIEF)
+    assert list(policies) == ["0.52 m/s", "0.6 m/s", "0.52 m/s after 0.6"]
+
+
+def test_plain_stable_baselines3_is_evaluated_at_every_command(tmp_path):
+    trial = PlainPpo(n_envs=1, timesteps=64, commands=(0.5,))
+    result = trial.run(0, tmp_path, {}, BUILDABLE, BRIEF)
+    assert list(result.policies) == ["0.5 m/s"]
+    assert result.steps >= 64
