@@ -13,7 +13,7 @@ from scripts.studies.__main__ import STUDIES
 from tests.documents.pages import PAGES, ROOT, commands_of, names
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+TARGETS = set(" ".join(re.findall(r"^([\w -]+):", (ROOT / "Makefile").read_text(), re.M)).split())
 RUN = re.compile(r'main\(\["(\w+)",')  # in a file of scripts/
 
 
