@@ -1,6 +1,6 @@
 """How well a policy walks at the speeds that `RimlessWheelSpeed-v0` commands.
 
-At each speed by itself, the policy is judged as every other one: from the same starts, for the
+At each speed by itself, the policy is measured as every other one: from the same starts, for the
 same time, by the same rules (`agents.evaluate`). The command stays as it is for the whole walk.
 """
 
@@ -13,19 +13,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import PROTOCOL, Evaluation, Protocol, evaluate
+from agents.outcomes import FALLS, WALKS, Window, outcomes
 from agents.policies import Policy
-from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
-from agents.verdicts import FALLS, WALKS, verdicts
-from agents.window import Window
 from rimless_gym.checks import positive, real_array
 from rimless_gym.envs.speed import SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import OK
 from rimless_gym.presets import BUILDABLE, Machine
 
-#: The verdicts on walks whose foot slips, in stance or as it touches down.
+#: The outcomes of walks whose foot slips, in stance or as it touches down.
 SLIPS = ("slips", "slips_at_touchdown")
 
 #: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
@@ -132,7 +130,7 @@ def walk_through(
             window.add(interval)
             steps[interval.running] += interval.info["steps"]
         if into == each - 1:
-            stretches.append(_stretch(speeds[stretch], verdicts(fallen, steps > 0, window), window))
+            stretches.append(_stretch(speeds[stretch], outcomes(fallen, steps > 0, window), window))
             if stretch + 1 < len(speeds):
                 walks.command(speeds[stretch + 1])
     all_fell = [

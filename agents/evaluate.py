@@ -15,29 +15,85 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from agents.conditions import Conditions
-from agents.periods import TouchdownLog, steps_per_period
+from agents.outcomes import (
+    FALLS,
+    STOPS,
+    WALKS,
+    TouchdownLog,
+    Window,
+    count_failures,
+    outcomes,
+    steps_per_period,
+)
 from agents.policies import Policy
-from agents.protocol import PROTOCOL, Protocol
 from agents.rollout import Rollout, draw_starts
-from agents.verdicts import FALLS, STOPS, WALKS, faults, verdicts
-from agents.window import Window
-from rimless_gym.checks import flag, real_array, require_callable, require_kind
+from rimless_gym.checks import flag, integer, real, real_array, require_callable, require_kind
 from rimless_gym.energy import Ledger
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.speed import SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, SINGLE
-from rimless_gym.hybrid import OK
+from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
 from trajopt.feedback.law import Floats
-from trajopt.files import jsonable
+from trajopt.store import jsonable
+
+
+@dataclasses.dataclass(frozen=True)
+class Protocol:
+    """From where, for how long, and over which part of its walks a policy is measured.
+
+    Attributes:
+        starts: number of starts.
+        seed: of the starts; never that of a training.
+        duration: of a walk (s).
+        window: at its end, over which everything is measured (s).
+        alive: at its end, in which a walk must still take net forward steps (s).
+
+    Raises:
+        TypeError: a number is of the wrong kind.
+        ValueError: a time is shorter than a control period, they are not in the order
+            alive <= window <= duration, starts < 1, or seed < 0.
+    """
+
+    starts: int = 128
+    seed: int = 20150501
+    duration: float = 50.0
+    window: float = 30.0
+    alive: float = 10.0
+
+    def __post_init__(self) -> None:
+        integer("starts", self.starts, 1)
+        integer("seed", self.seed, 0)
+        for name in ("duration", "window", "alive"):
+            seconds = real(name, getattr(self, name))
+            if 0.0 < seconds < CONTROL_PERIOD:
+                raise ValueError(
+                    f"{name} = {seconds} s: must be at least {CONTROL_PERIOD} s, a control period"
+                )
+        if not 0 < self.alive <= self.window <= self.duration:
+            raise ValueError(
+                f"alive = {self.alive} s, window = {self.window} s, duration = {self.duration} s: "
+                "must be positive and grow in this order"
+            )
+
+
+#: The protocol of every published figure.
+PROTOCOL = Protocol()
+
+#: With fewer starts and shorter walks, for policies that are changed or disturbed in many ways.
+SHORT_PROTOCOL = Protocol(starts=48, seed=20150502, duration=20.0, window=10.0, alive=5.0)
+
+#: For selecting the best of many checkpoints during training. The walks are as long as the
+#: published ones: a gait can last 20 s from every start, and 50 s from none.
+TRAINING_PROTOCOL = Protocol(starts=48, seed=20150502, duration=50.0, window=10.0, alive=5.0)
 
 #: Speed and cost of transport of a start that does not walk.
 _NO_WALK = math.nan, math.nan
@@ -51,9 +107,9 @@ class Evaluation:
     some do not count; NaN where none does.
 
     Attributes:
-        protocol: what was asked for.
+        protocol: starts and times.
         walking_share: of the starts, in [0, 1].
-        faults: how many starts do not count, by verdict (`agents.verdicts.VERDICTS`).
+        failures: how many starts do not count, by outcome (`agents.outcomes.OUTCOMES`).
         speed: distance over time (m/s).
         cot: cost of transport from E+, without regeneration.
         cot_with_regeneration: from E.
@@ -64,9 +120,9 @@ class Evaluation:
         min_clearance: least height of the pendulum's end over the ground (m).
         steps_per_period: the most common period among the walks; 0 stands for none.
         objective: mean reward per second over all starts (m/s); a start that fell counts as
-            having paid the task's fall cost within the window.
+            penalised for its fall within the window.
         ledger: sums over the windows of those that walk.
-        verdicts: of each start.
+        outcomes: of each start.
         walking, fallen: of each start, (starts,).
         speeds, cots: of each start's own window, (starts,), NaN where it does not walk.
         periods: of each start, (starts,).
@@ -74,7 +130,7 @@ class Evaluation:
 
     protocol: Protocol
     walking_share: float
-    faults: dict[str, int]
+    failures: dict[str, int]
     speed: float
     cot: float
     cot_with_regeneration: float
@@ -86,7 +142,7 @@ class Evaluation:
     steps_per_period: int
     objective: float
     ledger: Ledger
-    verdicts: tuple[str, ...]
+    outcomes: tuple[str, ...]
     walking: NDArray[np.bool_]
     fallen: NDArray[np.bool_]
     speeds: Floats
@@ -149,28 +205,28 @@ def evaluate(
     if starts is None:
         starts = draw_starts(params, protocol.starts, protocol.seed)
     starts = _checked_starts(starts)
-    prices, period = as_task(task, conditions.default_task), conditions.control.period
+    task, period = as_task(task, conditions.default_task), conditions.control.period
     n_intervals = round(protocol.duration / period)
     first = n_intervals - round(protocol.window / period)
     first_alive = n_intervals - round(protocol.alive / period)
-    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, prices, command)
+    walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, task, command)
     window = Window(walks.machines)
     log = TouchdownLog(params, len(starts))
     late_steps = np.zeros(len(starts))
-    fallen, charges = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
+    fallen, penalties = np.zeros(len(starts), dtype=bool), np.zeros(len(starts))
     bar = tqdm(walks, total=n_intervals, desc="evaluate", disable=not progress, leave=False)
     for index, interval in enumerate(bar):
         fallen[interval.running] = interval.info["failure"] != OK
-        charges[interval.running] = interval.info["reward_end"]
+        penalties[interval.running] = interval.info["reward_end"]
         if index < first:
             continue
         window.add(interval)
-        log.note(interval)
+        log.add(interval)
         if index >= first_alive:
             late_steps[interval.running] += interval.info["steps"]
-    found = verdicts(fallen, late_steps > 0, window)
+    found = outcomes(fallen, late_steps > 0, window)
     periods = np.array([steps_per_period(points) for points in log.points()])
-    objective = float(window.rewards(charges).mean()) / protocol.window
+    objective = float(window.rewards(penalties).mean()) / protocol.window
     return _summary(params, protocol, window, objective, found, periods)
 
 
@@ -203,14 +259,14 @@ def _summary(
     periods = np.where(walking, periods, 0)
     weights = np.array([machine.weight for machine in window.machines])
     ledger, weighted = window.total(walking, params)
-    own = [
+    each_walk = [
         (each.distance / each.time, each.cost_of_transport(machine)) if walks else _NO_WALK
         for each, machine, walks in zip(window.ledgers(), window.machines, walking, strict=True)
     ]
     return Evaluation(
         protocol=protocol,
         walking_share=float(walking.mean()),
-        faults=faults(found),
+        failures=count_failures(found),
         speed=ledger.distance / ledger.time if some else math.nan,
         cot=weighted.cost_of_transport(params),
         cot_with_regeneration=weighted.cost_of_transport(params, regeneration=True),
@@ -222,10 +278,59 @@ def _summary(
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
         objective=objective,
         ledger=ledger,
-        verdicts=found,
+        outcomes=found,
         walking=walking,
         fallen=fallen,
-        speeds=np.array([speed for speed, _ in own]),
-        cots=np.array([cot for _, cot in own]),
+        speeds=np.array([speed for speed, _ in each_walk]),
+        cots=np.array([cot for _, cot in each_walk]),
         periods=periods,
     )
+
+
+def interquartile_mean(values: ArrayLike) -> float:
+    """Mean of the middle half of `values`, (seeds,) or (seeds, tasks).
+
+    Raises:
+        ValueError: there are none, or one is not finite.
+    """
+    return float(_trimmed_mean(_scores(values).ravel()))
+
+
+def bootstrap_interval(
+    values: ArrayLike, resamples: int = 10_000, seed: int = 0
+) -> tuple[float, float]:
+    """95 % percentile interval of the interquartile mean, seeds resampled within each task.
+
+    Args:
+        values: (seeds,) or (seeds, tasks).
+        resamples: number of bootstrap samples.
+        seed: of the resampling.
+
+    Raises:
+        ValueError: values are missing or not finite.
+    """
+    scores = _scores(values)
+    n_seeds, n_tasks = scores.shape
+    picks = np.random.default_rng(seed).integers(n_seeds, size=(resamples, n_seeds, n_tasks))
+    drawn = scores[picks, np.arange(n_tasks)].reshape(resamples, -1)
+    low, high = np.quantile(_trimmed_mean(drawn), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _scores(values: ArrayLike) -> NDArray[np.float64]:
+    scores = np.asarray(values, dtype=np.float64)
+    if scores.ndim == 1:
+        scores = scores[:, np.newaxis]
+    if scores.ndim != 2 or scores.size == 0 or not np.isfinite(scores).all():
+        raise ValueError(
+            f"values = {values!r}: give finite numbers of shape (seeds,) or (seeds, tasks); "
+            "leave out seeds that do not walk, and report their share"
+        )
+    return scores
+
+
+def _trimmed_mean(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the middle half along the last axis; values at its ends count in part."""
+    n = scores.shape[-1]
+    weights = np.clip(np.minimum(np.arange(1, n + 1) - n / 4, 3 * n / 4 - np.arange(n)), 0, 1)
+    return np.sort(scores, axis=-1) @ weights / weights.sum()

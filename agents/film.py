@@ -1,42 +1,50 @@
-"""A walk as pictures, drawn by the environment's own renderer."""
+"""Walks as pictures: one alone, or several on one ground with the phase plane and the energies."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
 
-from agents.recording import STEPS, Recording
-from rimless_gym.rendering.canvas import Frame
-from rimless_gym.rendering.wheel import Point, draw
+from agents.recording import DRAWN, STEPS, Recording, Touchdown, record_gait
+from rimless_gym.equations import LOSSES
+from rimless_gym.kernel.stepping import DPHI, PHI
+from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, STANCE, Colour, Frame
+from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
+from rimless_gym.rendering.wheel import Point
+from trajopt.gaits.solution import Solution
 
 #: Over what speed and cost are averaged, in words.
 AVERAGED = f"over {STEPS} steps"
 
-#: Seconds through which the hub's trail reaches back.
-TRAIL = 1.6
+#: Seconds through which the hub's trail reaches back, and between points of it.
+TRAIL, FINE = 1.6, 0.04
 
-#: Seconds between points of it.
-FINE = 0.04
+#: Name of the gait whose ghost is blue, as is its cycle in the phase plane.
+GHOST = "optimum"
 
+#: Steps by which it walks ahead of the first walk when it joins.
+AHEAD = 2
 
-def film(
-    walk: Recording, *, fps: float = 25, size: tuple[int, int] = (600, 360)
-) -> Iterator[Frame]:
-    """Pictures of a walk.
+#: Seconds of the walk that are shown in the phase plane.
+RECENT = 0.25
 
-    Args:
-        walk: the walk.
-        fps: pictures per second of the walk; a state is shown until the next one is due.
-        size: width and height in pixels.
+#: Most walks in one picture.
+MOST = 2 + len(OTHERS)
 
-    Yields:
-        Pixels, uint8 of shape (height, width, 3).
-    """
-    for time in times(walk.ends, fps):
-        scene = dataclasses.replace(walk.scene(time), averaged=AVERAGED)
-        yield draw(walk.params, scene, size=size, trail=trail_of(walk, time))
+#: Letters of a name that are written; of a longer one its end, where paths differ.
+LETTERS = 22
+
+#: Width and height (pixels).
+SIZE = (720, 468)
+
+#: Share of the height that the walks take, and of the width that the phase plane takes below.
+GROUND, PLANE = 0.64, 0.42
+
+#: Energies that never reach as much (J) are left out.
+NOTHING = 1e-6
 
 
 def times(ends: float, fps: float) -> list[float]:
@@ -44,7 +52,202 @@ def times(ends: float, fps: float) -> list[float]:
     return [k / fps for k in range(max(1, round(ends * fps)))]
 
 
-def trail_of(walk: Recording, time: float) -> list[Point]:
+def _trail(walk: Recording, time: float) -> list[Point]:
     """Where the hub has been lately."""
     since = max(walk.begins, time - TRAIL)
     return [walk.pose(t).hub(walk.params) for t in np.arange(time, since - 1e-9, -FINE)[::-1]]
+
+
+class Race:
+    """Walks on one ground.
+
+    Args:
+        walks: the first is drawn solid, followed by the camera and measured; the others are ghosts,
+            which appear when their recordings begin. `MOST` of them at most, of one machine.
+        cycle: the gait whose cycle the phase plane shows, if any.
+        size: width and height in pixels.
+
+    Attributes:
+        size: as given.
+        ends: when the last of them has ended (s).
+
+    Raises:
+        ValueError: there are too many walks, or of several machines.
+    """
+
+    def __init__(
+        self, walks: Sequence[Recording], cycle: Solution | None, size: tuple[int, int] = SIZE
+    ) -> None:
+        if len(walks) > MOST:
+            raise ValueError(f"{len(walks)} walks: at most {MOST} fit into one picture")
+        first = walks[0]
+        for walk in walks:
+            if walk.params != first.params:
+                raise ValueError(
+                    f"{walk.name}: walks with another machine than {first.name}: "
+                    f"{walk.params.differences(first.params)}; watch them one at a time"
+                )
+        self.size = width, height = size
+        self.ends = max(walk.ends for walk in walks)
+        titled = [dataclasses.replace(walk, name=_title(walk.name)) for walk in walks]
+        self._walks = list(zip(titled, _colours([walk.name for walk in walks]), strict=True))
+        self._above = width, round(GROUND * height)
+        left = round(PLANE * width), height - self._above[1]
+        self._plane = PhasePlane(first.params, _rates(walks, cycle), _cycle(cycle), left)
+        self._right = width - left[0], left[1]
+        self._parts = parts(titled[0])
+
+    def frame(self, time: float) -> Frame:
+        """The picture at a time (s), uint8 of shape (height, width, 3)."""
+        first = self._walks[0][0]
+        present = [(walk, colour) for walk, colour in self._walks if walk.begins <= time + 1e-9]
+        shown = [
+            Shown(
+                name=walk.name,
+                colour=colour,
+                scene=walk.scene(time),
+                trail=_trail(walk, time) if walk is first else (),
+            )
+            for walk, colour in present
+        ]
+        part = next((each for each in self._parts if time < each.until), self._parts[-1])
+        since = part.since + first.period
+        others = [(walk, colour) for walk, colour in present[1:] if walk.begins <= since]
+        below = (
+            self._plane.frame([(colour, _recent(walk, time)) for walk, colour in present]),
+            part.frame(time, others, self._right),
+        )
+        lines = len(self._walks)
+        ground = draw_several(first.params, shown, self._above, lines=lines, averaged=AVERAGED)
+        return np.concatenate([ground, np.concatenate(below, axis=1)])
+
+
+def ghost(gait: Solution, first: Recording) -> Recording:
+    """The optimum, in step with a walk: it joins with the touchdown from which that has figures.
+
+    It begins `AHEAD` steps ahead, so that both are visible. Where the walk never has figures, it
+    begins with it.
+    """
+    joins = first.measured_from or Touchdown(0.0, 1, 0)
+    return record_gait(GHOST, gait, first.ends, joins.time, joins.foot + AHEAD)
+
+
+def _title(name: str) -> str:
+    """A name as it is written: in one line, and short enough to leave room for the bars."""
+    text = " ".join(name.split())
+    return text if len(text) <= LETTERS else "..." + text[3 - LETTERS :]
+
+
+def _colours(names: Sequence[str]) -> list[Colour]:
+    """Colours of the first walk and of the ghosts."""
+    others = iter((*OTHERS, OPTIMUM))
+    return [FIRST, *(OPTIMUM if name == GHOST else next(others) for name in names[1:])]
+
+
+def _recent(walk: Recording, time: float) -> list[Point]:
+    """Where the wheel has been in the phase plane."""
+    first, last = walk.index(max(walk.begins, time - RECENT)), walk.index(time)
+    return [(float(x[PHI]), float(x[DPHI])) for x in walk.states[first : last + 1]]
+
+
+def _cycle(gait: Solution | None) -> list[Point]:
+    """The closed curve of a gait in the phase plane."""
+    if gait is None:
+        return []
+    states = gait.state(np.linspace(0.0, gait.duration, 1 + round(200 * gait.duration)))
+    return [(float(x[0]), float(x[2])) for x in states]
+
+
+def _rates(walks: Sequence[Recording], cycle: Solution | None) -> tuple[float, float]:
+    """Least and greatest phi' (rad/s) of some walks and a cycle."""
+    rates = [rate for _, rate in _cycle(cycle)]
+    rates += [float(rate) for walk in walks for rate in walk.states[:, DPHI]]
+    return min(rates), max(*rates, min(rates) + 1e-3)
+
+
+def drawn_between(walk: Recording, since: float, time: float) -> float:
+    """E+ from one time (s) to another (J): drawn from a battery that cannot be recharged."""
+    before, after = (walk.spent(t) for t in (since, time))
+    return sum(after[name] - before[name] for name in DRAWN)
+
+
+def spent_between(walk: Recording, since: float, time: float) -> dict[str, float]:
+    """Where that energy went (J), by term of the ledger in words; the sum of all is what was drawn.
+
+    The battery cannot be recharged, so that what the motor gives back is lost: "not recharged".
+    What pushes give counts as negative.
+    """
+    before, after = (walk.spent(t) for t in (since, time))
+    change = {name: after[name] - before[name] for name in after}
+    spent = {name: change[name] for name in ("idle", *LOSSES, "collision")}
+    spent["not recharged"] = change["electrical_positive"] - change["electrical"]
+    return spent | {
+        "push": -change["push"],
+        "change of mechanical energy": change["mechanical_change"],
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A part of a walk, whose energies are counted from its beginning.
+
+    Attributes:
+        walk: the walk.
+        since: where the part begins (s).
+        until: where it ends (s).
+        title: of the picture.
+        terms: those of `spent_between` that are ever more than nothing.
+        full: the energy of a full bar (J).
+    """
+
+    walk: Recording
+    since: float
+    until: float
+    title: str
+    terms: tuple[str, ...]
+    full: float
+
+    @classmethod
+    def of(cls, walk: Recording, since: float, until: float, title: str) -> Part:
+        """The part of a walk between two times (s)."""
+        first, last = walk.index(since), walk.index(until)
+        clock = [walk.begins + k * walk.period for k in range(first, last + 1)]
+        moments = [spent_between(walk, since, time) for time in clock]
+        terms = tuple(
+            name for name in moments[0] if max(abs(each[name]) for each in moments) > NOTHING
+        )
+        full = max(max(accumulate(each.values())) for each in moments)
+        return cls(walk, since, until, title, terms, max(full, NOTHING))
+
+    def frame(
+        self, time: float, others: Sequence[tuple[Recording, Colour]], size: tuple[int, int]
+    ) -> Frame:
+        """The bars at a time (s).
+
+        Args:
+            time: within the part.
+            others: walks whose drawn energy is shown beside the first one's, and their colours.
+            size: width and height in pixels.
+        """
+        drawn = {"battery": (drawn_between(self.walk, self.since, time), STANCE)}
+        for other, colour in others:
+            drawn[f"battery, {other.name}"] = drawn_between(other, self.since, time), colour
+        spent = spent_between(self.walk, self.since, time)
+        named = {name: spent[name] for name in self.terms}
+        full = [drawn_between(other, self.since, self.until) for other, _ in others]
+        return draw_spending(self.title, drawn, named, max(self.full, *full, NOTHING), size)
+
+
+def parts(walk: Recording) -> tuple[Part, ...]:
+    """The start-up, and the walk from where it has figures: starting costs more than walking.
+
+    A single part where it has no figures.
+    """
+    measured = walk.measured_from
+    if measured is None:
+        return (Part.of(walk, walk.begins, walk.ends, "energy since the start (J)"),)
+    title = f"energy of the first {measured.time:.1f} s (J)"
+    return (
+        Part.of(walk, walk.begins, measured.time, title),
+        Part.of(walk, measured.time, walk.ends, f"energy since {measured.time:.1f} s (J)"),
+    )

@@ -88,7 +88,8 @@ def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:
     """
     if speed is None or not speed > 0.0:
         return ()
-    fewest = math.floor(params.step_length / (speed * CONTROL_PERIOD))
+    # at a gait's own speed, rounding must not decide between its neighbours
+    fewest = math.floor(params.step_length / (speed * CONTROL_PERIOD) + 1e-9)
     return fewest, fewest + 1
 
 

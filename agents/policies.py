@@ -14,6 +14,9 @@ from rimless_gym.kernel.stepping import MODE
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats, require_machine
 
+#: Titles of feedback laws that are not simply their names with spaces.
+LAW_TITLES = {"input_output": "input-output", "lqr": "LQR", "pid": "PD"}
+
 #: (states (N, 6), observations (N, 6 or 8)) -> actions (N,): voltages in units of the limit, in
 #: [-1, 1]. Observations are what a learner may use. States are for feedback laws.
 Policy: TypeAlias = Callable[[Floats, NDArray[np.float32]], Floats]
@@ -100,3 +103,8 @@ def seeing_policy(params: Machine, act: Act) -> Policy:
         return act(seen)
 
     return policy
+
+
+def law_title(law: str) -> str:
+    """The title of a law, one of `trajopt.feedback.laws.names()`, in tables and plots."""
+    return LAW_TITLES.get(law, law.replace("_", " "))

@@ -1,23 +1,26 @@
-"""Policy files: weights and a record of what they were trained for, nothing else.
+"""Policies in files and by name: weights, and a record of what they were trained for.
 
-A file is an archive of plain arrays with a JSON record and a digest (`trajopt.files`). Reading it
+A file is an archive of plain arrays with a JSON record and a digest (`trajopt.store`). Reading it
 executes nothing: the learner that is named in the record builds the policy and puts the weights in.
-Files written by plain stable-baselines3 are pickles, which can run any code.
+Files written by plain stable-baselines3 are pickles, which can run any code. By name there are
+these policies, feedback laws about a gait, and two baselines.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import zipfile
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
-from agents.policies import Policy, Seeing, learned_policy
+from agents.policies import Policy, Seeing, controller_policy, learned_policy
 from rimless_gym.envs.control import USUAL, Control
 from rimless_gym.envs.observation import (
     LEG_RATE_SCALE,
@@ -28,8 +31,11 @@ from rimless_gym.envs.observation import (
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
-from trajopt.files import digest, read_arrays, write_arrays
+from trajopt.feedback import laws
+from trajopt.feedback.law import Floats
+from trajopt.gaits.solution import Solution
 from trajopt.provenance import provenance
+from trajopt.store import digest, read_arrays, write_arrays
 
 FORMAT = "rimless-gym policy 2"
 
@@ -277,3 +283,87 @@ def _unpickled(path: Path, params: WheelParams) -> Checkpoint:
         raise CheckpointError(str(error)) from error
     task, parts = conditions.default_task, PolicyParts({"algo": algo}, {})
     return Checkpoint(act, algo, conditions, task, 0, parts)
+
+
+@dataclasses.dataclass(frozen=True)
+class NamedPolicy:
+    """A policy, and the conditions in which it walks.
+
+    Attributes:
+        name: of the baseline, the law or the policy, or the file's path.
+        policy: as the environment takes it.
+        conditions: machine and control, undisturbed.
+        task: for which a policy was trained; None for laws and baselines.
+        gait: that a law holds; None for others.
+        command: the commanded speed (m/s), if any.
+    """
+
+    name: str
+    policy: Policy
+    conditions: Conditions
+    task: Task | None = None
+    gait: Solution | None = None
+    command: float | None = None
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.conditions.params
+
+    @property
+    def period(self) -> float:
+        """How long an action is held (s)."""
+        return self.conditions.control.period
+
+
+def named_policy(
+    name: str,
+    gait_for: Callable[[WheelParams], Solution],
+    params: WheelParams | None = None,
+    *,
+    seed: int = 0,
+    trust_pickle: bool = False,
+) -> NamedPolicy:
+    """A baseline, a feedback law, a policy that comes with the package, or one in a file.
+
+    Args:
+        name: of the baseline, the law or the policy, or the file's path.
+        gait_for: returns the gait of a machine that a law holds; called only for laws.
+        params: the machine; None: a policy's own, that of the gait for laws, else BUILDABLE.
+        seed: of random voltages.
+        trust_pickle: see `load_policy`.
+
+    Raises:
+        ValueError: the gait is of another machine than `params`.
+        CheckpointError: there is no such law or policy, or the policy is for another machine.
+        NoGaitError: there is no gait to hold.
+    """
+    if name in BASELINES:
+        return NamedPolicy(name, BASELINES[name](seed), Conditions(params or BUILDABLE))
+    if name in laws.names():
+        gait = gait_for(params or BUILDABLE)
+        if params is not None and gait.params != params:
+            raise ValueError(
+                f"{name}: is to hold a gait of another machine: {gait.params.differences(params)}; "
+                "give a gait of the machine, or leave out params (--preset and --params)"
+            )
+        policy = controller_policy(gait.params, laws.design(name, gait))
+        return NamedPolicy(name, policy, Conditions(gait.params), gait=gait)
+    loaded = load_policy(name, params, trust_pickle=trust_pickle)
+    conditions = Conditions(loaded.params, control=loaded.conditions.control)
+    return NamedPolicy(name, loaded.policy, conditions, loaded.task)
+
+
+def _idle(states: Floats, observations: NDArray[np.float32]) -> Floats:
+    """No voltage."""
+    return np.zeros(len(states))
+
+
+def _random(seed: int) -> Policy:
+    """Uniformly random voltages; every policy of one seed gives the same sequence."""
+    rng = np.random.default_rng(seed)
+    return lambda states, observations: rng.uniform(-1.0, 1.0, len(states))
+
+
+#: Policies that are neither designed nor learned, by name; each is made from a seed.
+BASELINES: dict[str, Callable[[int], Policy]] = {"idle": lambda seed: _idle, "random": _random}

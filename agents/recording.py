@@ -1,4 +1,4 @@
-"""Walks that are kept whole, to be shown: where the wheel was at any time, and what it spent."""
+"""Recordings of walks, to be shown: where the wheel was at any time, and what it spent."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.conditions import Conditions
+from agents.policy_files import NamedPolicy
 from agents.rollout import Interval, Rollout, at_rest
-from agents.walkers import Walker
 from rimless_gym.energy import CHANNELS
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, PHI, THETA, hybrid_states
@@ -21,10 +21,10 @@ from rimless_gym.rendering.wheel import Scene
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
 
-#: What is summed up: the entries of `info` of these names.
-BOOKS = ("distance", *(channel.name for channel in CHANNELS))
+#: The entries of `info` that are summed.
+SUMMED = ("distance", *(channel.name for channel in CHANNELS))
 
-#: The books that make the energy drawn from a battery that cannot be recharged, E+.
+#: Those that make the energy drawn from a battery that cannot be recharged, E+.
 DRAWN = ("electrical_positive", "idle")
 
 #: Steps in a row over which speed and cost are averaged. Before them, there are no figures.
@@ -60,13 +60,13 @@ class Recording:
     """A walk.
 
     Attributes:
-        name: of whoever walks.
+        name: of the policy or the gait.
         params: the machine.
         begins: time of the first state (s).
         period: from state to state (s).
         states: (n + 1, STATE_SIZE).
         volts: held from each state to the next (V), (n,).
-        books: sums of `BOOKS` from the beginning to each state, (n + 1, len(BOOKS)).
+        sums: of the entries `SUMMED` from the beginning to each state, (n + 1, len(SUMMED)).
         touchdowns: in order of time.
     """
 
@@ -76,7 +76,7 @@ class Recording:
     period: float
     states: Floats
     volts: Floats
-    books: Floats
+    sums: Floats
     touchdowns: tuple[Touchdown, ...]
 
     @property
@@ -123,25 +123,25 @@ class Recording:
         waits = np.diff([*times, time])
         if len(ends) <= STEPS or any(end.legs != 1 for end in ends) or waits.max() > PAUSE:
             return None
-        distance, energy = (self._sum(sums, times) for sums in (("distance",), DRAWN))
+        distance, energy = (self._between(names, times) for names in (("distance",), DRAWN))
         return Figures(distance / (times[-1] - times[0]), energy / (self.params.weight * distance))
 
     def spent(self, time: float) -> dict[str, float]:
-        """Sums of the `BOOKS` from the beginning to a time (s)."""
-        return dict(zip(BOOKS, self.books[self.index(time)].tolist(), strict=True))
+        """Sums of the entries `SUMMED` from the beginning to a time (s)."""
+        return dict(zip(SUMMED, self.sums[self.index(time)].tolist(), strict=True))
 
-    def _sum(self, names: Iterable[str], times: list[float]) -> float:
-        """The sum of some books between the first and the last of some times."""
-        sums = sum(self.books[:, BOOKS.index(name)] for name in names)
-        clock = self.begins + self.period * np.arange(len(self.books))
+    def _between(self, names: Iterable[str], times: list[float]) -> float:
+        """The sum of some entries between the first and the last of some times."""
+        sums = sum(self.sums[:, SUMMED.index(name)] for name in names)
+        clock = self.begins + self.period * np.arange(len(self.sums))
         return float(np.diff(np.interp([times[0], times[-1]], clock, sums))[0])
 
 
 def record(name: str, walk: Iterable[Interval], params: WheelParams, period: float) -> Recording:
-    """The first of some walks.
+    """A recording of the first of some walks.
 
     Args:
-        name: of whoever walks.
+        name: of its policy.
         walk: its control intervals, one or more.
         params: the machine.
         period: length of an interval (s).
@@ -161,18 +161,18 @@ def record(name: str, walk: Iterable[Interval], params: WheelParams, period: flo
     return Recording(name, params, 0.0, period, states, volts, _summed(intervals), touchdowns)
 
 
-def record_walker(walker: Walker, seconds: float, command: float | None = None) -> Recording:
-    """A walk from rest.
+def record_policy(policy: NamedPolicy, seconds: float, command: float | None = None) -> Recording:
+    """A recording of a walk from rest.
 
     Args:
-        walker: who walks.
+        policy: that walks.
         seconds: of walking, to the nearest interval and at least one, if it does not fall before.
-        command: the speed that is commanded (m/s), if any is.
+        command: the commanded speed (m/s), if any.
     """
-    n_intervals = max(1, round(seconds / walker.period))
-    start = at_rest(walker.params)[None]
-    walk = Rollout(walker.conditions, walker.policy, start, n_intervals, command=command)
-    return record(walker.name, walk, walker.params, walker.period)
+    n_intervals = max(1, round(seconds / policy.period))
+    start = at_rest(policy.params)[None]
+    walk = Rollout(policy.conditions, policy.policy, start, n_intervals, command=command)
+    return record(policy.name, walk, policy.params, policy.period)
 
 
 def record_gait(
@@ -192,33 +192,33 @@ def record_gait(
     hold = _period(gait)
     first = math.ceil(begins / hold - 1e-6)
     clock = hold * np.arange(first, max(round(seconds / hold), first + 1) + 1)
-    own = np.maximum(clock - begins, 0.0)
-    states = hybrid_states(gait.state(own), SINGLE)
-    states[:, FOOT] = legs + gait.foot(own)
-    strides = gait.duration * np.arange(int(own[-1] / gait.duration) + 1)
+    since = np.maximum(clock - begins, 0.0)
+    states = hybrid_states(gait.state(since), SINGLE)
+    states[:, FOOT] = legs + gait.foot(since)
+    strides = gait.duration * np.arange(int(since[-1] / gait.duration) + 1)
     ends = (strides[:, None] + gait.phase_times[:-1]).ravel()
-    ends = ends[ends <= own[-1]]
+    ends = ends[ends <= since[-1]]
     feet = legs + np.arange(len(ends))
     touchdowns = tuple(
         Touchdown(time, 1, foot)
         for time, foot in zip((begins + ends).tolist(), feet.tolist(), strict=True)
     )
-    volts = np.asarray(gait.control(own[:-1]))
+    volts = np.asarray(gait.control(since[:-1]))
     return Recording(
-        name, gait.params, float(clock[0]), hold, states, volts, _books(gait, own), touchdowns
+        name, gait.params, float(clock[0]), hold, states, volts, _spent(gait, since), touchdowns
     )
 
 
-def _books(gait: Solution, times: Floats) -> Floats:
-    """What the gait has spent at some times of its own (s), (N, len(BOOKS)), 0 at the first."""
+def _spent(gait: Solution, times: Floats) -> Floats:
+    """What a gait has spent at times since its touchdown (s), (N, len(SUMMED)), 0 at the first."""
     volts, first = gait.held_voltages, gait.first_tick
     start = hybrid_states(gait.state([first]), SINGLE)
     played = iter(volts / gait.params.voltage_limit)
 
-    def policy(states: Floats, observations: object) -> Floats:
+    def repeated(states: Floats, observations: object) -> Floats:
         return np.array([next(played)])
 
-    walk = Rollout(Conditions(gait.params), policy, start, len(volts))
+    walk = Rollout(Conditions(gait.params), repeated, start, len(volts))
     stride = _summed(walk)
     ticks = _period(gait) * np.arange(len(volts) + 1)
     strides, within = np.divmod(times - first, gait.duration)
@@ -233,6 +233,6 @@ def _period(gait: Solution) -> float:
 
 
 def _summed(intervals: Iterable[Interval]) -> Floats:
-    """Sums of the `BOOKS` of the first walk up to each interval's ends, (n + 1, len(BOOKS))."""
-    spent = [[float(each.info[book][0]) for book in BOOKS] for each in intervals]
-    return np.concatenate([np.zeros((1, len(BOOKS))), np.cumsum(spent, axis=0)])
+    """Sums of the first walk up to the ends of each interval, (n + 1, len(SUMMED))."""
+    spent = [[float(each.info[name][0]) for name in SUMMED] for each in intervals]
+    return np.concatenate([np.zeros((1, len(SUMMED))), np.cumsum(spent, axis=0)])

@@ -25,7 +25,7 @@ from agents.cli.options import (
 
 if TYPE_CHECKING:
     from agents.evaluate import Evaluation
-    from agents.walkers import Walker
+    from agents.policy_files import NamedPolicy
     from rimless_gym.params import WheelParams
 
 COLUMNS = (
@@ -110,20 +110,20 @@ def evaluate(
             return Solution.load(gait)
         return periodic_gait(params, speed, steps, progress=True)
 
-    walkers: list[Walker] = []  # all of them, before the first is measured
+    named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:
-        walkers += _at_commands(name, gait_for, params_, commands, trust_pickle)
-    commanded = any(w.command is not None for w in walkers)
+        named += _at_commands(name, gait_for, params_, commands, trust_pickle)
+    commanded = any(w.command is not None for w in named)
     if seeds and commanded:
         raise ValueError("--seeds: policies that are commanded a speed are not summarised")
     if commands and not commanded:
         raise ValueError("--commands: none of these policies is commanded a speed")
     if commands:
         as_speeds("--commands", commands, len(commands))
-    for w in walkers:
+    for w in named:
         Conditions.of(w.params, drawn, disturbed)
     rows = []
-    for w in walkers:
+    for w in named:
         result = measured(
             w.policy,
             w.params,
@@ -135,10 +135,10 @@ def evaluate(
             disturbances=disturbed,
         )
         rows.append(_row(w, result, gap, no_gap))
-    names = [w.name for w in walkers]
+    names = [w.name for w in named]
     summary = over_seeds(rows) if seeds else {}
     if json_:
-        conditions = Conditions.of(walkers[0].params, drawn, disturbed).to_dict()
+        conditions = Conditions.of(named[0].params, drawn, disturbed).to_dict()
         for own in ("params", "speeds", "control_period"):  # each policy has its own
             del conditions[own]
         results = dict(zip(names, rows, strict=True))
@@ -151,16 +151,16 @@ def evaluate(
 
 def _at_commands(
     name: str, gait_for: Any, params: WheelParams | None, commands: Sequence[float], trust: bool
-) -> list[Walker]:
+) -> list[NamedPolicy]:
     """A law or policy; where it is commanded a speed, at each of several.
 
     Raises:
         ValueError: there is no such law or policy, or it or the gait is for another machine.
     """
     from agents.commanded import commands_within
-    from agents.walkers import walker
+    from agents.policy_files import named_policy
 
-    named = walker(name, gait_for, params, trust_pickle=trust)
+    named = named_policy(name, gait_for, params, trust_pickle=trust)
     speeds = named.conditions.control.speeds
     if speeds is None:
         return [named]
@@ -170,7 +170,7 @@ def _at_commands(
     ]
 
 
-def _row(w: Walker, result: Evaluation, gap: bool, no_gap: bool) -> dict[str, Any]:
+def _row(w: NamedPolicy, result: Evaluation, gap: bool, no_gap: bool) -> dict[str, Any]:
     """The figures of a policy, with its gap to the optimum where that is wanted.
 
     The optimum changes its voltage every control period; other policies have no gap.
@@ -193,7 +193,7 @@ def _row(w: Walker, result: Evaluation, gap: bool, no_gap: bool) -> dict[str, An
 
 def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Interquartile mean and 95 % interval of each figure over the policies that have it."""
-    from agents.statistics import bootstrap_interval, interquartile_mean
+    from agents.evaluate import bootstrap_interval, interquartile_mean
 
     summary: dict[str, Any] = {}
     for name, _ in COLUMNS[:-1]:
@@ -216,9 +216,9 @@ def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[st
             cells = [_cell(c, summary.get(c, {}).get(key)) for c, _ in COLUMNS]
             lines.append(f"{title:{width}}" + "".join(cells))
     for name, row in zip(names, rows, strict=True):
-        if row["faults"]:
-            count, starts = sum(row["faults"].values()), row["protocol"]["starts"]
-            reasons = ", ".join(f"{n} {outcome}" for outcome, n in row["faults"].items())
+        if row["failures"]:
+            count, starts = sum(row["failures"].values()), row["protocol"]["starts"]
+            reasons = ", ".join(f"{n} {outcome}" for outcome, n in row["failures"].items())
             lines.append(f"{name}: {count} of {starts} starts do not count ({reasons})")
     return "\n".join(lines)
 

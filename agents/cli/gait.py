@@ -127,8 +127,7 @@ def warmup() -> int:
     import gymnasium
     import numpy as np
 
-    from agents.evaluate import evaluate
-    from agents.protocol import Protocol
+    from agents.evaluate import Protocol, evaluate
     from rimless_gym import BUILDABLE, simulate
 
     def environment() -> None:

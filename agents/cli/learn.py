@@ -147,9 +147,9 @@ def compare(
         front: speeds of the optimal front (m/s)
         workers: processes; by default as many as cores
     """
-    from agents.comparison.compare import Comparison
-    from agents.comparison.report import format_table
+    from agents.comparison.compare import compare as compared
     from agents.comparison.study import Study
+    from agents.comparison.table import format_table
     from trajopt.pool import cores
 
     machine(preset, params)
@@ -169,9 +169,9 @@ def compare(
     )
     require_folder(out)
     try:
-        results = Comparison(study, out, workers=workers or cores()).run()
+        rows = compared(study, out, workers=workers or cores())
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"finished work is in {out}; the same command continues") from None
-    print(format_table(results["table"]))
+    print(format_table(rows))
     print(f"results, plots and an animation: {out}; open {out / 'report.html'}", file=sys.stderr)
     return 0

@@ -26,7 +26,7 @@ def page(*, out: Path = Path("runs/page.html"), policy: str = "imitation") -> in
         out: file to write
         policy: a policy's file, or one that comes with the package
     """
-    from agents.page.write import write_page
+    from agents.page import write_page
 
     require_file(out)
     written = write_page(out, policy)
@@ -35,7 +35,7 @@ def page(*, out: Path = Path("runs/page.html"), policy: str = "imitation") -> in
 
 
 def data(
-    walkers: Names = (),
+    policies: Names = (),
     *,
     out: Path = Path("runs/data"),
     episodes: Annotated[int, one("INT", whole(1, 10_000))] = 100,
@@ -51,10 +51,10 @@ def data(
     what is missing. Set MINARI_DATASETS_PATH to the folder to read the datasets.
 
     Args:
-        walkers: optimal (an episode on each of several gaits), idle, random, a feedback law, or a
+        policies: optimal (an episode on each of several gaits), idle, random, a feedback law, or a
             policy (see `rimless list`) or its file; by default all that walk fast enough
         out: folder, Minari's MINARI_DATASETS_PATH
-        episodes: of every walker, at most 10,000
+        episodes: of every policy, at most 10,000
         seed: of the first episode, and of random voltages
         speed: of the gait that laws hold (m/s)
         preset: machine; by default a policy's own, and BUILDABLE for the others
@@ -62,21 +62,19 @@ def data(
     """
     from tqdm import tqdm
 
-    from agents.data.files import CARD
-    from agents.data.walks import standard
-    from agents.data.write import Wanted, require_free, write
+    from agents.datasets import CARD, DatasetConfig, missing, standard, write
     from trajopt.store import Store
 
     require_folder(out)
     params_ = machine(preset, params) if preset or params else None
-    names = tuple(dict.fromkeys(walkers or standard()))
-    wanted = Wanted(params_, episodes, seed, speed)
+    names = tuple(dict.fromkeys(policies or standard()))
+    config = DatasetConfig(params_, episodes, seed, speed)
     with Store(out):
-        missing = require_free(out, names, wanted)
-        with tqdm(total=len(names), initial=len(names) - len(missing), desc="data") as bar:
-            for name in missing:
+        todo = missing(out, names, config)
+        with tqdm(total=len(names), initial=len(names) - len(todo), desc="data") as bar:
+            for name in todo:
                 bar.set_postfix_str(name)
-                id_, figures = write(out, name, wanted)
+                id_, figures = write(out, name, config)
                 bar.write(f"{id_}: {figures['steps']:,} steps, return {figures['mean']:.2f} m")
                 bar.update()
     print(f"{out}: set MINARI_DATASETS_PATH to it; each dataset has its card, {CARD}")

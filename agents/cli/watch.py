@@ -25,7 +25,7 @@ from agents.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from agents.race import Race
+    from agents.film import Race
     from rimless_gym.params import WheelParams
     from trajopt import Solution
 
@@ -77,7 +77,7 @@ def watch(
         out: a .gif or .mp4 to write instead of showing a window
         size: of the picture, in pixels
     """
-    from agents.race import MOST
+    from agents.film import MOST
     from rimless_gym.rendering.display import ffmpeg
 
     films = {GIF: _gif, VIDEO: _video}
@@ -140,9 +140,9 @@ def _race(
     Raises:
         ValueError: there is no such gait, law or policy, or they are of several machines.
     """
-    from agents.race import Race, ghost
-    from agents.recording import Recording, record_gait, record_walker
-    from agents.walkers import walker
+    from agents.film import Race, ghost
+    from agents.policy_files import named_policy
+    from agents.recording import Recording, record_gait, record_policy
     from rimless_gym import BUILDABLE
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import Solution, periodic_gait
@@ -158,12 +158,12 @@ def _race(
         return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD, guess=guess, progress=True)
 
     gaits = {name: _held(gait) for name, gait in saved.items()}
-    walkers = {
-        name: walker(name, gait_for, given, trust_pickle=trust_pickle)
+    policies = {
+        name: named_policy(name, gait_for, given, trust_pickle=trust_pickle)
         for name in names
         if name != OPTIMUM and name not in gaits
     }
-    machines = [*(w.params for w in walkers.values()), *(gait.params for gait in gaits.values())]
+    machines = [*(w.params for w in policies.values()), *(gait.params for gait in gaits.values())]
     params = given or next(iter(machines), BUILDABLE)
     for name, gait in gaits.items():
         if gait.params != params:
@@ -171,7 +171,7 @@ def _race(
                 f"{name}: is a gait of another machine: {gait.params.differences(params)}; watch "
                 "it without policies of other machines, --preset and --params"
             )
-    solved = OPTIMUM in names or any(w.gait for w in walkers.values())
+    solved = OPTIMUM in names or any(w.gait for w in policies.values())
     cycle: Solution | None
     if solved or (not gaits and any(gait.params == params for gait in shipped())):
         cycle = gait_for(params)
@@ -182,8 +182,8 @@ def _race(
         if name in gaits:
             walks.append(record_gait(name, gaits[name], seconds))
         elif name != OPTIMUM:
-            command = speed if walkers[name].conditions.commanded else None
-            walks.append(record_walker(walkers[name], seconds, command))
+            command = speed if policies[name].conditions.commanded else None
+            walks.append(record_policy(policies[name], seconds, command))
         elif walks:
             walks.append(ghost(gait_for(params), walks[0]))
         else:

@@ -1,149 +1,147 @@
 """The headline: learned against optimal cost of transport, on one model, at equal speed.
 
-A study runs in stages, each of which leaves its result in the study's folder. However it was
-stopped, the same study goes on: finished stages are kept, and so are the gaits and training states
-of the unfinished one. The table is the same as without a stop.
+Each method leaves its result in the study's folder. However a comparison was stopped, the same call
+continues it: finished results are loaded, and so are the gaits and training states of unfinished
+ones. The table is the same as without a stop.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
-from collections.abc import Mapping, Sequence
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-import matplotlib
+from tqdm import tqdm
 
-from agents.comparison.arena import Arena
-from agents.comparison.entrants import Entrant, entrants
-from agents.comparison.html_report import write_report
-from agents.comparison.learned import Learned, learning_curve
-from agents.comparison.learning_curves import plot_learning_curves
-from agents.comparison.report import by_speed, format_table
-from agents.comparison.running import completed
-from agents.comparison.shown import cycle_charts, return_charts, shown_walks, walk_from_rest
-from agents.comparison.speed_figure import plot_cot_against_speed
-from agents.comparison.study import Study
-from agents.comparison.style import STYLE
-from agents.film import times
+from agents.comparison.figures import walk_from_rest, write_figures
+from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
+from agents.comparison.study import Setting, Study
+from agents.comparison.table import Row, by_speed, format_table
+from agents.film import Race, ghost, times
 from agents.policy_files import load_policy
-from agents.race import Race, ghost
 from agents.recording import record
-from agents.reports.paper import printed, save
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.rendering.display import save_gif
-from trajopt.files import jsonable, write_text
+from trajopt.pool import run
 from trajopt.provenance import provenance
-from trajopt.store import Store
+from trajopt.store import Store, jsonable, write_text
 
-#: Pictures of the animation per second.
-FPS = 20
+#: Of the results in a study's folder.
+FORMAT = 2
 
-#: Seconds of a walk that are animated.
-ANIMATED = 10.0
+#: Seconds of a walk that are animated, and pictures of the animation per second.
+ANIMATED, FPS = 10.0, 20
+
+#: How often a task checks whether the results that it needs are there (s).
+CHECK = 0.2
 
 
-class Comparison:
-    """A study in a folder.
+def compare(
+    study: Study, out: Path, progress: bool = True, workers: int | None = None
+) -> list[Row]:
+    """Compare all methods of a study; write results.json, table.md, plots and report.html.
 
     Args:
         study: what to compare.
-        out: folder; may hold the same study, finished or not.
-        progress: whether to show progress bars.
-        workers: processes that stages share; the results do not depend on their number.
+        out: folder; new, or that of the same study, finished or not.
+        progress: whether to show progress.
+        workers: processes that the methods share, default: one for each core. The results do not
+            depend on their number.
+
+    Returns:
+        The rows of the table.
 
     Raises:
-        ValueError: the preset is unknown, or the folder is a file or holds another study.
+        ValueError: `out` holds another study, or another process is working in it.
+        KilledError: the process of a method was killed; the same call continues.
+        KeyboardInterrupt: the comparison was stopped; the same call continues.
         OSError: the folder cannot be written.
     """
-
-    def __init__(self, study: Study, out: Path, progress: bool = True, workers: int = 1) -> None:
-        self.study, self.out, self.progress, self.workers = study, out, progress, workers
-        self._arena = Arena(study, out, progress)
-        with Store(out):
-            self._claim()
-
-    def _claim(self) -> None:
-        """Make the folder this study's, or check that it already is."""
-        wanted, written = self._arena.identity, self.out / "study.json"
-        if written.exists():
-            has = _read_json(written).get("study")
-            if not isinstance(has, dict):
-                raise ValueError(f"{written}: damaged; remove it, or choose another --out")
-            differing = {
-                k: f"{has.get(k)} (not {wanted[k]})" for k in wanted if has.get(k) != wanted[k]
-            }
-            if differing:
-                raise ValueError(
-                    f"{self.out} holds another study: {differing}; choose another --out, or "
-                    "remove it"
-                )
-        _write_json(written, {"study": wanted} | provenance())
-
-    def run(self) -> dict[str, Any]:
-        """Run what is not done yet; return the results, which are also written to results.json.
-
-        Raises:
-            ValueError: another process is running it, or one of its files is damaged.
-        """
-        with Store(self.out):
-            return self._run()
-
-    def _run(self) -> dict[str, Any]:
-        competing = entrants(self.study)
-        results = completed(self._arena, competing, self.workers)
-        listed = [row for each in competing for row in each.rows(self._arena, results[each.name])]
-        rows = by_speed(listed)
-        report = {"study": dataclasses.asdict(self.study), "table": rows, "stages": results}
-        report |= provenance()
-        _write_json(self.out / "results.json", report)
-        write_text(self.out / "table.md", format_table(rows) + "\n")
-        learned = [each for each in competing if isinstance(each, Learned)]
+    setting, compared = Setting(study, out, progress), methods(study)
+    inputs = {"study": dataclasses.asdict(study), "format": FORMAT}
+    with Store(out, inputs, record="study.json") as store:
+        complete(setting, compared, store, workers)
+        results = {method.name: store.load(method.name) for method in compared}
+        rows = by_speed(r for m in compared for r in m.rows(setting, results[m.name]))
+        report = {**inputs, "table": rows, "results": results, **provenance()}
+        write_text(out / "results.json", json.dumps(jsonable(report), indent=1) + "\n")
+        write_text(out / "table.md", format_table(rows) + "\n")
+        learned = [method for method in compared if isinstance(method, LearnedMethod)]
         curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
-        self._draw(rows, competing, curves)
-        return report
-
-    def _draw(
-        self,
-        rows: list[dict[str, Any]],
-        competing: Sequence[Entrant],
-        curves: Mapping[str, Sequence[Mapping[str, Any]]],
-    ) -> None:
-        """Plots, an animation of the first of the learners that are drawn, the HTML report."""
-        arena, out = self._arena, self.out
-        plot_cot_against_speed(out / "cot_against_speed.png", arena.front, arena.held_front, rows)
-        plot_learning_curves(out / "learning_curves.png", curves, arena.held_front)
-        shown = shown_walks(arena, competing)
-        cycles, returns = cycle_charts(shown), return_charts(arena.params, shown)
-        with matplotlib.rc_context(STYLE):
-            save(printed(cycles, across=4), out / "deviations.png")
-            save(printed(returns, across=4), out / "return_maps.png")
-        filmed = [each for each in competing if isinstance(each, Learned) and each.drawn]
-        if filmed:
-            policy = load_policy(filmed[0].main_file(out)).policy
-            walk = walk_from_rest(arena.params, policy, ANIMATED)
-            first, gait = (
-                record(filmed[0].name, walk, arena.params, CONTROL_PERIOD),
-                arena.held_gait(self.study.speed),
-            )
-            race = Race([first, ghost(gait, first)], gait)
-            frames = [race.frame(time) for time in times(race.ends, FPS)]
-            save_gif(frames, out / f"{filmed[0].name}.gif", FPS)
-        write_report(arena, rows, (cycles, returns), curves)
+        write_figures(setting, rows, compared, curves)
+        _animate(setting, next(each for each in learned if each.walk))
+    return rows
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        values = json.loads(path.read_text())
-        if not isinstance(values, dict):
-            raise TypeError(f"{type(values).__name__} instead of an object")
-        return values
-    except (ValueError, TypeError, RecursionError) as error:
-        raise ValueError(
-            f"{path}: damaged ({error}); remove it to run its stage again, or choose another --out"
-        ) from error
+def complete(
+    setting: Setting, compared: Sequence[Method], store: Store, workers: int | None
+) -> None:
+    """Compute the results that the store does not have yet, side by side."""
+    todo = [method for method in compared if method.name not in store]
+    for method in todo:
+        if (setting.out / f"{method.name}.json").exists():
+            _print(setting, f"{method.name}: damaged or changed, computed again")
+            shutil.rmtree(setting.out / method.name, ignore_errors=True)  # of a training
+            (setting.out / f"{method.name}.json").unlink()
+    done, work = len(compared) - len(todo), functools.partial(_compute, setting, workers == 1)
+    results = run(work, _ready_first(setting.out, longest_chains_first(todo)), workers)
+    with closing(results):
+        for method, seconds in results:
+            done += 1
+            _print(setting, f"[{done}/{len(compared)}] {method.name}: done in {seconds:.0f} s")
 
 
-def _write_json(path: Path, values: Any) -> None:
-    write_text(path, json.dumps(jsonable(values), indent=1) + "\n")
+def longest_chains_first(todo: Sequence[Method]) -> list[Method]:
+    """In order of the number of methods that wait for each other's results, this one's first."""
+
+    def length(method: Method) -> int:
+        return 1 + max((length(each) for each in todo if method.name in each.after), default=0)
+
+    return sorted(todo, key=length, reverse=True)
+
+
+def _ready_first(out: Path, todo: list[Method]) -> Iterator[Method]:
+    """Each time the first method whose inputs are there; where there is none, the first one."""
+    while todo:
+        ready = (method for method in todo if not _missing(out, method))
+        method = next(ready, todo[0])
+        todo.remove(method)
+        yield method
+
+
+def _missing(out: Path, method: Method) -> bool:
+    """Whether a result that a method needs is not there yet."""
+    return not all((out / f"{name}.json").exists() for name in method.after)
+
+
+def _compute(setting: Setting, alone: bool, method: Method) -> float:
+    """Compute a result once its inputs are there, and save it; return the seconds that it took."""
+    while _missing(setting.out, method):  # another process is computing them
+        time.sleep(CHECK)
+    began = time.perf_counter()
+    setting = Setting(setting.study, setting.out, setting.progress and alone)
+    result: Result = method.compute(setting)
+    Store(setting.out).save(method.name, result, result.get("files", ()))
+    return time.perf_counter() - began
+
+
+def _animate(setting: Setting, learned: LearnedMethod) -> None:
+    """Animate a walk of a learned policy beside the optimum."""
+    policy = load_policy(learned.main_file(setting.out)).policy
+    walk = walk_from_rest(setting.params, policy, ANIMATED)
+    recording = record(learned.name, walk, setting.params, CONTROL_PERIOD)
+    gait = setting.held_gait(setting.study.speed)
+    race = Race([recording, ghost(gait, recording)], gait)
+    frames = [race.frame(moment) for moment in times(race.ends, FPS)]
+    save_gif(frames, setting.out / f"{learned.name}.gif", FPS)
+
+
+def _print(setting: Setting, text: str) -> None:
+    if setting.progress:
+        tqdm.write(text, sys.stderr)

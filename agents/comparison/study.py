@@ -1,17 +1,31 @@
-"""What a comparison compares."""
+"""What a comparison compares, and what its methods share: a folder, and the optimal fronts."""
 
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
-from agents.gaps import FRONT_STEPS
-from rimless_gym.checks import integer, positive, require_kind
+from agents.evaluate import evaluate
+from agents.gaps import FRONT_STEPS, gap_to_front
+from agents.policies import Policy
+from rimless_gym.checks import integer, positive
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import preset
+from trajopt import NoGaitError, Solution
+from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.held_stride import held_speed, held_speeds
 from trajopt.gaits.problem import lacks_power
+from trajopt.ocp.ranking import tied
+from trajopt.store import Store
+
+#: The fields that are counts.
+_COUNTS = (
+    *("seed", "starts", "timesteps", "further_timesteps"),
+    *("scratch_timesteps", "evolution_timesteps"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,42 +71,31 @@ class Study:
     front_steps: tuple[int, ...] = FRONT_STEPS
 
     def __post_init__(self) -> None:
-        require_kind("preset", self.preset, str)
-        require_kind("changes", self.changes, dict)
-        preset(self.preset).replace(**self.changes)
-        positive("speed", self.speed)
-        for name in ("further", "front"):
-            speeds = getattr(self, name)
-            if not isinstance(speeds, (tuple, list)):
-                raise TypeError(f"{name} = {speeds!r}: must be a tuple of speeds (m/s)")
-            object.__setattr__(self, name, tuple(positive(f"{name}: speed", v) for v in speeds))
-        if len(self.front) != 2 or self.front[0] > self.front[1]:
+        for name in ("further", "front", "front_steps"):
+            values = getattr(self, name)
+            if not isinstance(values, (tuple, list)):
+                raise TypeError(f"{name} = {values!r}: must be a tuple of numbers")
+            object.__setattr__(self, name, tuple(values))
+        for speed in (self.speed, *self.further, *self.front):
+            positive("speed", speed)
+        for steps in (self.steps, *self.front_steps):
+            integer("steps", steps, 1)
+        for name in _COUNTS:
+            integer(name, getattr(self, name), 0)
+        if len(self.front) != 2 or self.front[0] > self.front[1] or not self.front_steps:
             raise ValueError(
-                f"front = {self.front}: must be two speeds (m/s), the least and the greatest"
+                f"front = {self.front}, front_steps = {self.front_steps}: must be the least "
+                "and the greatest speed (m/s), and one or more numbers of steps"
             )
-        if not isinstance(self.front_steps, (tuple, list)) or not self.front_steps:
-            raise TypeError(f"front_steps = {self.front_steps!r}: must be a tuple such as (1, 2)")
-        steps = tuple(integer("front_steps: number", n, 1) for n in self.front_steps)
-        object.__setattr__(self, "front_steps", steps)
-        _ = self.front_speeds  # what is out of range is refused before a folder is claimed
+        _ = self.front_speeds  # refused here if it is out of range
         if len({self.on_tick(speed) for speed in self.speeds}) < len(self.speeds):
             raise ValueError(
                 f"further = {self.further}: two of these and speed = {self.speed} stand for the "
                 "same gait; leave one out"
             )
-        for name, least in (
-            ("steps", 1),
-            ("timesteps", 0),
-            ("further_timesteps", 0),
-            ("scratch_timesteps", 0),
-            ("evolution_timesteps", 0),
-            ("starts", 0),
-            ("seed", 0),
-        ):
-            integer(name, getattr(self, name), least)
         for speed in self.speeds:
-            if why := lacks_power(self.params, speed, self.steps):
-                raise ValueError(why)
+            if reason := lacks_power(self.params, speed, self.steps):
+                raise ValueError(reason)
 
     @property
     def params(self) -> WheelParams:
@@ -113,3 +116,64 @@ class Study:
         """Speeds of the gaits of the front (m/s): all between the least and the greatest."""
         enclosed = *self.front, *self.speeds
         return held_speeds(self.params, min(enclosed), max(enclosed), CONTROL_PERIOD)
+
+
+class Setting:
+    """What the methods of a comparison share.
+
+    Args:
+        study: what to compare.
+        out: folder of the study.
+        progress: whether to show progress bars.
+    """
+
+    def __init__(self, study: Study, out: Path, progress: bool = False) -> None:
+        self.study, self.out, self.progress = study, out, progress
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine."""
+        return self.study.params
+
+    @cached_property
+    def front(self) -> CotFront:
+        """The front of optimal gaits with a continuous voltage, once it is solved."""
+        return self._front_of("front")
+
+    @cached_property
+    def held_front(self) -> CotFront:
+        """The front that every gap is measured against: of gaits that the environment allows."""
+        return self._front_of("held_front")
+
+    def _front_of(self, method: str) -> CotFront:
+        names = Store(self.out).load(method)["files"]
+        return CotFront(tuple(Solution.load(self.out / name) for name in names))
+
+    def held_gait(self, speed: float) -> Solution:
+        """The environment's best gait nearest to a speed (m/s)."""
+        return min(self.held_front.envelope, key=lambda gait: abs(gait.speed - speed))
+
+    def best_gait(self, speed: float) -> Solution:
+        """The best gait nearest to a speed (m/s), of the fewest steps, with a continuous voltage.
+
+        Raises:
+            NoGaitError: there is none at the control interval's speed nearest to it.
+        """
+        wanted = self.study.on_tick(speed)
+        gaits = [gait for gait in self.front.solutions if abs(gait.speed - wanted) < 1e-6]
+        if not gaits:
+            raise NoGaitError(
+                f"speed = {wanted:.4f} m/s: no verified gait; {self.out}/front.json has the "
+                "reason; choose a speed between those of the front"
+            )
+        lowest = min(gait.cot for gait in gaits)
+        as_good = [gait for gait in gaits if tied(gait.cot, lowest, 1e-4)]
+        return min(as_good, key=lambda gait: gait.steps)
+
+    def evaluated(self, policy: Policy) -> dict[str, Any]:
+        """The evaluation of a policy, as plain JSON values."""
+        return evaluate(policy, self.params, progress=self.progress).to_dict()
+
+    def gap(self, cot: float | None, speed: float | None) -> float | None:
+        """Gap of a gait or a walk to the environment's optimum; None off its front."""
+        return gap_to_front(cot, speed, self.held_front)

@@ -23,12 +23,11 @@ from torch import nn
 from agents import learner
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching, clone
-from agents.learner import NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
 from agents.policies import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
     Hyperparameters,
-    advice,
     hyperparameters,
     policy_kwargs,
 )
@@ -91,6 +90,13 @@ class Actor:
         """The deterministic policy, for NumPy arrays."""
         return NetworkPolicy(self.model)
 
+    def freeze(self, frozen: bool) -> None:
+        """Let learning change only the critic, or the actor too; never the exploration noise."""
+        for parameter in self.noise:
+            parameter.requires_grad_(False)
+        for weight in self.weights:
+            weight.requires_grad_(not frozen)
+
 
 class Sb3Learner(learner.Learner):
     """An algorithm of stable-baselines3 in our vector environment.
@@ -149,15 +155,9 @@ class Sb3Learner(learner.Learner):
         """The part of a model of this algorithm that chooses actions."""
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         return hyperparameters(cls.algorithm, cls.hyperparameter_file, init, changes)
-
-    @classmethod
-    def advice(cls, training: Training) -> list[str]:
-        """See `agents.sb3.hyperparameters.advice`."""
-        settings = training.settings
-        return advice(training, settings) if isinstance(settings, Hyperparameters) else []
 
     @classmethod
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
@@ -337,14 +337,8 @@ class FreezeActor(BaseCallback):
         super().__init__()
         self._actor, self._until = actor, until
 
-    def _on_training_start(self) -> None:
-        for parameter in self._actor.noise:
-            parameter.requires_grad_(False)
-        self._on_rollout_start()
-
     def _on_rollout_start(self) -> None:
-        for weight in self._actor.weights:
-            weight.requires_grad_(self.num_timesteps >= self._until)
+        self._actor.freeze(self.num_timesteps < self._until)
 
     def _on_step(self) -> bool:
         return True

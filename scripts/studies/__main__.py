@@ -18,7 +18,6 @@ STUDIES = {
     "learning": "learning.command",
     "processors": "processors",
     "publish": "publish",
-    "publish_policy": "publish_policy",
     "returns": "returns",
     "textbook": "textbook",
     "thesis": "thesis.experiments",

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from agents.baselines import BASELINES, walker_or_baseline
 from agents.conditions import Conditions
-from agents.episodes import episodes
 from agents.policies import Policy
-from agents.policy_files import PRETRAINED
+from agents.policy_files import BASELINES, PRETRAINED, named_policy
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE
 from rimless_gym.envs.observation import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS, TASK
@@ -116,11 +115,11 @@ def measured(policy: Policy, conditions: Conditions, count: int) -> Row:
 
 def _rows(name: str, count: int) -> Iterator[tuple[str, Row]]:
     """The rows of a policy, each with its environment; baselines are in both."""
-    walker = walker_or_baseline(name, _gait)
-    row = {"name": name} | measured(walker.policy, walker.conditions, count)
-    if walker.conditions.commanded:
-        speeds = list(walker.conditions.control.speeds or ())
-        yield COMMANDED, row | {"speeds": speeds, "period": walker.period}
+    policy = named_policy(name, _gait)
+    row = {"name": name} | measured(policy.policy, policy.conditions, count)
+    if policy.conditions.commanded:
+        speeds = list(policy.conditions.control.speeds or ())
+        yield COMMANDED, row | {"speeds": speeds, "period": policy.period}
     else:
         yield WHEEL, row
     if name in BASELINES:

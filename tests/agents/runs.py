@@ -3,8 +3,8 @@
 import numpy as np
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from agents.evaluate import Protocol
 from agents.policy_files import load_policy
-from agents.protocol import Protocol
 from agents.training import Trainer, TrainingConfig, train
 
 BRIEF = Protocol(starts=4, seed=1, duration=0.5, window=0.25, alive=0.25)

@@ -8,9 +8,8 @@ import pytest
 from agents import load_policy
 from agents.commanded import COMMANDS, SLIPS, commands_within, evaluate_commanded, walk_through
 from agents.conditions import Conditions
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import learned_policy
-from agents.protocol import Protocol
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import BUILDABLE, Task
 from rimless_gym.envs.speed import SPEEDS, TASK
@@ -28,8 +27,8 @@ def leaning(states, seen):
     return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
 
 
-def share(judged, *faults):
-    return sum(judged.evaluation.faults.get(fault, 0) for fault in faults) / BRIEF.starts
+def share(judged, *outcomes):
+    return sum(judged.evaluation.failures.get(outcome, 0) for outcome in outcomes) / BRIEF.starts
 
 
 def test_a_policy_that_stands_does_not_walk_at_any_speed():
@@ -37,7 +36,7 @@ def test_a_policy_that_stands_does_not_walk_at_any_speed():
         assert judged.walking_share == 0.0
         assert np.isnan(judged.cot)
         assert np.isnan(judged.speed)
-        assert judged.evaluation.faults == {"stops": BRIEF.starts}
+        assert judged.evaluation.failures == {"stops": BRIEF.starts}
 
 
 def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
@@ -63,7 +62,7 @@ def test_a_policy_that_steps_but_breaks_a_rule_is_told_from_one_that_stands():
     (judged,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
     assert judged.walking_share == 0.0
     assert share(judged, *SLIPS) > 0.3
-    assert set(judged.evaluation.faults) <= {"falls", "stops", *VIOLATIONS}
+    assert set(judged.evaluation.failures) <= {"falls", "stops", *VIOLATIONS}
 
 
 def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():

@@ -1,33 +1,216 @@
-"""A walk as pictures."""
+"""Recordings of walks, and their pictures: one alone, several in one, and where the energy goes."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.film import film, times
-from agents.recording import record_walker
-from agents.walkers import walker
+from agents.film import AHEAD, MOST, Race, drawn_between, ghost, parts, spent_between
+from agents.policy_files import NamedPolicy, named_policy
+from agents.recording import STEPS, Recording, record, record_gait, record_policy
+from agents.rollout import Interval, Rollout, at_rest
+from rimless_gym import BUILDABLE
+from rimless_gym.equations import DOUBLE, LOSSES
+from rimless_gym.kernel.stepping import FOOT, PHI
+from rimless_gym.rendering.canvas import OPTIMUM
+from rimless_gym.rendering.panels import draw_spending
+from trajopt import periodic_gait
+from trajopt.gaits.solution import Solution
+
+SECONDS = 6.0
 
 
 @pytest.fixture(scope="module")
-def walk():
-    return record_walker(walker("evolution", None), 4.0)
+def policy() -> NamedPolicy:
+    return named_policy("evolution", lambda params: pytest.fail("no gait is needed"))
 
 
-@pytest.mark.parametrize("fps", [4, 10])
-def test_a_film_lasts_as_long_as_its_walk(walk, fps):
-    frames = list(film(walk, fps=fps, size=(120, 80)))
-    assert len(frames) == 4 * fps
-    assert all(frame.shape == (80, 120, 3) and frame.dtype == np.uint8 for frame in frames)
+@pytest.fixture(scope="module")
+def intervals(policy: NamedPolicy) -> list[Interval]:
+    n = round(SECONDS / 0.01)
+    return list(Rollout(policy.conditions, policy.policy, at_rest(BUILDABLE)[None], n))
 
 
-def test_no_figures_are_shown_at_first_and_later_over_what_they_are(walk, monkeypatch):
-    scenes = []
-    monkeypatch.setattr("agents.film.draw", lambda params, scene, **_: scenes.append(scene))
-    list(film(walk, fps=10))
-    assert all(scene.cot is None and scene.speed is None for scene in scenes[:20])
-    assert 0.03 < scenes[-1].cot < 1.0
-    assert scenes[-1].averaged == "over 5 steps"
+@pytest.fixture(scope="module")
+def walk(intervals: list[Interval]) -> Recording:
+    return record("evolution", intervals, BUILDABLE, 0.01)
 
 
-def test_a_short_walk_has_one_picture():
-    assert times(0.01, 25) == [0.0]
+@pytest.fixture(scope="module")
+def gait() -> Solution:
+    return periodic_gait(BUILDABLE, 0.56, 1, hold=0.01)
+
+
+# -- recordings ------------------------------------------------------------------------------------
+
+
+def test_the_wheel_is_where_it_was_and_spent_the_sum_of_info(
+    walk: Recording, intervals: list[Interval]
+) -> None:
+    for k in (0, 1, 317, 599):
+        for time in (0.01 * k, 0.01 * k + 0.009):
+            scene, state = walk.pose(time), intervals[k].states[0]
+            assert scene.phi == state[PHI]
+            assert scene.foot_x == state[FOOT] * BUILDABLE.step_length
+            assert scene.voltage == 12.0 * intervals[k].actions[0]
+    assert walk.pose(0.0).mode == DOUBLE
+    assert walk.pose(99.0).phi == intervals[-1].after[0, PHI]  # it stays where it ended
+    for name in ("electrical", "copper", "friction", "gear", "collision", "idle", "distance"):
+        total = sum(float(each.info[name][0]) for each in intervals[:250])
+        assert walk.spent(2.5)[name] == pytest.approx(total, abs=1e-12)
+
+
+def test_there_are_no_figures_before_some_steps_in_a_row_nor_after_the_wheel_stops(
+    walk: Recording,
+) -> None:
+    first = walk.measured_from
+    assert first is not None
+    steps = [end for end in walk.touchdowns if end.time <= first.time][-STEPS - 1 :]
+    assert len(steps) == STEPS + 1
+    assert all(after.foot == before.foot + 1 for before, after in itertools.pairwise(steps))
+    assert first.time > 2.0
+    for time in np.arange(0.0, first.time - 1e-6, 0.1):
+        assert walk.figures(time) is None
+        assert walk.scene(time).cot is None
+    assert walk.figures(walk.touchdowns[-1].time + 1.9) is not None
+    assert walk.figures(walk.touchdowns[-1].time + 2.1) is None
+
+
+def test_the_figures_are_those_of_the_last_steps(walk: Recording) -> None:
+    ends = [end.time for end in walk.touchdowns if end.time <= 5.0][-STEPS - 1 :]
+    figures = walk.figures(5.0)
+    assert figures is not None
+    before, after = (walk.spent(round(time, 2)) for time in (ends[0], ends[-1]))
+    spent = {name: after[name] - before[name] for name in before}
+    speed = STEPS * BUILDABLE.step_length / (ends[-1] - ends[0])
+    assert figures.speed == pytest.approx(speed, rel=1e-2)
+    energy = spent["electrical_positive"] + spent["idle"]
+    assert figures.cot == pytest.approx(energy / (BUILDABLE.weight * spent["distance"]), rel=5e-2)
+
+
+def test_a_wheel_that_stands_has_no_figures(policy: NamedPolicy) -> None:
+    def rest(states: Any, observations: Any) -> Any:
+        return np.zeros(len(states))
+
+    standing = record(
+        "rest", Rollout(policy.conditions, rest, at_rest(BUILDABLE)[None], 50), BUILDABLE, 0.01
+    )
+    assert standing.measured_from is None
+    assert standing.scene(0.4).speed is None
+
+
+def test_a_policy_is_recorded_from_rest_for_at_least_one_interval(
+    policy: NamedPolicy, walk: Recording
+) -> None:
+    brief = record_policy(policy, 0.2)
+    assert np.array_equal(brief.states, walk.states[:21])
+    assert (brief.name, brief.begins, brief.ends) == ("evolution", 0.0, pytest.approx(0.2))
+    assert len(record_policy(policy, 0.001).volts) == 1
+
+
+def test_a_recorded_gait_is_its_solution_and_costs_what_was_verified(gait: Solution) -> None:
+    begins, legs = 0.437, 3
+    recording = record_gait("optimum", gait, 5.0, begins, legs)
+    assert recording.begins == pytest.approx(0.44)
+    for time in (0.44, 0.5, 1.03, 3.99):
+        scene, state = recording.pose(time), gait.state(time - begins)
+        assert (scene.phi, scene.theta) == pytest.approx(tuple(state[:2]), abs=1e-9)
+        steps = int((time - begins) / gait.duration)
+        assert scene.foot_x == pytest.approx((legs + steps) * BUILDABLE.step_length)
+    hubs = [recording.pose(time).hub(BUILDABLE)[0] for time in np.arange(0.44, 4.0, 0.01)]
+    assert (np.diff(hubs) > 0.0).all()
+    figures = recording.figures(4.9)
+    assert figures is not None
+    assert figures.speed == pytest.approx(gait.speed, rel=1e-3)
+    assert figures.cot == pytest.approx(gait.cot, rel=1e-3)
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+def coloured(frame: Any, colour: Any) -> int:
+    return int((np.abs(frame.astype(int) - colour).max(axis=2) <= 8).sum())
+
+
+def test_the_optimum_joins_in_step_once_the_first_walks(walk: Recording, gait: Solution) -> None:
+    optimum, first = ghost(gait, walk), walk.measured_from
+    assert first is not None
+    assert 0.0 <= optimum.begins - first.time < 0.01
+    assert optimum.touchdowns[0] == pytest.approx((first.time, 1, first.foot + AHEAD))
+    alone, both = Race([walk], None), Race([walk, optimum], gait, (501, 333))
+    frames = [both.frame(t) for t in (0.0, optimum.begins - 0.1, 5.0)]
+    assert all(frame.shape == (333, 501, 3) and frame.dtype == np.uint8 for frame in frames)
+    plane = Race([walk], gait, (501, 333)).frame(5.0)  # has the cycle, but not the ghost
+    assert coloured(frames[2], OPTIMUM) > coloured(plane, OPTIMUM) + 50
+    assert coloured(alone.frame(5.0), OPTIMUM) == 0
+
+
+@pytest.mark.parametrize(("since", "time"), [(0.0, 0.5), (0.0, 3.0), (3.0, 6.0)])
+def test_the_terms_add_up_to_what_the_battery_gave(
+    walk: Recording, since: float, time: float
+) -> None:
+    spent = spent_between(walk, since, time)
+    assert set(LOSSES) <= set(spent)
+    assert not any("_" in term for term in spent)  # they are written beside the bars
+    assert sum(spent.values()) == pytest.approx(drawn_between(walk, since, time), abs=1e-9)
+    assert spent["copper"] == walk.spent(time)["copper"] - walk.spent(since)["copper"]
+
+
+def noted(calls: list[Any]) -> Callable[..., Any]:
+    """What draws bars, and notes its arguments."""
+
+    def drawn(*arguments: Any) -> Any:
+        calls.append(arguments)
+        return draw_spending(*arguments)
+
+    return drawn
+
+
+def test_energies_are_counted_from_zero_once_the_wheel_walks_and_all_bars_fit(
+    walk: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, walking = parts(walk)
+    assert walk.measured_from is not None
+    assert (start.since, walking.since, walking.until) == (0.0, walk.measured_from.time, walk.ends)
+    assert "drag" not in walking.terms  # this machine has none
+    calls: list[Any] = []
+    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
+    start.frame(start.until, (), (300, 160))
+    walking.frame(walking.since, (), (300, 160))
+    walking.frame(walk.ends, (), (300, 160))
+    batteries = [given[1]["battery"][0] for given in calls]
+    assert batteries[1] == 0.0
+    assert 0.0 < batteries[2] < batteries[0]
+    for _, _, spent, full, _ in calls:
+        assert max(np.cumsum(list(spent.values()))) <= full + 1e-9
+    costly = dataclasses.replace(walk, name="costly", sums=3.0 * walk.sums)
+    walking.frame(4.0, [(costly, OPTIMUM)], (300, 160))
+    expected = 3.0 * drawn_between(walk, walking.since, walking.until)
+    assert calls[-1][3] == pytest.approx(expected)
+
+
+def test_the_path_of_a_file_leaves_room_for_the_bars(
+    walk: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[Any] = []
+    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
+    path = "/somebody/keeps/policies/far/away/from/here/runs/ppo/best.zip"
+    Race([walk, dataclasses.replace(walk, name=path)], None).frame(4.0)
+    assert list(calls[0][1]) == ["battery", "battery, ...e/runs/ppo/best.zip"]
+
+
+def test_too_flat_pictures_too_many_walks_and_those_of_other_machines_are_refused(
+    walk: Recording,
+) -> None:
+    with pytest.raises(ValueError, match=r"size = 2000 x 32 pixels: .* make the picture higher"):
+        Race([walk], None, (2000, 50)).frame(0.0)
+    with pytest.raises(ValueError, match=f"{MOST + 1} walks: at most {MOST}"):
+        Race([walk] * (MOST + 1), None)
+    other = dataclasses.replace(walk, name="heavy", params=BUILDABLE.replace(wheel_mass=2.0))
+    with pytest.raises(ValueError, match="heavy: walks with another machine than evolution"):
+        Race([walk, other], None)

@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agents.comparison.study import Study
 from agents.conditions import Conditions
-from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.gaps import (
+    FRONT_STEPS,
     best_held,
     gap_to_continuous_optimum,
     gap_to_front,
     gap_to_optimum,
     ticks_around,
 )
-from agents.protocol import Protocol
 from rimless_gym import BUILDABLE, PROTOTYPE
 from trajopt import periodic_gait
 from trajopt.gaits.fronts import CotFront, shipped_front
@@ -37,6 +38,22 @@ def test_the_gap_is_taken_at_the_learned_speed_and_is_missing_off_the_front() ->
     assert gap_to_front(None, None, front) is None
 
 
+def test_the_optimum_is_of_gaits_of_one_to_three_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved = []
+    two_steps = next(gait for gait in shipped_front(BUILDABLE).envelope if gait.steps == 2)
+
+    def cot_front(params, speeds, steps, **settings):
+        solved.append((tuple(steps), settings.get("hold")))
+        return CotFront((two_steps,))
+
+    monkeypatch.setattr("agents.gaps.cot_front", cot_front)
+    assert best_held(BUILDABLE, 70, tmp_path) is two_steps
+    assert solved == [((1, 2, 3), None), ((2,), 0.01)]
+    assert Study().front_steps == FRONT_STEPS == (1, 2, 3)
+
+
 @pytest.mark.slow
 def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> None:
     best = periodic_gait("THESIS_PHYSICAL", 0.5, 1, hold=0.01)
@@ -44,46 +61,35 @@ def test_the_gap_is_to_the_environments_own_optimum_at_the_walked_speed() -> Non
     assert found == pytest.approx(0.1, abs=2e-3)
 
 
-def test_there_is_no_gap_where_nothing_walks() -> None:
-    assert gap_to_optimum(BUILDABLE, math.nan, math.nan) is None
-
-
-@pytest.mark.parametrize("ticks", [1, 2000])
-def test_there_is_no_optimum_where_a_step_is_too_short_or_too_long_to_solve(
-    ticks: int, tmp_path: Path
+def test_there_is_no_gap_where_nothing_walks_and_no_optimum_where_a_step_is_out_of_range(
+    tmp_path: Path,
 ) -> None:
-    assert best_held(BUILDABLE, ticks, tmp_path) is None
+    assert gap_to_optimum(BUILDABLE, math.nan, math.nan) is None
+    for ticks in (1, 2000):
+        assert best_held(BUILDABLE, ticks, tmp_path) is None
 
 
 def test_a_speed_lies_between_those_of_the_steps_around_it() -> None:
     fewer, more = ticks_around(BUILDABLE, 0.57)
     assert BUILDABLE.step_length / (0.01 * more) < 0.57 < BUILDABLE.step_length / (0.01 * fewer)
+    for ticks in range(40, 120):  # a gait's own speed, rounded either way
+        speed = BUILDABLE.step_length / (0.01 * ticks)
+        for near in (np.nextafter(speed, 0.0), speed, np.nextafter(speed, 1.0)):
+            assert ticks_around(BUILDABLE, near) == (ticks, ticks + 1)
     assert (ticks_around(BUILDABLE, None), ticks_around(BUILDABLE, -0.1)) == ((), ())
 
 
-@pytest.fixture(scope="module")
-def standing() -> Evaluation:
+def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_where_there_are_any() -> None:
     brief = Protocol(starts=1, duration=1.0, window=0.5, alive=0.5)
-    return evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
-
-
-def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_at_the_same_speed(
-    standing: Evaluation,
-) -> None:
+    standing = evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
     usual = Conditions(BUILDABLE)
     slow, fast = (gait for gait in shipped_front(BUILDABLE).envelope if 0.52 < gait.speed < 0.61)
     halfway = {"speed": (slow.speed + fast.speed) / 2, "cot": 1.1 * (slow.cot + fast.cot) / 2}
     walks = dataclasses.replace(standing, **halfway)
     assert gap_to_continuous_optimum(walks, usual) == pytest.approx(0.1)
-
-
-def test_where_no_such_optimum_is_known_there_is_no_gap(standing: Evaluation) -> None:
-    walks = dataclasses.replace(standing, speed=0.57, cot=0.06)
     drawn = Conditions.of(BUILDABLE, {"hub_friction": (0.01, 0.03)}, None)
     commanded = Conditions.of(BUILDABLE, None, None, (0.4, 0.6))
     for conditions in (Conditions(PROTOTYPE), drawn, commanded):
         assert math.isnan(gap_to_continuous_optimum(walks, conditions))
-    usual = Conditions(BUILDABLE)
-    running = dataclasses.replace(walks, speed=9.0)
-    for evaluation in (standing, running):
+    for evaluation in (standing, dataclasses.replace(walks, speed=9.0)):
         assert math.isnan(gap_to_continuous_optimum(evaluation, usual))

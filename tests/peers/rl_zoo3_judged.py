@@ -23,5 +23,5 @@ if __name__ == "__main__":
     found = evaluate(learned_policy(actions), progress=True)
     print(
         f"{100 * found.walking_share:.0f} % walk, CoT {found.cot:.4f} at {found.speed:.3f} m/s; "
-        f"the others: {found.faults}"
+        f"the others: {found.failures}"
     )

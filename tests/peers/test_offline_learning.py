@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.baselines import idle
 from agents.conditions import Conditions
-from agents.data.files import dataset_id
-from agents.data.write import Wanted, write
-from agents.episodes import episodes
+from agents.datasets import DatasetConfig, dataset_id, write
+from agents.policy_files import BASELINES
+from agents.rollout import episodes
 from rimless_gym import BUILDABLE
 
 pytestmark = pytest.mark.peers
@@ -25,15 +24,15 @@ from torchrl.data.datasets import MinariExperienceReplay  # noqa: E402
 from torchrl.modules import MLP  # noqa: E402
 from torchrl.objectives import BCLoss  # noqa: E402
 
-WALKER = "robust"
-WANTED = Wanted(None, 100, 1000, 0.56)
+POLICY = "robust"
+CONFIG = DatasetConfig(None, 100, 1000, 0.56)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The walks of a shipped policy."""
     made = tmp_path_factory.mktemp("data")
-    write(made, WALKER, WANTED)
+    write(made, POLICY, CONFIG)
     return made
 
 
@@ -44,7 +43,7 @@ def returns(policy) -> float:
 
 def test_behaviour_cloning_on_a_dataset_walks_better_than_resting(folder, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
-    walked = list(minari.load_dataset(dataset_id(WALKER)).iterate_episodes())
+    walked = list(minari.load_dataset(dataset_id(POLICY)).iterate_episodes())
     seen = np.concatenate([one.observations[:-1] for one in walked])
     done = np.concatenate([one.actions for one in walked])
     storage = LazyTensorStorage(len(seen))
@@ -69,14 +68,14 @@ def test_behaviour_cloning_on_a_dataset_walks_better_than_resting(folder, monkey
         with torch.no_grad():
             return net(torch.from_numpy(observations)).numpy()[:, 0]
 
-    assert returns(policy) > returns(idle) + 1.0
+    assert returns(policy) > returns(BASELINES["idle"](0)) + 1.0
 
 
 @pytest.mark.xfail(reason="TorchRL 0.14.1's own reader of Minari's files gives zeros")
 def test_torchrls_own_reader_gives_the_transitions(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
     replay = MinariExperienceReplay(
-        dataset_id(WALKER), batch_size=256, root=tmp_path, load_from_local_minari=True
+        dataset_id(POLICY), batch_size=256, root=tmp_path, load_from_local_minari=True
     )
-    first = minari.load_dataset(dataset_id(WALKER))[0]
+    first = minari.load_dataset(dataset_id(POLICY))[0]
     np.testing.assert_array_equal(replay[: len(first)]["observation"], first.observations[:-1])

@@ -21,7 +21,7 @@ from rimless_gym.presets import PRESETS, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 
 number = equations(math.sin, math.cos)
-N_STATES = 700
+N_STATES = 200
 EXACT = 1e-9  # rad/s: MuJoCo's dry friction has no width
 LOSSES = {
     "rotor_inertia": 3e-7,
@@ -31,16 +31,14 @@ LOSSES = {
     "gear_loss": 0.3,
 }
 EXTRAS = {
-    "plain": {},
-    "downhill, every loss": LOSSES | {"slope": 0.15},
-    "uphill, every loss, frame mount": LOSSES | {"slope": -0.2, "motor_mount": "frame"},
+    "plain": {"n_legs": 5},
+    "downhill, every loss": LOSSES | {"slope": 0.15, "n_legs": 8},
+    "uphill, every loss, frame mount": LOSSES
+    | {"slope": -0.2, "motor_mount": "frame", "n_legs": 4},
 }
 CASES = {
-    f"{name}, {n_legs} legs, {extra}": machine.replace(
-        n_legs=n_legs, friction_width=EXACT, **changes
-    )
+    f"{name}, {extra}": machine.replace(friction_width=EXACT, **changes)
     for name, machine in PRESETS.items()
-    for n_legs in (4, 5, 6, 8)
     for extra, changes in EXTRAS.items()
 }
 
@@ -181,7 +179,7 @@ def test_touchdown_stops_the_new_foot_as_in_mujoco(params, wheel, direction):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-@pytest.mark.parametrize("n_legs", [3, 4, 5])
+@pytest.mark.parametrize("n_legs", [3, 5])
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
 def test_the_wheel_stops_on_two_feet_if_the_old_foot_cannot_lift_off(
     free_wheel, mount, n_legs, direction
@@ -200,7 +198,8 @@ def test_the_wheel_stops_on_two_feet_if_the_old_foot_cannot_lift_off(
     rising = np.einsum("nij,nj->ni", free.jacobian[:, 2:], rolling)[:, 1]
     standing = stopped(free.inertia, free.jacobian, v)
     pushes = impulses(free.inertia, free.jacobian, standing - v)
-    assert np.array_equal(rising > 0, pushes[:, 3] < 0)
+    certain = np.abs(rising) > 1e-9
+    assert np.array_equal((rising > 0)[certain], (pushes[:, 3] < 0)[certain])
     ours = [after_touchdown(direction, *row[1:], volts, p) for row, volts in zip(x, u, strict=True)]
     stays = np.array([landing.mode == DOUBLE for landing in ours])
     creeping = (rising > 0) & (rising < 5e-4)
@@ -213,7 +212,7 @@ def test_the_wheel_stops_on_two_feet_if_the_old_foot_cannot_lift_off(
 positive, rate = st.floats(0.01, 3), st.floats(-12, 12)
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     st.builds(
         WheelParams,
@@ -251,8 +250,8 @@ def kinetic_energies(wheel, theta, dphi, dtheta, direction=1):
 def test_thesis_touchdown_creates_energy_in_a_third_of_the_states(free_wheel):
     """Both maps are linear in the rates: only theta and the ratio of the rates matter."""
     wheel, rng = free_wheel(THESIS_PHYSICAL.replace(impact_law="thesis")), np.random.default_rng(0)
-    theta, ratio = rng.uniform(-math.pi, math.pi, 10000), rng.uniform(-0.5, 0.5, 10000) * math.pi
+    theta, ratio = rng.uniform(-math.pi, math.pi, 4000), rng.uniform(-0.5, 0.5, 4000) * math.pi
     states = np.column_stack([theta, np.cos(ratio), np.sin(ratio)])
     before, after = np.array([kinetic_energies(wheel, *state) for state in states]).T
-    assert np.mean(after > before) == pytest.approx(0.354, abs=0.005)
+    assert np.mean(after > before) == pytest.approx(0.354, abs=0.02)
     assert np.max(after / before) > 2.4

@@ -19,7 +19,7 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL, Trajectory, WheelParams, simulate
 from rimless_gym.export import joint_state
 
-STEPS = (8e-4, 1e-4)  # s
+STEPS = (8e-4, 2e-4)  # s
 
 
 @dataclasses.dataclass
@@ -112,8 +112,7 @@ def converging(
     return ours, theirs
 
 
-@pytest.mark.parametrize("n_legs", [3, 4, 5])
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("n_legs", "direction"), [(3, 1), (5, -1)])
 def test_a_wheel_that_falls_slowly_comes_to_rest_on_two_feet(free_wheel, n_legs, direction):
     params = THESIS_PHYSICAL.replace(n_legs=n_legs, slope=0.03, hub_damping=0.1)
     x = [math.pi / 2 + direction * 0.6 * params.leg_angle / 2, 0.4, direction * 0.2, 1.0]
@@ -124,8 +123,7 @@ def test_a_wheel_that_falls_slowly_comes_to_rest_on_two_feet(free_wheel, n_legs,
         assert motion.rest_since == pytest.approx(entry, abs=0.7 * math.sqrt(h))
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-@pytest.mark.parametrize(("mount", "spin"), [("wheel", 0.0), ("frame", 4.0)])
+@pytest.mark.parametrize(("mount", "spin", "direction"), [("wheel", 0.0, -1), ("frame", 4.0, 1)])
 def test_a_wheel_at_rest_lifts_off_when_the_voltage_has_grown_enough(
     free_wheel, mount, spin, direction
 ):
@@ -142,7 +140,7 @@ def test_a_wheel_at_rest_lifts_off_when_the_voltage_has_grown_enough(
         assert motion.lift_off == pytest.approx(event.time, abs=h)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 5, 6])
+@pytest.mark.parametrize("seed", [1, 5])
 def test_steps_forward_and_back_agree_with_the_contact_simulation(free_wheel, seed):
     params = THESIS_PHYSICAL.replace(slope=0.05, rotor_inertia=1e-7)
     p, rng = params.constants, np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The table of energies: every channel is booked, reported and documented under its name."""
+"""The table of energies: every channel is accounted, reported and documented under its name."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def test_a_loss_takes_energy_at_every_speed_and_voltage(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LOSSES)
-def test_the_booked_loss_is_the_integral_of_its_power(name: str) -> None:
+def test_the_loss_is_the_integral_of_its_power(name: str) -> None:
     p, u = LOSSY.constants, 3.0
     state = np.array([[1.5, 0.4, 0.8, -2.0, 0.0, 0.0]])
-    powers, booked = [], 0.0
+    powers, total = [], 0.0
     for _ in range(200):
         phi, theta, dphi, dtheta = state[0, :4]
         ddpsi = hybrid.relative_rate(
@@ -38,8 +38,8 @@ def test_the_booked_loss_is_the_integral_of_its_power(name: str) -> None:
         )
         dpsi = hybrid.relative_rate(dphi, dtheta, p)
         powers.append(getattr(hybrid.losses(dphi, dpsi, ddpsi, u, p), name))
-        booked += advance(LOSSY, state, np.full(1, u), 1e-4)[0, getattr(ROW, name)]
-    assert booked == pytest.approx(1e-4 * sum(powers), rel=0.01)
+        total += advance(LOSSY, state, np.full(1, u), 1e-4)[0, getattr(ROW, name)]
+    assert total == pytest.approx(1e-4 * sum(powers), rel=0.01)
 
 
 def test_every_channel_and_term_is_in_info_and_in_the_documentation() -> None:
@@ -60,7 +60,7 @@ def test_every_entry_of_info_is_in_the_documentation() -> None:
     assert [name for name in info if name not in words] == []
 
 
-def test_the_ledger_has_every_channel_that_the_kernel_books() -> None:
+def test_the_ledger_has_every_channel_that_the_kernel_accounts() -> None:
     states = np.zeros((1, STATE_SIZE))
     states[0, 0] = 1.5
     ledger = Ledger.from_rows(advance(LOSSY, states, np.full(1, 3.0))[0], LOSSY).to_dict()

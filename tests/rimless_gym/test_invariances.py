@@ -13,7 +13,7 @@ from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import FOOT, MODE, STATE_SIZE, advance
 
 MACHINE = THESIS_PHYSICAL.replace(hub_damping=0.05, drag=0.2, rotor_inertia=1e-7, slope=0.05)
-COUNT, INTERVALS = 100, 40
+COUNT, INTERVALS = 50, 30
 
 
 def motions(
@@ -23,7 +23,7 @@ def motions(
     mirror: bool = False,
     turn: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Final states and summed bookings of motions whose times and voltages are scaled."""
+    """Final states and summed totals of motions whose times and voltages are scaled."""
     rng, p = np.random.default_rng(8), params.constants
     states = np.zeros((COUNT, STATE_SIZE))
     states[:, 0] = rng.uniform(p.a, p.b, COUNT)
@@ -41,7 +41,7 @@ def motions(
     return states, total
 
 
-@pytest.mark.parametrize("scale", [0.3, 4.0])
+@pytest.mark.parametrize("scale", [0.3])
 def test_a_larger_machine_moves_the_same_in_time_scaled_by_the_root_of_its_size(
     scale: float,
 ) -> None:
@@ -66,7 +66,7 @@ def test_a_larger_machine_moves_the_same_in_time_scaled_by_the_root_of_its_size(
         assert scaled_total[:, energy] == pytest.approx(scale * total[:, energy], abs=1e-6)
 
 
-@pytest.mark.parametrize("scale", [0.2, 7.0])
+@pytest.mark.parametrize("scale", [7.0])
 def test_a_heavier_machine_moves_the_same_with_a_motor_stronger_in_proportion(scale: float) -> None:
     heavier = MACHINE.replace(
         **{

@@ -24,9 +24,9 @@ needs_node = pytest.mark.skipif(NODE is None, reason="no Node here")
 
 MACHINES = {
     "buildable": BUILDABLE,
-    "downhill": BUILDABLE.replace(slope=0.05),
-    "uphill, another gear": BUILDABLE.replace(slope=-0.03, gear_ratio=25.0),
-    "more losses": BUILDABLE.replace(hub_friction=0.08, gear_loss=0.2, hub_damping=0.01, drag=0.2),
+    "uphill, every loss": BUILDABLE.replace(
+        slope=-0.03, gear_ratio=25.0, hub_friction=0.08, gear_loss=0.2, hub_damping=0.01, drag=0.2
+    ),
 }
 
 
@@ -65,10 +65,6 @@ def test_every_branch_of_a_function_is_traced() -> None:
         else:
             leaves.append(tree)
     assert {leaf.value for leaf in leaves if isinstance(leaf, Leaf)} == {x, 3.0, -3.0}
-
-
-def test_the_same_machine_gives_the_same_text() -> None:
-    assert simulator(BUILDABLE) == simulator(BUILDABLE.replace())
 
 
 # -- physics -----------------------------------------------------------------------------------
@@ -140,7 +136,7 @@ def test_observations_agree_with_the_environments() -> None:
 
 # -- trajectories ------------------------------------------------------------------------------
 
-INTERVALS = 200  # of 10 ms: 2 s
+INTERVALS = 120  # of 10 ms: 1.2 s
 
 VOLTAGES = {
     "pumped": 5.0 * np.sign(np.sin(7.2 * 0.01 * np.arange(INTERVALS))),
@@ -200,7 +196,7 @@ def test_trajectories_agree_with_the_kernel(name: str) -> None:
             for energy in ("elapsed", "distance", "electrical_positive", "collision"):
                 assert book[energy] == pytest.approx(row[getattr(ROW, energy)], abs=1e-6)
         assert len(walked) == INTERVALS or walked[-1]["book"]["failure"]
-    assert touchdowns > 20
+    assert touchdowns > 8
 
 
 @needs_node

@@ -1,9 +1,8 @@
 """Measure every feedback law about several held gaits, all from the same starts.
 
-Cost over the optimum, pushes, region of attraction, changed machines, slopes, noise, delay, a low
-battery, decision time and Floquet multipliers. Every figure is kept in a file as soon as it is
-known: after Ctrl-C or a kill, the same command goes on from there. What depends on a
-file that has changed is measured again. With two workers and six laws it takes about 40 minutes.
+Cost over the optimum, pushes, random states, noise, delay, changed machines, decision time and
+multipliers. Every figure is stored as soon as it is known: after Ctrl-C or a kill, the same command
+continues from there. With two workers and six laws it takes about 40 minutes.
 """
 
 from __future__ import annotations
@@ -11,82 +10,98 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from agents.cli.main import INTERRUPTED
-from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
-from scripts.studies.documents.drawings import save
-from scripts.studies.feedback_laws import drawing, page
-from scripts.studies.feedback_laws.gaits import GAITS
-from scripts.studies.feedback_laws.study import study
+from scripts.studies.feedback_laws import page
+from scripts.studies.feedback_laws.measures import GAITS, MEASURES, TIMING, Measurement, measured
 from trajopt.feedback import laws
+from trajopt.pool import run
+from trajopt.store import Store, file_digest, key
+
+#: The code of laws and measures: its digests are part of a result's key, so that what was measured
+#: of other code is measured again.
+CODE = sorted([*Path(laws.__file__).parents[1].rglob("*.py"), *Path(__file__).parent.glob("*.py")])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 1 if a law failed, 130 after Ctrl-C or SIGTERM."""
-    parser = Parser(__doc__)
-    keys = [held.key for held in GAITS]
+    """Run the command line; 0 when all is done, 1 if a law failed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/feedback"), help="folder")
-    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
-    parser.add_argument(
-        "--laws", type=_some(laws.names), default=None, help="some laws, a,b,c; by default all"
-    )
-    parser.add_argument(
-        "--gaits",
-        type=_some(lambda: keys),
-        default=keys,
-        help=f"some of the gaits, a,b,c, of {', '.join(keys)}; by default all",
-    )
+    parser.add_argument("--workers", type=int, help="processes; one for each core by default")
+    parser.add_argument("--laws", nargs="+", choices=laws.names(), default=laws.names())
+    parser.add_argument("--gaits", nargs="+", choices=list(GAITS), default=list(GAITS))
     parser.add_argument("--quick", action="store_true", help="a trial with few short walks")
     parser.add_argument(
-        "--docs", type=Path, help="a page, docs/feedback.md, to put tables and figures into"
+        "--docs", type=Path, help="a page, docs/feedback.md, to put the tables into"
     )
     options = parser.parse_args(arguments)
-    folder = options.out / "quick" if options.quick else options.out
-    parser.require_folder(folder, "results.json")
+    whole = options.laws == laws.names() and options.gaits == list(GAITS) and not options.quick
+    if options.docs and not whole:
+        parser.error("--docs replaces all tables; leave out --quick, --laws and --gaits")
+    results, errors = study(
+        options.out, options.gaits, options.laws, options.workers, options.quick
+    )
     if options.docs:
-        if options.quick or options.laws not in (None, laws.names()) or options.gaits != keys:
-            parser.error(
-                f"--docs {options.docs}: the page is replaced as a whole, and this is a part of "
-                "the study; leave out --docs, or --quick, --laws and --gaits"
-            )
-        for marks in page.MARKS.values():
-            parser.require_page(options.docs, marks, page.WANTED)
-    names = options.laws or laws.names()
-    gaits = [held for held in GAITS if held.key in options.gaits]
-    try:
-        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
-            found = study(folder, gaits, names, options.workers, options.quick)
-    except KeyboardInterrupt:
-        print(
-            f"\ninterrupted: what was measured is in {folder}; the same command goes on",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
-    place = options.docs.parent if options.docs else folder
-    for name, figure in drawing.figures(found).items():
-        save(figure, place / name)
-    if options.docs:
-        page.refresh(options.docs, found)
-    print("\n".join(page.sections(found).values()))
-    for cell, error in found["errors"].items():
-        print(f"{cell}: {error}", file=sys.stderr)
-    return 1 if found["errors"] else 0
+        page.refresh(options.docs, results)
+    print(page.tables(results))
+    for name, error in errors.items():
+        print(f"{name}: {error}", file=sys.stderr)
+    return 1 if errors else 0
 
 
-def _some(known: Callable[[], list[str]]) -> Callable[[str], list[str]]:
-    """The type of an argument that is a list of known names with commas between them."""
+def study(
+    folder: Path, gaits: Sequence[str], names: Sequence[str], workers: int | None, quick: bool
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The results by gait, law and measure, and the errors of those that could not be measured.
 
-    def parsed(text: str) -> list[str]:
-        wanted = text.split(",")
-        unknown = [name for name in wanted if name not in known()]
-        if unknown:
-            raise argparse.ArgumentTypeError(
-                f"{', '.join(map(repr, unknown))}: choose from {', '.join(known())}"
-            )
-        return [name for name in known() if name in wanted]
+    Args:
+        folder: of the store.
+        gaits: keys of `GAITS`.
+        names: of laws.
+        workers: processes; None: one for each core.
+        quick: whether this is a trial.
 
-    return parsed
+    Raises:
+        ValueError: another process works in the folder.
+    """
+    tasks = [
+        Measurement(gait, law, measure, quick, folder)
+        for gait in gaits
+        for law in names
+        for measure in MEASURES
+    ]
+    code = [file_digest(path) for path in CODE]
+    keys = {
+        task: key(f"{task.gait} {task.law} {task.measure}", **_inputs(task, code)) for task in tasks
+    }
+    results: dict[str, Any] = {gait: {law: {} for law in names} for gait in gaits}
+    errors = {}
+    with Store(folder) as store:
+        # Decision times one at a time, or they would slow each other down.
+        for timing, number in ((True, 1), (False, workers)):
+            some = [task for task in tasks if (task.measure == TIMING) is timing]
+            todo = [task for task in some if keys[task] not in store]
+            for task, result in run(measured, todo, number, progress="feedback laws"):
+                if "error" in result:  # of one law: others continue
+                    errors[f"{task.gait}, {task.law}, {task.measure}"] = result["error"]
+                else:
+                    store.save(keys[task], result)
+        for task in tasks:
+            if keys[task] in store:
+                results[task.gait][task.law][task.measure] = store.load(keys[task])
+    return results, errors
+
+
+def _inputs(task: Measurement, code: list[str | None]) -> dict[str, Any]:
+    """What a result depends on."""
+    return {"gait": GAITS[task.gait], "quick": task.quick, "code": code}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -14,8 +14,7 @@ import pytest
 from PIL import Image
 
 from agents.cli.main import REFUSED, main
-from agents.evaluate import evaluate
-from agents.protocol import Protocol
+from agents.evaluate import Protocol, evaluate
 from agents.training import TrainingConfig, train
 from rimless_gym.presets import BUILDABLE
 from trajopt import Solution, periodic_gait

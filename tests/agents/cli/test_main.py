@@ -26,9 +26,9 @@ from trajopt.pool import KilledError
 #: What the work of a command begins with; it must not be reached with bad input.
 WORK = (
     "agents.training.train",
-    "agents.comparison.compare.Comparison.run",
+    "agents.comparison.compare.compare",
     "agents.evaluate.evaluate",
-    "agents.data.write.write",
+    "agents.datasets.write",
 )
 
 

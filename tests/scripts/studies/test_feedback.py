@@ -1,66 +1,108 @@
-"""The study of feedback laws: what it measures and what it writes."""
+"""The study of feedback laws: what it measures, that it continues, and what it writes."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rimless_gym import BUILDABLE, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from scripts.studies.feedback_laws import command, drawing
-from scripts.studies.feedback_laws.columns import COLUMNS, TIMING
-from scripts.studies.feedback_laws.columns.changes import changed_machines
-from scripts.studies.feedback_laws.columns.multipliers import Stride
-from scripts.studies.feedback_laws.columns.pushes import Survived, pushed_states
-from scripts.studies.feedback_laws.gaits import GAITS
-from scripts.studies.feedback_laws.sizes import sizes_for
-from trajopt.feedback.law import Floats
-from trajopt.gaits.library import shipped
-from trajopt.gaits.solution import Solution
+from scripts.studies.feedback_laws import command, measures, page
+from scripts.studies.feedback_laws.linearisation import linearisation_conditions
+from scripts.studies.feedback_laws.measures import (
+    GAITS,
+    MEASURES,
+    Measurement,
+    Sizes,
+    changed_machines,
+    drawn_states,
+    pushed_states,
+    subject_of,
+)
+from trajopt.feedback import startup
 
 DOCS = Path(__file__).parents[3] / "docs"
-HELD = GAITS[2]
+GAIT = "BUILDABLE at 0.605 m/s"
 
 
 @pytest.fixture(scope="module")
-def gait() -> Solution:
-    return next(each for each in shipped() if each.params == BUILDABLE and each.steps == 1)
+def small() -> Iterator[None]:
+    """A coarse start-up controller, and as few walks as possible."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(startup, "COUNTS", (5, 16, 11, 13))
+        patch.setattr(measures, "FOR_A_TRIAL", Sizes(2, 2, 2, 1, 2, 1, 4, shorter=20.0))
+        yield
 
 
-# -- what is measured -----------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def folder(small: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished trial."""
+    folder = tmp_path_factory.mktemp("feedback")
+    command.study(folder, [GAIT], ["lqr"], 1, True)
+    return folder
 
 
 @pytest.mark.slow
-def test_a_trial_measures_every_column_and_the_law_holds_its_gait(measured: dict[str, Any]) -> None:
-    row = measured["results"][HELD.key]["lqr"]
-    assert measured["errors"] == {}
-    assert set(row) == set(COLUMNS)
-    assert row["slopes"]["tried"]["0"]["share"] == 1.0
-    assert 0 < row[TIMING]["batch"] < row[TIMING]["single"]
-    assert row["attraction"]["states"] == len(row["attraction"]["walking"])
+def test_a_killed_study_continues_and_gives_the_same_table(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    stored = sorted(tmp_path.glob("*_lqr_*.json"))
+    assert len(stored) == len(MEASURES)
+    stored[0].unlink()
+    stored[1].write_text(stored[1].read_text()[:20])
+    again = list[str]()
+
+    def measured(task: Measurement) -> dict[str, Any]:
+        again.append(task.measure)
+        return measures.measured(task)
+
+    monkeypatch.setattr(command, "measured", measured)
+    results, errors = command.study(tmp_path, [GAIT], ["lqr"], 1, True)
+    assert errors == {}
+    assert len(again) == 2
+    assert page.tables(results).count("`lqr`") == 1
+    assert set(results[GAIT]["lqr"]) == set(MEASURES)
 
 
 @pytest.mark.slow
-def test_small_deviations_decay_by_the_largest_multiplier(measured: dict[str, Any]) -> None:
-    found = measured["results"][HELD.key]["lqr"]["multipliers"]
-    assert found["open_loop"][0] > 1.0 > found["closed_loop"][0]
-    assert found["decay"] == pytest.approx(found["closed_loop"][0], rel=0.2)
+def test_a_law_that_fails_is_named_and_does_not_stop_the_others(folder: Path) -> None:
+    results, errors = command.study(folder, [GAIT], ["lqr", "no_such_law"], 1, True)
+    assert set(results[GAIT]["lqr"]) == set(MEASURES)
+    assert len(errors) == len(MEASURES)
+    assert all("'no_such_law': choose from" in error for error in errors.values())
+    assert "| `no_such_law` | - |" in page.tables(results)
 
 
-class Jumping(Stride):
-    """Halves every deviation, but jumps for those of about one of the central differences."""
+@pytest.mark.slow
+def test_the_page_has_a_place_for_the_tables(folder: Path, tmp_path: Path) -> None:
+    results, _ = command.study(folder, [GAIT], ["lqr"], 1, True)
+    path = tmp_path / "feedback.md"
+    shutil.copy(DOCS / "feedback.md", path)
+    page.refresh(path, results)
+    text = path.read_text()
+    assert f"### {GAIT}" in text
+    page.refresh(path, results)
+    assert path.read_text() == text
 
-    def __call__(self, states: Floats) -> Floats:
-        jumps = (states > 3e-6) & (states < 3e-5)
-        return np.asarray(0.5 * states + 1e-5 * jumps)
+
+def test_the_tables_of_the_page_are_those_that_the_study_writes() -> None:
+    text = (DOCS / "feedback.md").read_text()
+    head = page.tables({}.fromkeys(GAITS, {})).splitlines()
+    assert all(line in text.splitlines() for line in head)
 
 
-def test_a_jump_within_one_of_the_central_differences_is_no_multiplier(gait: Solution) -> None:
-    stride = Jumping(gait, lambda x, tick: np.zeros(len(x)), np.ones(4))
-    assert stride.jacobian(np.zeros(4)) == pytest.approx(0.5 * np.eye(4), abs=1e-9)
+@pytest.mark.slow
+def test_random_states_press_on_the_ground_and_are_the_same_for_all_laws(folder: Path) -> None:
+    subject = subject_of(GAIT, "lqr", folder, True)
+    states = drawn_states(subject, 10)
+    assert np.array_equal(states, drawn_states(subject, 12)[:10])
+    assert states[:, 2].min() < 0 < states[:, 2].max()
 
 
 def test_a_push_is_that_of_the_environment() -> None:
@@ -80,77 +122,33 @@ def test_a_push_is_that_of_the_environment() -> None:
     assert sum(ends) == 1
 
 
-@pytest.mark.slow
-def test_a_wheel_that_walks_again_after_a_push_takes_steps_again(measured: dict[str, Any]) -> None:
-    found = measured["results"][HELD.key]["lqr"]["pushes"]
-    for side in ("backward", "forward"):
-        walking, stepping = (np.array(found[f"{side}_{kind}"]) for kind in ("walking", "stepping"))
-        assert (walking <= stepping).all()
-
-
 def test_every_parameter_of_the_machine_is_changed_up_and_down_by_itself() -> None:
-    found = list(changed_machines(BUILDABLE))
-    assert {name for name, _, _ in found} > {"pendulum_length", "motor_constant", "gear_loss"}
-    for name, change, params in found:
+    changed = list(changed_machines(BUILDABLE))
+    assert {name for name, _, _ in changed} > {"pendulum_length", "motor_constant", "gear_loss"}
+    for name, change, params in changed:
         assert getattr(params, name) == pytest.approx((1 + change) * getattr(BUILDABLE, name))
         others = {k for k, v in params.to_dict().items() if v != BUILDABLE.to_dict()[k]}
         assert others <= {name, "pendulum_reach"}
 
 
-def test_a_slow_law_is_measured_from_fewer_starts() -> None:
-    assert sizes_for(slow=True, quick=False).starts < sizes_for(slow=False, quick=False).starts
+# -- input-state linearisation --------------------------------------------------------------------
 
 
-# -- what is written ------------------------------------------------------------------------------
+@pytest.mark.parametrize("params", [BUILDABLE, THESIS_PHYSICAL])
+def test_the_voltage_reaches_every_direction_and_yet_nothing_makes_the_machine_linear(params):
+    conditions = linearisation_conditions(params, random_in_single_stance(params))
+    assert conditions.accessibility.min() > 1e-6
+    assert conditions.involutivity.min() > 1e-6
+    assert np.median(conditions.involutivity) > 1e-3
 
 
-@pytest.mark.slow
-def test_there_are_two_pictures_of_every_gait(measured: dict[str, Any]) -> None:
-    drawn = drawing.figures(measured)
-    assert set(drawn) == {drawing.attraction_file(HELD.key), drawing.pushes_file(HELD.key)}
-    assert all(figure.axes for figure in drawn.values())
+def test_a_reaction_wheel_in_the_pendulums_place_could_be_made_linear():
+    wheel = THESIS_PHYSICAL.replace(pendulum_length=1e-9)
+    conditions = linearisation_conditions(wheel, random_in_single_stance(wheel))
+    assert conditions.accessibility.min() > 1e-4
+    assert np.median(conditions.involutivity) < 1e-6
 
 
-def test_the_pictures_call_the_laws_by_words() -> None:
-    caught = {"rates": [[1.0, 2.0], [0.0, 1.0]], "walking": [True, False], "times": [0.5, None]}
-    kinds = [f"{side}_{kind}" for side in ("forward", "backward") for kind in Survived._fields]
-    pushes = {"phases": [0.25, 0.75]} | {kind: [1.0, 2.0] for kind in kinds}
-    row = {"attraction": caught, "pushes": pushes}
-    found = {"results": {HELD.key: {"sliding_mode": row, "lqr": row}}}
-    states, pushed = drawing.figures(found).values()
-    assert [axes.get_title() for axes in states.axes[:2]] == ["sliding mode", "LQR"]
-    legend = pushed.axes[0].get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["sliding mode", "LQR"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--laws", "lqr,lqg"], "'lqg': choose from"),
-        (["--gaits", "buildable_0.7"], "'buildable_0.7': choose from buildable_0.5"),
-        (["--workers", "0"], "must be an integer of at least 1"),
-        (["--docs", "nowhere.md"], "nowhere.md: no such file"),
-        (["--docs", "feedback.md", "--quick"], "leave out --docs, or --quick"),
-        (["--docs", "feedback.md", "--laws", "lqr"], "leave out --docs, or --quick"),
-        (["--docs", "feedback.md", "--gaits", "buildable_0.5"], "leave out --docs, or --quick"),
-    ],
-)
-def test_arguments_that_make_no_sense_are_refused(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as exited:
-        command.main(["--out", str(tmp_path), *arguments])
-    assert exited.value.code == 2
-    assert message in capsys.readouterr().err
-
-
-def test_an_interruption_says_how_to_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*arguments: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "study", interrupted)
-    assert command.main(["--quick", "--out", str(tmp_path)]) == command.INTERRUPTED
-    assert "the same command goes on" in capsys.readouterr().err
+def random_in_single_stance(params, count=200):
+    rng, c = np.random.default_rng(0), params.constants
+    return rng.uniform([c.a, -np.pi, -3, -12], [c.b, np.pi, 6, 12], (count, 4))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.policies import controller_policy
-from agents.protocol import SHORT_PROTOCOL
 from rimless_gym.presets import preset
-from scripts.studies.feedback_laws.columns.changes import on_the_gait
 from scripts.studies.feedback_laws.linearisation import linearisation_conditions
+from scripts.studies.feedback_laws.measures import on_the_gait
 from trajopt import Solution, periodic_gait
 from trajopt.feedback.constraint import zero_dynamics_multiplier
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
@@ -88,7 +87,7 @@ def test_without_the_clock_the_fastest_gait_slips_as_the_page_says():
     solution = gait("THESIS_PHYSICAL", 0.57)
     kept, slipping = (walk_of_the_lqr(solution, ahead) for ahead in (lqr.AHEAD, None))
     assert kept.cot / solution.cot - 1.0 == pytest.approx(0.0028, abs=6e-4)
-    assert slipping.faults == {"slips": 16}
+    assert slipping.failures == {"slips": 16}
     assert slipping.friction_demand == pytest.approx(1.006, abs=6e-4)
 
 

@@ -9,9 +9,8 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
-from agents.baselines import BASELINES
 from agents.conditions import Conditions
-from agents.policy_files import PRETRAINED, read_record
+from agents.policy_files import BASELINES, PRETRAINED, read_record
 from rimless_gym import BUILDABLE, RimlessWheelEnv, RimlessWheelSpeedEnv
 from scripts.studies import returns
 from scripts.studies.returns import COMMANDED, ENVIRONMENTS, FRONT, WHEEL

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.evaluate import evaluate
+from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
-from agents.protocol import Protocol
 from rimless_gym import THESIS_PHYSICAL
 from rimless_gym.equations import DOUBLE, SINGLE
 from trajopt.feedback import startup as module

@@ -1,0 +1,455 @@
+"""The methods of a comparison: optimal gaits, feedback laws, trained learners, shipped policies.
+
+`methods` lists them. A feedback law in `trajopt/feedback/laws` is added by itself, unless it is one
+of `laws.SLOW`, which `scripts/studies` measure. A learner is added as one more `LearnedMethod`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+from agents.commanded import evaluate_commanded
+from agents.comparison.study import Setting, Study
+from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
+from agents.experts import EXPERT
+from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
+from agents.policies import controller_policy, law_title
+from agents.policy_files import PRETRAINED, load_policy
+from agents.training import TrainingConfig, train
+from rimless_gym.envs.task import USUAL_TASK
+from rimless_gym.hybrid import CONTROL_PERIOD
+from trajopt import NoGaitError, Solution, periodic_gait
+from trajopt.feedback import laws
+from trajopt.feedback.law import Controller
+from trajopt.gaits.fronts import CotFront, cot_front, front_file
+from trajopt.gaits.library import warm_starts
+from trajopt.pool import cores
+from trajopt.store import jsonable
+
+#: JSON values; "files" names the files that the method made in the study's folder.
+Result: TypeAlias = dict[str, Any]
+
+#: The shipped policies; by the name alone, a file in the current folder would be found first.
+FRONT_FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
+
+#: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
+BETWEEN = (0.545, 0.58)
+
+
+class Method(Protocol):
+    """A method that is compared. Its work is one task, perhaps in a process of its own."""
+
+    @property
+    def name(self) -> str:
+        """Name of its result and of its files."""
+
+    @property
+    def after(self) -> tuple[str, ...]:
+        """Names of the methods whose results it needs; they are listed before it."""
+
+    def compute(self, setting: Setting) -> Result:
+        """The result of its work."""
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """Its rows of the table, once all methods have results."""
+
+
+def methods(study: Study) -> tuple[Method, ...]:
+    """All methods, in the order in which they stand in the table within their speed."""
+    others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
+    return (
+        OptimalGait("gait", None, searched_gait),
+        FrontMethod("front"),
+        FrontMethod("held_front", ("front",)),
+        OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
+        *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
+        *_holding(study),
+        *front_policy(study),
+        LearnedMethod(
+            "scratch",
+            SCRATCH,
+            {"PPO from scratch": BEST},
+            budget="scratch_timesteps",
+            curve="PPO from scratch",
+        ),
+        *screened_policy(study),
+        LearnedMethod(
+            "evolution",
+            SCRATCH,
+            {"evolution from scratch": BEST},
+            algo="evolution",
+            budget="evolution_timesteps",
+            walk="evolution",
+            curve="evolution from scratch",
+        ),
+        LearnedMethod(
+            "distilled",
+            IMITATION,
+            {"evolution, distilled into a network": CLONE},
+            after=("evolution",),
+            teacher=f"evolution/{BEST}",
+        ),
+    )
+
+
+def _holding(study: Study) -> Iterator[Method]:
+    """The best law at every speed, its clone, and the clone fine-tuned."""
+    for speed in study.speeds:
+        main = speed == study.speed
+        end = "" if main else f"_{speed:g}"
+        law, clone, tuned = f"{EXPERT}{end}", f"imitation{end}", f"fine_tuned{end}"
+        yield LawMethod(law, EXPERT, speed, ("held_front",))
+        yield LearnedMethod(
+            clone,
+            IMITATION,
+            {"imitation": CLONE},
+            after=(law,),
+            speed=speed,
+            walk="imitation" if main else None,
+        )
+        if main or study.further_timesteps:
+            best = {"fine-tuned, best kept": BEST}
+            yield LearnedMethod(
+                tuned,
+                f"{clone}/{CLONE}",
+                best | {"fine-tuned, last": LAST} if main else best,
+                after=(clone,),
+                speed=speed,
+                budget="timesteps" if main else "further_timesteps",
+                walk="fine-tuned" if main else None,
+                curve="fine-tuned" if main else None,
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class OptimalGait:
+    """An optimal gait at the study's speed.
+
+    Attributes:
+        name, after: see `Method`.
+        title: of its row; None: its number of steps per stride.
+        solve: returns it, or the reason why there is none.
+    """
+
+    name: str
+    title: str | None
+    solve: Callable[[Setting], Solution | str]
+    after: tuple[str, ...] = ()
+
+    def compute(self, setting: Setting) -> Result:
+        """Solve it."""
+        gait = self.solve(setting)
+        if isinstance(gait, str):
+            return {"missing": gait}
+        if not gait.verification.passed:
+            return {"missing": "; ".join(gait.verification.failures)}
+        gait.save(setting.out / f"{self.name}.npz")
+        return gait_result(gait) | {"files": [f"{self.name}.npz"]}
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """Its row, if there is one."""
+        if "missing" in result:
+            return []
+        gait = Solution.load(setting.out / f"{self.name}.npz")
+        title, speed = self.title or _steps_title(gait), setting.study.speed
+        return [gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed)]
+
+
+def searched_gait(setting: Setting) -> Solution:
+    """The study's gait, searched for from a shipped guess and from random starts."""
+    study = setting.study
+    return periodic_gait(
+        setting.params,
+        study.on_tick(study.speed),
+        study.steps,
+        starts=study.starts,
+        seed=study.seed,
+        workers=cores(),
+        progress=setting.progress,
+    )
+
+
+def swinging_gait(setting: Setting) -> Solution | str:
+    """The best gait whose pendulum does not whirl, where one is shipped to start from."""
+    study = setting.study
+    speed = study.on_tick(study.speed)
+    known = warm_starts(setting.params, speed, study.steps)
+    swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == setting.params]
+    if not swinging:
+        return f"no swinging gait of {study.steps} steps is shipped for this machine"
+    try:
+        return periodic_gait(setting.params, speed, study.steps, guess=swinging[0])
+    except NoGaitError as error:
+        return str(error)
+
+
+def _steps_title(gait: Solution) -> str:
+    return f"optimal, {gait.steps} step{'s' if gait.steps > 1 else ''} per stride"
+
+
+def gait_result(gait: Solution) -> Result:
+    """The figures of an optimal gait."""
+    return {
+        "cot": gait.cot,
+        "speed": gait.speed,
+        "theta_turns": gait.theta_turns,
+        "verification": jsonable(dataclasses.asdict(gait.verification)),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class FrontMethod:
+    """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds.
+
+    "front" has a continuous voltage; "held_front" is the environment's own optimum, of gaits whose
+    voltage is held for its 10 ms, each with the speed and the steps of a gait of the other front.
+    """
+
+    name: str
+    after: tuple[str, ...] = ()
+
+    def compute(self, setting: Setting) -> Result:
+        """Solve the gaits of the front that are not in the folder yet."""
+        front = _held_front(setting) if self.after else _continuous_front(setting)
+        return {
+            "files": [front_file(s.steps, s.speed, s.hold) for s in front.solutions],
+            "gaits": [gait_result(s) | {"steps": s.steps} for s in front.solutions],
+            "missing": [list(each) for each in front.missing],
+        }
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """The rows of the gaits at, or nearest to, the study's speeds."""
+        rows = []
+        for speed in setting.study.speeds:
+            gait = setting.held_gait(speed) if self.after else setting.best_gait(speed)
+            held = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
+            title = held if self.after else _steps_title(gait)
+            rows.append(gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed))
+        return rows
+
+
+def _continuous_front(setting: Setting) -> CotFront:
+    study = setting.study
+    return cot_front(
+        setting.params,
+        study.front_speeds,
+        study.front_steps,
+        folder=setting.out,
+        progress=setting.progress,
+    )
+
+
+def _held_front(setting: Setting) -> CotFront:
+    best = setting.front.envelope
+    solutions: list[Solution] = []
+    missing: list[tuple[int, float, str]] = []
+    for steps in sorted({gait.steps for gait in best}):
+        speeds = [gait.speed for gait in best if gait.steps == steps]
+        try:
+            front = cot_front(
+                setting.params,
+                speeds,
+                [steps],
+                hold=CONTROL_PERIOD,
+                folder=setting.out,
+                progress=setting.progress,
+            )
+        except NoGaitError as error:
+            missing += [(steps, speed, str(error)) for speed in speeds]
+            continue
+        solutions += front.solutions
+        missing += front.missing
+    if not solutions:
+        raise NoGaitError("\n".join(reason for _, _, reason in missing))
+    return CotFront(tuple(solutions), tuple(missing))
+
+
+@dataclasses.dataclass(frozen=True)
+class LawMethod:
+    """A feedback law that holds the environment's best gait nearest to a speed.
+
+    Attributes:
+        name, after: see `Method`. The first law for a gait plans the start-up for all.
+        law: one of `trajopt.feedback.laws.names()`.
+        speed: one of the study's (m/s).
+    """
+
+    name: str
+    law: str
+    speed: float
+    after: tuple[str, ...]
+
+    def compute(self, setting: Setting) -> Result:
+        """Evaluate it."""
+        controller = laws.design(self.law, setting.held_gait(self.speed), setting.out)
+        return {"evaluation": setting.evaluated(controller_policy(setting.params, controller))}
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """Its row."""
+        title = f"{law_title(self.law)} about the optimum"
+        return [_policy_row(setting, title, result["evaluation"], self.speed)]
+
+
+@dataclasses.dataclass(frozen=True)
+class LearnedMethod:
+    """A learner's policies.
+
+    Attributes:
+        name, after: see `Method`; the name is that of the folder of its training, too.
+        init: "scratch", "imitation", or a policy's file in the study's folder.
+        shown: title of a row -> the policy's file in the training's folder; the first is the main
+            one.
+        algo: the learner.
+        speed: the study's speed that it walks at (m/s); None: it chooses its speed itself.
+        budget: the field of the study that has its control intervals; None: it is not trained.
+        walk: name of its main policy in the plots of walks; None: it is not in them.
+        curve: its name in the plot of learning curves; None: it is not in it.
+        teacher: a policy's file in the study's folder that is imitated; None: the best law is.
+    """
+
+    name: str
+    init: str
+    shown: dict[str, str]
+    after: tuple[str, ...] = ()
+    algo: str = "ppo"
+    speed: float | None = None
+    budget: str | None = None
+    walk: str | None = None
+    curve: str | None = None
+    teacher: str | None = None
+
+    def compute(self, setting: Setting) -> Result:
+        """Train and evaluate it."""
+        config = TrainingConfig(
+            self.algo,
+            self.init if self.init in INITS else str(setting.out / self.init),
+            setting.study.seed,
+            timesteps=0 if self.budget is None else getattr(setting.study, self.budget),
+            params=setting.params,
+            expert=self._expert(setting),
+        )
+        trained = train(config, setting.out / self.name, progress=setting.progress)
+        files = [f"{self.name}/{file}" for file in self.shown.values()]
+        return {
+            "evaluations": [
+                setting.evaluated(load_policy(setting.out / file).policy) for file in files
+            ],
+            "timesteps": trained.timesteps,
+            "curve": jsonable([dataclasses.asdict(milestone) for milestone in trained.curve]),
+            "files": files,
+        }
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """A row for each policy shown."""
+        return [
+            _policy_row(setting, title, evaluation, self.speed)
+            for title, evaluation in zip(self.shown, result["evaluations"], strict=True)
+        ]
+
+    def _expert(self, setting: Setting) -> Controller | str:
+        """The expert to imitate, for `train`."""
+        if self.teacher is not None:
+            return str(setting.out / self.teacher)
+        if self.init != IMITATION:
+            return EXPERT
+        gait = setting.held_gait(setting.study.speed if self.speed is None else self.speed)
+        return laws.design(EXPERT, gait, setting.out)
+
+    def main_file(self, out: Path) -> Path:
+        """The file of its main policy in a study's folder."""
+        return out / self.name / next(iter(self.shown.values()))
+
+
+def learning_curve(
+    learned: LearnedMethod, results: Mapping[str, Result]
+) -> list[dict[str, float | None]]:
+    """The milestones of a training. Their minutes include those of the trainings it began from.
+
+    Args:
+        learned: the method.
+        results: of all methods, by name.
+    """
+    before = [results[name]["curve"] for name in learned.after if "curve" in results[name]]
+    minutes = sum(curve[-1]["minutes"] for curve in before)
+    curve: list[dict[str, Any]] = results[learned.name]["curve"]
+    return [each | {"minutes": minutes + each["minutes"]} for each in curve]
+
+
+@dataclasses.dataclass(frozen=True)
+class ShippedMethod:
+    """A policy that comes with the package.
+
+    Attributes:
+        file: of the policy.
+        title: of its rows.
+        commands: speeds at which it walks (m/s); none: it chooses its speed itself.
+        after: see `Method`.
+    """
+
+    file: Path
+    title: str
+    commands: tuple[float, ...] = ()
+    after: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of its result: that of another file or of other commands is another one."""
+        content = self.file.read_bytes() + repr(self.commands).encode()
+        return f"{self.file.stem}_{hashlib.sha256(content).hexdigest()[:8]}"
+
+    def compute(self, setting: Setting) -> Result:
+        """Evaluate it."""
+        policy = load_policy(self.file)
+        if not self.commands:
+            return {"evaluations": [setting.evaluated(policy.policy)]}
+        commanded = evaluate_commanded(
+            policy.policy,
+            self.commands,
+            setting.params,
+            task=USUAL_TASK,  # whose returns the other rows have
+            control_period=policy.conditions.control.period,
+            progress=setting.progress,
+        )
+        return {"evaluations": [each.evaluation.to_dict() for each in commanded]}
+
+    def rows(self, setting: Setting, result: Result) -> list[Row]:
+        """A row for every speed."""
+        study_speeds = {setting.study.on_tick(speed): speed for speed in setting.study.speeds}
+        speeds: list[float | None] = [study_speeds.get(c, c) for c in self.commands]
+        return [
+            _policy_row(setting, self.title, evaluation, speed)
+            for speed, evaluation in zip(speeds or [None], result["evaluations"], strict=True)
+        ]
+
+
+def screened_policy(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policy of PPO from screened policies, if the study's machine is its own."""
+    own = load_policy(SCREENED_FILE).params == study.params
+    return (ShippedMethod(SCREENED_FILE, SCREENED_PPO),) if own else ()
+
+
+def front_policy(study: Study) -> tuple[ShippedMethod, ...]:
+    """The shipped policy for the front, if the study's machine is its own.
+
+    It walks at the study's speeds and between them, as far as it was trained for them.
+    """
+    conditions = load_policy(FRONT_FILE).conditions
+    assert conditions.control.speeds is not None
+    slowest, fastest = conditions.control.speeds
+    inner = [study.on_tick(speed) for speed in study.speeds]
+    between = [speed for speed in BETWEEN if min(inner) < speed < max(inner)]
+    commands = tuple(s for s in sorted({*inner, *between}) if slowest <= s <= fastest)
+    if conditions.params != study.params or not commands:
+        return ()
+    return (ShippedMethod(FRONT_FILE, FRONT_POLICY, commands),)
+
+
+def _policy_row(
+    setting: Setting, title: str, evaluation: Mapping[str, Any], study_speed: float | None
+) -> Row:
+    gap = setting.gap(evaluation["cot"], evaluation["speed"])
+    return policy_row(title, evaluation, gap, study_speed)

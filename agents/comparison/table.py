@@ -1,0 +1,172 @@
+"""The table of a comparison: a row for each gait and policy, and the few rows of the headline."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from agents.reports import NONE, Column, value_text
+from rimless_gym.envs.task import Task
+from trajopt.gaits.solution import Solution
+
+COLUMNS = (
+    Column("policy", "title"),
+    Column("CoT", "cot", ".4f", "cost of transport: energy drawn per weight and distance"),
+    Column("return (m/s)", "objective", ".3f", "the environment's reward per second"),
+    Column("speed (m/s)", "speed", ".3f"),
+    Column("gap to the optimum", "gap", "+z.1%", "at the row's own speed"),
+    Column("starts that walk", "walking_share", ".0%"),
+    Column("friction demand", "friction_demand", ".2f", "the largest |Fx| / Fy"),
+    Column("least Fy / weight", "min_normal_force_over_weight", ".2f"),
+)
+
+#: Below the table.
+NOTES = """\
+CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The return
+is the environment's reward per second, the mean over all starts, those that fall included; of a
+gait, that of walking on it for ever. The gap is to the environment's own optimum at the row's own
+speed, interpolated: the best periodic gait whose voltage is held for 10 ms. The other optimal gaits
+may change it at any time. At one speed there are all laws; at the others, for want of time, only
+the best law and its clone (fine-tuned too with `--further-timesteps`). Evolution and PPO choose
+their own speed. PPO from screened policies is trained for a quarter of an hour, so its policy comes
+with the package, for the default machine. So does the one policy for the front, which walks at
+commanded speeds, two more than the others. "Best kept" is the policy with the best score (cost
+of transport and share of starts) in the periodic evaluations; it is the clone itself where none
+was better. Gaits and policies keep the same rules: a start walks if in the measured 30 s its foot
+is pressed down and does not slip, and its pendulum does not touch the floor, where there is one.
+Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force
+in weights; both are those of all starts that still take steps at the end, also of those that do
+not count."""
+
+#: Titles of the shipped policies' rows.
+FRONT_POLICY, SCREENED_PPO = "one policy for the front", "PPO from screened policies"
+
+#: Rows of the headline: their titles, and what they are for somebody who reads nothing else, with
+#: the names by which `rimless watch` and `load_policy` know them.
+HEADLINE = {
+    "optimal, voltage held for 10 ms": "optimal gait (`optimum`)",
+    "LQR about the optimum": "feedback law that holds it (`lqr`)",
+    "imitation": "network cloned from the law (`imitation`)",
+    "fine-tuned, best kept": "clone fine-tuned by PPO (`fine_tuned`)",
+    FRONT_POLICY: "one network for every commanded speed (`front`)",
+    "evolution from scratch": "evolution from nothing (`evolution`)",
+    SCREENED_PPO: "PPO that goes on from the best of random policies (`screened_ppo`)",
+    "PPO from scratch": "PPO from nothing (`ppo`)",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A gait or a policy. Figures are None where they do not exist.
+
+    Attributes:
+        title: its name in the table.
+        study_speed: the study's speed that it belongs to (m/s); None if it chooses its speed.
+        cot: cost of transport.
+        objective: mean reward per second (m/s).
+        speed: m/s.
+        gap: to the environment's optimum at its speed.
+        walking_share: of the starts; None for a gait.
+        friction_demand: largest |Fx| / Fy of stance and touchdowns.
+        min_normal_force_over_weight: least normal force in weights.
+    """
+
+    title: str
+    study_speed: float | None = None
+    cot: float | None = None
+    objective: float | None = None
+    speed: float | None = None
+    gap: float | None = None
+    walking_share: float | None = None
+    friction_demand: float | None = None
+    min_normal_force_over_weight: float | None = None
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The texts of its line in the table."""
+        return tuple(column.text(vars(self)) for column in COLUMNS)
+
+
+def gait_row(title: str, gait: Solution, gap: float | None, study_speed: float | None) -> Row:
+    """The row of an optimal gait; see `Row`."""
+    v = gait.verification
+    return Row(
+        title,
+        study_speed,
+        gait.cot,
+        (Task().distance_weight - gait.cot) * gait.speed,
+        gait.speed,
+        gap,
+        None,
+        max(v.max_friction_demand, v.max_impulse_friction_demand),
+        v.min_normal_force_over_weight,
+    )
+
+
+def policy_row(
+    title: str, evaluation: Mapping[str, Any], gap: float | None, study_speed: float | None
+) -> Row:
+    """The row of a policy, from its evaluation as plain values; see `Row`."""
+    demands = evaluation["friction_demand"], evaluation["impulse_friction_demand"]
+    return Row(
+        title,
+        study_speed,
+        evaluation["cot"],
+        evaluation["objective"],
+        evaluation["speed"],
+        gap,
+        evaluation["walking_share"],
+        None if None in demands else max(demands),  # none where no start takes steps
+        evaluation["min_normal_force_over_weight"],
+    )
+
+
+def by_speed(rows: Iterable[Row]) -> list[Row]:
+    """The rows in order of the speed that they belong to; then those that belong to none."""
+    return sorted(rows, key=lambda row: math.inf if row.study_speed is None else row.study_speed)
+
+
+def distinct(rows: Iterable[Row]) -> list[Row]:
+    """The rows without those whose texts are those of an earlier one."""
+    first: dict[tuple[str, ...], Row] = {}
+    for row in rows:
+        first.setdefault(row.cells, row)
+    return list(first.values())
+
+
+def format_table(rows: Iterable[Row]) -> str:
+    """The comparison as a Markdown table. Rows with the same texts are one."""
+    headings = [column.heading for column in COLUMNS[1:]]
+    lines = [f"| | {' | '.join(headings)} |", "|" + "---|" * len(COLUMNS)]
+    lines += ["| " + " | ".join(row.cells) + " |" for row in distinct(rows)]
+    return "\n".join([*lines, "", NOTES])
+
+
+def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, str]) -> str:
+    """A Markdown table of the rows in `HEADLINE`.
+
+    Args:
+        rows: of the comparison.
+        study_speed: of the study (m/s); rows that belong to its other speeds are left out.
+        over_seeds: title of a row -> what is known of such policies over many seeds.
+    """
+    head = (
+        *("", "cost of transport", "over the optimum at its speed", "speed (m/s)"),
+        *("starts that walk", "the same with ten seeds"),
+    )
+    lines = ["| " + " | ".join(head).lstrip() + " |", "|---" * len(head) + "|"]
+    for title, meaning in HEADLINE.items():
+        for row in rows:
+            if row.title == title and row.study_speed in (study_speed, None):
+                cells = (
+                    meaning,
+                    value_text(row.cot, ".4f"),
+                    value_text(row.gap, "+z.1%"),
+                    value_text(row.speed, ".3f"),
+                    value_text(row.walking_share, ".0%"),
+                    over_seeds.get(title, NONE),
+                )
+                lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)

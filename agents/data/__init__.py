@@ -1,1 +1,0 @@
-"""Walks as Minari datasets, for other people's offline learners."""

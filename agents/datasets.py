@@ -1,0 +1,479 @@
+"""Minari datasets: walks of a policy, or of the optimal gaits, with a card.
+
+A dataset is complete, or it is not there; those that are there are not written again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import shlex
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.conditions import Conditions
+from agents.policies import Policy
+from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
+from agents.rollout import Episode, episodes
+from rimless_gym import __version__
+from rimless_gym.checks import extra
+from rimless_gym.envs.control import Control
+from rimless_gym.envs.task import TERM_NAMES
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import THETA
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import BUILDABLE
+from trajopt import NoGaitError, periodic_gait
+from trajopt.feedback import laws
+from trajopt.feedback.law import Floats
+from trajopt.gaits.fronts import cot_front
+from trajopt.gaits.solution import Solution
+from trajopt.provenance import provenance
+
+with extra("data"):
+    import h5py  # noqa: F401  with which Minari stores
+    from minari import __version__ as minari_version
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+#: Of all datasets; Minari's identifiers are `namespace/name-v0`.
+NAMESPACE = "rimless-wheel"
+
+#: The entry of a dataset's metadata that records what it was made of, and the name of its card.
+RECIPE, CARD = "rimless_gym", "README.md"
+
+#: The dataset of optimal gaits.
+OPTIMAL = "optimal"
+
+#: Speeds of its gaits (m/s); each is that nearest at which a step is a whole number of intervals.
+SPEEDS = (0.4, 0.45, 0.5, 0.53, 0.56, 0.58, 0.6, 0.62, 0.635)
+
+#: Most steps of an episode on a gait. Nothing stabilises it: rounding grows in each stride.
+MOST_STEPS = 500
+
+#: How far such an episode may be from the gait (rad, rad/s) before it has to end.
+FAITHFUL = 1e-6
+
+#: Entries of `info` that are stored: the terms of the reward, and what a CoT needs.
+STORED = (*TERM_NAMES, "distance", "electrical_positive", "idle")
+
+#: The folder of solved gaits in the folder of the datasets; Minari reads no such names.
+GAITS = ".gaits"
+
+CARD_TEXT = """\
+# `{id}`
+
+Walks of {made}, in `{env}` of rimless-gym, as a Minari dataset.
+
+| | |
+| --- | --- |
+| environment | `{env}`, {machine}, {control}, the reward as registered |
+| policy | {made} |
+| episodes, steps | {episodes}, {steps:,}; {begun} |
+| return (m), mean, least, greatest | {mean:.3f}, {least:.3f}, {greatest:.3f} |
+| standard deviation of the return (m) | {spread:.3f} |
+| episodes that end early | {early:.0%} |
+| distance, energy drawn | {distance:.1f} m, {energy:.1f} J |
+| cost of transport, the way to the gait included | {cot} |
+| stored `infos` | {infos} |
+| made by | `{command}`, revision {revision}, with {versions} |
+| licence | MIT, as rimless-gym |
+
+Read it with Minari:
+
+```python
+import minari, rimless_gym  # with MINARI_DATASETS_PATH set to the folder that --out named
+dataset = minari.load_dataset("{id}")
+env = dataset.recover_environment()
+```
+
+Every episode can be walked again, bit for bit: reset the environment with the `seed` (and the
+`options`, if any) in the episode's metadata, and step it with the recorded actions.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class DatasetConfig:
+    """What datasets hold.
+
+    Attributes:
+        params: the machine; None: a policy's own, and BUILDABLE for the others.
+        episodes: of every policy; the optimal gaits have one episode each.
+        seed: of the first episode, and of random voltages.
+        speed: of the gait that laws hold (m/s).
+    """
+
+    params: WheelParams | None
+    episodes: int
+    seed: int
+    speed: float
+
+    def recipe(self, name: str) -> dict[str, Any]:
+        """What the dataset of a policy is made of, as plain JSON values.
+
+        Raises:
+            CheckpointError: there is no such policy.
+        """
+        params = None if self.params is None else self.params.to_dict()
+        recipe: dict[str, Any] = {"policy_name": name, "params": params, "seed": self.seed}
+        if name != OPTIMAL:
+            recipe["episodes"] = self.episodes
+        if name in laws.names():
+            recipe["speed"] = self.speed
+        elif name not in (OPTIMAL, *BASELINES):
+            recipe["policy"] = origin(name)
+        return dict(json.loads(json.dumps(recipe | {"version": __version__})))
+
+    def command(self, name: str) -> str:
+        """The command line that writes the dataset of a policy."""
+        arguments = ["rimless", "data", name, "--seed", str(self.seed)]
+        if name != OPTIMAL:
+            arguments += ["--episodes", str(self.episodes)]
+        if name in laws.names():
+            arguments += ["--speed", f"{self.speed:g}"]
+        if self.params is not None:
+            arguments += ["--params", json.dumps(_changed(self.params))]
+        return shlex.join(arguments)
+
+
+def standard() -> tuple[str, ...]:
+    """The policies of which datasets are written unless others are named."""
+    fast = (name for name in laws.names() if name not in laws.SLOW)
+    return (OPTIMAL, "random", *fast, *PRETRAINED)
+
+
+def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[str]:
+    """The policies whose datasets are still missing.
+
+    Args:
+        folder: of the datasets.
+        names: of the policies.
+        config: what their datasets hold.
+
+    Raises:
+        ValueError: two policies would have one identifier, or a dataset of other walks has it.
+        CheckpointError: there is no such policy.
+    """
+    ids = [dataset_id(Path(name).stem) for name in names]
+    for id_ in ids:
+        if ids.count(id_) > 1:
+            raise ValueError(
+                f"two datasets would be called {id_}: give one of the files another name"
+            )
+    recipes = [recipe_of(folder, id_) for id_ in ids]
+    for id_, recipe, name in zip(ids, recipes, names, strict=True):
+        if recipe not in (None, config.recipe(name)):
+            raise ValueError(
+                f"{folder / id_}: is there already, made of {recipe}; choose another --out, or "
+                "remove it"
+            )
+    return [name for name, recipe in zip(names, recipes, strict=True) if recipe is None]
+
+
+def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str, Any]]:
+    """Walk, and write the dataset of a policy.
+
+    Args:
+        folder: of the datasets.
+        name: of a baseline, a law or a policy, or a policy's file.
+        config: what the dataset holds.
+
+    Returns:
+        The dataset's identifier and its figures.
+
+    Raises:
+        NoGaitError: a law has no gait to hold.
+        OSError: the disk is full, or the folder cannot be written.
+    """
+    if name == OPTIMAL:
+        (folder / GAITS).mkdir(exist_ok=True)
+        walks = optimal_walks(config.params or BUILDABLE, folder / GAITS, config.seed)
+    else:
+        walks = walks_of(name, config)
+    id_ = dataset_id(Path(name).stem)
+    summary = figures(walks.episodes, walks.conditions.params.weight)
+    text = _card(id_, walks, summary, config.command(name))
+    write_dataset(folder, id_, walks, config.recipe(name), text)
+    return id_, summary
+
+
+@dataclasses.dataclass(frozen=True)
+class Walks:
+    """Episodes of a dataset.
+
+    Attributes:
+        made: the policy, in words.
+        conditions: machine and control.
+        steps: after which episodes are truncated.
+        episodes: that were walked.
+    """
+
+    made: str
+    conditions: Conditions
+    steps: int
+    episodes: list[Episode]
+
+
+def walks_of(name: str, config: DatasetConfig) -> Walks:
+    """Episodes of a policy from the environment's own starts; episode i is reset with `seed + i`.
+
+    Raises:
+        CheckpointError, NoGaitError: see `agents.policy_files.named_policy`.
+    """
+
+    def gait_for(params: WheelParams) -> Solution:
+        return periodic_gait(params, config.speed, hold=CONTROL_PERIOD, progress=True)
+
+    named = named_policy(name, gait_for, config.params, seed=config.seed)
+    steps = named.conditions.control.episode_steps
+    envs = named.conditions.envs(config.episodes, max_episode_steps=steps)
+    walked = episodes(envs, named.policy, config.seed, keep=STORED, progress=name)
+    made = f"the policy `{Path(name).stem}`"
+    if named.gait is not None:
+        made = f"the feedback law `{name}` about the optimal gait at {named.gait.speed:.3f} m/s"
+    elif named.task is None:
+        made = f"the baseline `{name}`"
+    elif name in PRETRAINED:
+        made += ", which comes with the package"
+    return Walks(made, named.conditions, steps, walked)
+
+
+def optimal_walks(
+    params: WheelParams, folder: Path, seed: int, speeds: Sequence[float] = SPEEDS
+) -> Walks:
+    """An episode on each of some optimal gaits, its voltages repeated stride after stride.
+
+    Args:
+        params: the machine.
+        folder: of solved gaits.
+        seed: of the first episode; what is drawn from it changes nothing.
+        speeds: of the gaits (m/s).
+
+    Raises:
+        NoGaitError: none was found.
+    """
+    front = cot_front(params, speeds, [1], hold=CONTROL_PERIOD, folder=folder, progress=True)
+    conditions = Conditions(params)
+    steps = min(_faithful_steps(gait) for gait in front.envelope)
+    if not steps:
+        raise NoGaitError("no gait repeats itself in the environment for even one stride")
+    walked = [
+        episode
+        for i, gait in enumerate(front.envelope)
+        for episode in episodes(
+            conditions.envs(1, max_episode_steps=steps),
+            _open_loop(gait),
+            seed + i,
+            options=_start_of(gait),
+            keep=STORED,
+        )
+    ]
+    listed = ", ".join(f"{gait.speed:.3f}" for gait in front.envelope)
+    made = f"optimal gaits at {listed} m/s, their voltages held for 10 ms and repeated in open loop"
+    return Walks(made, conditions, steps, walked)
+
+
+def _start_of(gait: Solution) -> dict[str, list[float]]:
+    """Options of `reset` with which an episode begins on a held gait, at its first tick."""
+    return {"state": gait.state(gait.first_tick).tolist()}
+
+
+def _open_loop(gait: Solution) -> Policy:
+    """The voltages of a held gait from its first tick on, whatever the state."""
+    actions, tick = gait.held_voltages / gait.params.voltage_limit, 0
+
+    def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:
+        nonlocal tick
+        tick += 1
+        return np.full(len(states), actions[(tick - 1) % len(actions)])
+
+    return policy
+
+
+def _faithful_steps(gait: Solution) -> int:
+    """How many steps, whole strides or `MOST_STEPS`, a gait repeats within `FAITHFUL`."""
+    envs, policy = Conditions(gait.params).envs(1, max_episode_steps=None), _open_loop(gait)
+    observations, _ = envs.reset(options=_start_of(gait))
+    ticks, states = len(gait.held_voltages), [envs.states[0]]
+    for step in range(1, MOST_STEPS + 1):
+        action = policy(envs.states, observations)
+        observations, _, fell, _, _ = envs.step(action[:, None].astype(np.float32))
+        states.append(envs.states[0])
+        if fell[0] or (step >= ticks and _distance(states[-1], states[-1 - ticks]) > FAITHFUL):
+            return (step - 1) // ticks * ticks
+    return MOST_STEPS
+
+
+def _distance(state: Floats, other: Floats) -> float:
+    """The largest difference of two states in angle (modulo a turn) or rate."""
+    difference = (state - other)[:4]
+    difference[THETA] = (difference[THETA] + np.pi) % (2 * np.pi) - np.pi
+    return float(np.abs(difference).max())
+
+
+def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
+    """The figures of a card, as plain JSON values.
+
+    Args:
+        walked: episodes with the entries of `info` that datasets hold.
+        weight: of the machine (N).
+    """
+    totals = np.array([episode.total for episode in walked])
+    sums = {name: float(sum(each.infos[name].sum() for each in walked)) for name in STORED}
+    energy = sums["electrical_positive"] + sums["idle"]
+    forward = sums["distance"] > 0.0
+    return {
+        "episodes": len(walked),
+        "steps": sum(len(episode.rewards) for episode in walked),
+        "mean": float(totals.mean()),
+        "spread": float(totals.std()),
+        "least": float(totals.min()),
+        "greatest": float(totals.max()),
+        "early": float(np.mean([episode.terminations[-1] for episode in walked])),
+        "distance": sums["distance"],
+        "energy": energy,
+        "cot": energy / (weight * sums["distance"]) if forward else None,
+    }
+
+
+def _card(id_: str, walks: Walks, summary: Mapping[str, Any], command: str) -> str:
+    """The text of a card."""
+    made_by, control = provenance(), walks.conditions.control
+    first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
+    start = "`reset` with the options of each" if first.options else "the environment's own starts"
+    changed = _changed(walks.conditions.params)
+    return CARD_TEXT.format(
+        id=id_,
+        env=_environment(walks.conditions),
+        made=walks.made,
+        machine=json.dumps(changed) if changed else "the default machine",
+        control=_control_text(control),
+        begun=f"{start}, seeds {first.seed} to {last.seed}",
+        infos=", ".join(f"`{entry}`" for entry in first.infos),
+        command=command,
+        revision=str(made_by["git_revision"])[:10],
+        versions=", ".join(f"{key} {version}" for key, version in made_by["versions"].items()),
+        **{**summary, "cot": "-" if cot is None else f"{cot:.4f}"},
+    )
+
+
+def _control_text(control: Control) -> str:
+    """How often a policy decides, and its commanded speeds, if any."""
+    decides = f"a decision every {1e3 * control.period:g} ms"
+    if control.speeds is None:
+        return decides
+    least, greatest = control.speeds
+    return f"{decides}, commanded {least:g} to {greatest:g} m/s"
+
+
+def _changed(params: WheelParams) -> dict[str, Any]:
+    """The fields in which a machine differs from BUILDABLE."""
+    usual = BUILDABLE.to_dict()
+    return {name: value for name, value in params.to_dict().items() if value != usual[name]}
+
+
+def dataset_id(name: str) -> str:
+    """The identifier of a policy's dataset; Minari reads only letters, digits and hyphens.
+
+    Raises:
+        ValueError: there is neither a letter nor a digit in the name.
+    """
+    plain = re.sub(r"[\W_]+", "-", name).strip("-")
+    if not plain:
+        raise ValueError(
+            f"{name!r}: a dataset is called by the letters and digits of its policy's name, and "
+            "there are none; rename the file"
+        )
+    return f"{NAMESPACE}/{plain}-v0"
+
+
+def recipe_of(folder: Path, id_: str) -> dict[str, Any] | None:
+    """What the dataset of this identifier was made of; None if there is none.
+
+    Raises:
+        ValueError: there is one, but rimless-gym has not made it.
+    """
+    place = folder / id_
+    if not place.exists():
+        return None
+    try:
+        return dict(MinariStorage.read_raw_metadata(place / "data")[RECIPE])
+    except (ValueError, KeyError) as error:
+        raise ValueError(
+            f"{place}: is there, but is not a dataset of rimless-gym; choose another --out, or "
+            "remove it"
+        ) from error
+
+
+def write_dataset(
+    folder: Path, id_: str, walks: Walks, recipe: Mapping[str, Any], card: str
+) -> None:
+    """Write a dataset and its card; it appears in the folder when it is complete.
+
+    Args:
+        folder: Minari's root, `MINARI_DATASETS_PATH`.
+        id_: the dataset's identifier.
+        walks: that it holds.
+        recipe: plain JSON values that `recipe_of` returns.
+        card: its text.
+
+    Raises:
+        OSError: the disk is full, or the folder cannot be written.
+    """
+    unfinished = folder / ".unfinished" / id_
+    shutil.rmtree(unfinished, ignore_errors=True)
+    (unfinished / "data").mkdir(parents=True)
+    storage = MinariStorage.new(
+        unfinished / "data", env_spec=_spec_of(walks.conditions, walks.steps)
+    )
+    storage.update_metadata(
+        {
+            "dataset_id": id_,
+            "minari_version": minari_version,
+            "author": {"The rimless-gym authors"},
+            "algorithm_name": walks.made,
+            "description": card,
+            "requirements": ["rimless-gym"],
+            RECIPE: dict(recipe),
+        }
+    )
+    names = (
+        *("seed", "options", "observations", "actions", "rewards"),
+        *("terminations", "truncations", "infos"),
+    )
+    storage.update_episodes(
+        EpisodeBuffer(**{name: getattr(episode, name) for name in names})
+        for episode in walks.episodes
+    )
+    (unfinished / CARD).write_text(card)
+    (folder / id_).parent.mkdir(parents=True, exist_ok=True)
+    unfinished.rename(folder / id_)
+    shutil.rmtree(folder / ".unfinished")
+
+
+def _spec_of(conditions: Conditions, steps: int) -> Any:
+    """The environment of some conditions, as Gymnasium's `EnvSpec`."""
+    arguments: dict[str, Any] = {}
+    if conditions.params != BUILDABLE:
+        arguments["params"] = conditions.params
+    if conditions.commanded:
+        arguments["speeds"] = conditions.control.speeds
+    env = gym.make(
+        _environment(conditions),
+        max_episode_steps=steps,
+        control_period=conditions.control.period,
+        **arguments,
+    )
+    return env.spec
+
+
+def _environment(conditions: Conditions) -> str:
+    """The registered environment of some conditions."""
+    return "RimlessWheelSpeed-v0" if conditions.commanded else "RimlessWheel-v0"

@@ -1,0 +1,195 @@
+"""What walks amount to over the measured window: sums, extremes, periods, which of them count."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.rollout import Interval
+from rimless_gym.energy import CHANNELS, Ledger
+from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.task import TERM_NAMES
+from rimless_gym.equations import SINGLE
+from rimless_gym.hybrid import accelerations
+from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
+from rimless_gym.params import WheelParams
+from rimless_gym.rules import VIOLATIONS, Extremes, violations
+from trajopt.feedback.law import Floats
+
+#: Outcomes of a start: it walks; it falls; it takes no steps at the end; or its walk violates a
+#: rule, of which the first in the order of `rimless_gym.rules.VIOLATIONS` is named.
+WALKS, FALLS, STOPS = "walks", "falls", "stops"
+OUTCOMES = (WALKS, FALLS, STOPS, *VIOLATIONS)
+
+#: Longest period that is detected (steps).
+MAX_PERIOD = 6
+
+#: Post-touchdown states (scaled as observations are) this close to each other count as the same.
+#: Touchdowns fall anywhere within a hold of 10 ms, so even a perfect gait scatters.
+TOLERANCE = 0.03
+
+#: The entries of `info` that are summed.
+_SUMMED = ("elapsed", "distance", *(channel.name for channel in CHANNELS), *TERM_NAMES)
+
+#: Extremes of an interval, with the function that finds them over many intervals.
+_EXTREMES = {
+    "friction_demand": np.maximum,
+    "impulse_friction_demand": np.maximum,
+    "min_normal_force": np.minimum,
+    "clearance": np.minimum,
+}
+
+
+def outcomes(
+    fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: Window
+) -> tuple[str, ...]:
+    """The outcome of each start, one of `OUTCOMES`, N of them.
+
+    Args:
+        fallen: of each start, (N,).
+        stepping: whether it still takes steps at the end, (N,).
+        window: of the walks.
+    """
+    found = []
+    for i, params in enumerate(window.machines):
+        if fallen[i]:
+            found.append(FALLS)
+        elif not stepping[i]:
+            found.append(STOPS)
+        else:
+            found.append((*violations(params, window.extremes_of(i)), WALKS)[0])
+    return tuple(found)
+
+
+def count_failures(found: Sequence[str]) -> dict[str, int]:
+    """How many starts do not count, by outcome; only those that occur."""
+    counts = Counter(found)
+    return {each: counts[each] for each in OUTCOMES if each != WALKS and each in counts}
+
+
+class Window:
+    """Sums and extremes of each walk over the measured window.
+
+    Attributes:
+        machines: of the walks, N of them.
+        sums: of entries of `info`, (N,) each.
+        extremes: of entries of `info`, (N,) each.
+    """
+
+    def __init__(self, machines: Sequence[WheelParams]) -> None:
+        n = len(machines)
+        self.machines = machines
+        self.sums = {name: np.zeros(n) for name in _SUMMED}
+        self.extremes = {
+            name: np.zeros(n) if worse is np.maximum else np.full(n, np.inf)
+            for name, worse in _EXTREMES.items()
+        }
+
+    def add(self, interval: Interval) -> None:
+        """Add a control interval."""
+        i, info = interval.running, interval.info
+        for name in _SUMMED:
+            self.sums[name][i] += info[name]
+        for name, worse in _EXTREMES.items():
+            self.extremes[name][i] = worse(self.extremes[name][i], info[name])
+
+    def ledgers(self) -> list[Ledger]:
+        """The ledger of each walk."""
+        columns = zip(*(values.tolist() for values in self.sums.values()), strict=True)
+        return [Ledger.of(dict(zip(_SUMMED, sums, strict=True))) for sums in columns]
+
+    def total(self, some: NDArray[np.bool_], params: WheelParams) -> tuple[Ledger, Ledger]:
+        """The summed ledger of some walks, twice.
+
+        In the second one, each distance is multiplied by the weight of its machine over that of
+        `params`.
+        """
+        weights = np.array([machine.weight for machine in self.machines]) / params.weight
+        ledger = Ledger.of({name: float(sums[some].sum()) for name, sums in self.sums.items()})
+        carried = float((weights * self.sums["distance"])[some].sum())
+        return ledger, dataclasses.replace(ledger, distance=carried)
+
+    def rewards(self, penalties: Floats) -> Floats:
+        """The reward (m) of each walk (N,).
+
+        Args:
+            penalties: of each walk for its end, whenever that was (m), (N,).
+        """
+        running = sum(self.sums[name] for name in TERM_NAMES if name != "reward_end")
+        return np.asarray(running + penalties)
+
+    def extremes_of(self, walk: int) -> Extremes:
+        """The extremes of one walk."""
+        return Extremes(**{name: float(values[walk]) for name, values in self.extremes.items()})
+
+    def extreme(self, name: str, some: NDArray[np.bool_], unit: Floats | float = 1.0) -> float:
+        """The worst value of some walks, in a unit for all or for each; NaN if there are none."""
+        values = (self.extremes[name] / unit)[some]
+        return float(_EXTREMES[name].reduce(values)) if len(values) else math.nan
+
+
+class TouchdownLog:
+    """States just after each touchdown on a new foot, of N walks side by side.
+
+    Args:
+        params: the machine. Where walks have machines of their own or their commands are delayed,
+            the states are approximate: they are computed with this machine and without delay.
+        n: number of walks.
+    """
+
+    def __init__(self, params: WheelParams, n: int) -> None:
+        self._params = params
+        self._furthest = np.full(n, -np.inf)
+        self._points: list[list[Floats]] = [[] for _ in range(n)]
+
+    def add(self, interval: Interval) -> None:
+        """Add the touchdowns of a control interval."""
+        foot = interval.after[:, FOOT]
+        stepped = (foot > self._furthest[interval.running]) & (interval.info["steps"] > 0)
+        for k in np.flatnonzero(stepped):
+            i = interval.running[k]
+            volts = interval.actions[k] * self._params.voltage_limit
+            self._furthest[i] = foot[k]
+            self._points[i].append(_just_after_touchdown(self._params, interval.after[k], volts))
+
+    def points(self) -> list[Floats]:
+        """For each walk, its scaled post-touchdown states (touchdowns, 4)."""
+        return [np.array(points).reshape(-1, 4) for points in self._points]
+
+
+def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> Floats:
+    """(sin theta, cos theta, phi', theta'), scaled, at the touchdown up to 10 ms before `state`.
+
+    It follows the motion back at constant acceleration, which is accurate to third order.
+    """
+    p = params.constants
+    phi, theta, dphi, dtheta = (float(state[k]) for k in (PHI, THETA, DPHI, DTHETA))
+    if int(state[MODE]) == SINGLE and dphi > 0:
+        ddphi, ddtheta = accelerations(SINGLE, phi, theta, dphi, dtheta, volts, p)
+        dt = (phi - p.a) / dphi
+        dt = (phi - p.a + 0.5 * ddphi * dt**2) / dphi  # one fixed-point step of the quadratic
+        theta += -dtheta * dt + 0.5 * ddtheta * dt**2
+        dphi, dtheta = dphi - ddphi * dt, dtheta - ddtheta * dt
+    return np.array(
+        [np.sin(theta), np.cos(theta), dphi / LEG_RATE_SCALE, dtheta / PENDULUM_RATE_SCALE]
+    )
+
+
+def steps_per_period(points: Floats) -> int:
+    """Smallest number of steps after which post-touchdown states repeat, 0 if none up to 6.
+
+    Args:
+        points: scaled post-touchdown states, (touchdowns, 4).
+    """
+    for k in range(1, MAX_PERIOD + 1):
+        if len(points) < 3 * k:
+            return 0
+        distance: NDArray[np.float64] = points[k:] - points[:-k]
+        if np.sqrt(np.mean(np.sum(distance**2, axis=1))) < TOLERANCE:
+            return k
+    return 0

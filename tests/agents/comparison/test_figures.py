@@ -1,0 +1,116 @@
+"""The plots and the report of a comparison have every row, and any kind of result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.comparison import figures
+from agents.comparison.figures import (
+    WALK,
+    PlottedWalk,
+    is_steady,
+    learning_charts,
+    milestone_gap,
+    speed_charts,
+    write_figures,
+)
+from agents.comparison.study import Setting, Study
+from agents.comparison.table import FRONT_POLICY, Row
+from agents.rollout import Interval
+from rimless_gym import BUILDABLE
+from tests.agents.html import assert_loads_nothing, assert_valid
+from trajopt.gaits.fronts import CotFront, NoFrontError
+from trajopt.gaits.library import shipped
+
+ROWS = [
+    Row("LQR about the optimum", 0.56, 0.05, 0.2, 0.55, 0.01, 1.0, 0.6, 0.2),
+    Row("fine-tuned <b>", 0.56, 0.05, 0.2, 0.55, 0.02, 0.9, 0.6, 0.2),
+    Row("optimal while the pendulum swings", 0.56, 0.6, -0.1, 0.55, 11.0, None, 0.6, 0.2),
+    Row("stands", None, walking_share=0.0),
+    *(Row(FRONT_POLICY, v, 0.05, 0.2, v, 0.01, 1.0) for v in (0.52, 0.55, 0.58)),
+]
+
+
+@pytest.fixture(scope="module")
+def front() -> CotFront:
+    gaits = [gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1]
+    return CotFront(tuple(gait for gait in gaits if 0.5 <= gait.speed <= 0.6))
+
+
+def milestone(**changes: float) -> dict[str, float]:
+    usual = {"intervals": 0, "minutes": 0.0, "walking_share": 1.0, "speed": 0.55, "cot": 0.06}
+    return usual | changes
+
+
+STANDING = milestone(walking_share=0.0, cot=math.nan, speed=math.nan)
+
+
+def test_all_that_walk_are_plotted_and_those_near_the_optimum_with_their_gaps(
+    front: CotFront,
+) -> None:
+    costs, gaps = speed_charts(front, front, ROWS)
+    optima = {"optimal, voltage held", "optimal, voltage continuous"}
+    assert {s.name for s in costs.series} == optima | {r.title for r in ROWS} - {"stands"}
+    assert {s.name for s in gaps.series} == optima | {
+        FRONT_POLICY, "LQR about the optimum", "fine-tuned <b>"
+    }  # fmt: skip
+    (joined,) = [series for series in gaps.series if series.name == FRONT_POLICY]
+    assert (list(np.asarray(joined.x)), joined.line) == ([0.52, 0.55, 0.58], "-")
+    np.testing.assert_allclose(joined.y, 1.0)
+
+
+def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front: CotFront) -> None:
+    last = front.envelope[-1]
+    near = milestone(speed=last.speed, cot=1.1 * last.cot)
+    assert milestone_gap(near, front) == pytest.approx(10.0)
+    assert milestone_gap(milestone(speed=0.9, cot=2 * last.cot), front) == pytest.approx(100.0)
+    gap, _, share, _ = learning_charts({"walks": [near], "stands": [STANDING]}, front)
+    assert np.isnan(gap.series[1].y).all()
+    assert list(np.asarray(share.series[1].y)) == [0.0]
+
+
+def rolling(intervals: int, steps: int) -> Iterator[Interval]:
+    """A made-up walk whose leg passes the vertical in every tenth interval."""
+    for k in range(intervals):
+        before, after = np.zeros((2, 1, 6))
+        before[0, 0] = 1.5
+        after[0, 0] = 1.6 if k % 10 == 5 else 1.55
+        info = {"steps": np.array([steps * (k % 10 == 0)]), "touchdowns": np.array([k % 10 == 0])}
+        running, seen = np.zeros(1, dtype=np.int64), np.zeros((1, 6), dtype=np.float32)
+        yield Interval(running, before, seen, np.zeros(1), info, after)
+
+
+def test_a_steady_walk_lasts_and_takes_steps() -> None:
+    whole = round(WALK / 0.01)
+    assert is_steady(list(rolling(whole, 1)))
+    assert not is_steady(list(rolling(whole - 1, 1)))
+    assert not is_steady(list(rolling(whole, 0)))
+
+
+def test_the_report_has_every_row_also_where_nothing_walks(
+    front: CotFront, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_page(*arguments: object) -> None:
+        raise NoFrontError("none")
+
+    fallen = PlottedWalk(
+        "LQR", lambda *_: np.zeros(1), list(rolling(9, 1)), front.envelope[0], True
+    )
+    monkeypatch.setattr(figures, "write_page", no_page)
+    monkeypatch.setattr(figures, "plotted_walks", lambda *_: [fallen])
+    setting = Setting(Study(), tmp_path)
+    setting.front = setting.held_front = front
+    curves = {"PPO": [STANDING, milestone(intervals=9, minutes=2.0)], "evolution": [STANDING]}
+    write_figures(setting, ROWS, [], curves)
+    text = (tmp_path / "report.html").read_text()
+    assert_valid(text)
+    assert_loads_nothing(text)
+    assert "fine-tuned &lt;b&gt;" in text
+    assert text.count("<tr>") == len(ROWS) + 1
+    for picture in ("cot_against_speed", "learning_curves", "deviations", "return_maps"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 1000

@@ -1,0 +1,162 @@
+"""The methods of a comparison, and their rows in its table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents.comparison import methods as listed
+from agents.comparison.methods import (
+    LearnedMethod,
+    ShippedMethod,
+    front_policy,
+    learning_curve,
+    methods,
+    screened_policy,
+)
+from agents.comparison.study import Setting, Study
+from agents.comparison.table import (
+    FRONT_POLICY,
+    HEADLINE,
+    SCREENED_PPO,
+    Row,
+    by_speed,
+    format_table,
+    gait_row,
+    headline,
+    policy_row,
+)
+from agents.policy_files import load_policy
+from rimless_gym import BUILDABLE, Task
+from trajopt.feedback import laws, startup
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.library import shipped
+
+EVALUATION = {
+    "cot": 0.05,
+    "objective": 0.2,
+    "speed": 0.56,
+    "friction_demand": 0.6,
+    "impulse_friction_demand": 0.7,
+    "min_normal_force_over_weight": 0.2,
+    "walking_share": 1.0,
+}
+
+
+@pytest.fixture
+def setting(tmp_path: Path) -> Setting:
+    """A setting whose front is of shipped gaits."""
+    made = Setting(Study(), tmp_path)
+    gaits = [g for g in shipped() if g.params == BUILDABLE and g.steps == 1]
+    made.held_front = CotFront(tuple(g for g in gaits if 0.5 <= g.speed <= 0.6))
+    return made
+
+
+@pytest.mark.slow
+def test_every_feedback_law_is_a_method_by_its_file(setting: Setting, monkeypatch) -> None:
+    (setting.out / "at_rest.py").write_text(
+        "from rimless_gym.jit import inner\n"
+        "from trajopt.feedback.law import Law\n"
+        "from trajopt.feedback.laws import lqr\n\n\n"
+        "@inner\n"
+        "def nothing(x, mode, data):\n"
+        "    return 0.0\n\n\n"
+        "def design(solution):\n"
+        "    return Law(solution.params, nothing, lqr.design(solution).data)\n"
+    )
+    monkeypatch.setattr(startup, "startup_for", lambda *args: lambda x, mode: 0 * x[:, 0])
+    before = {method.name for method in methods(Study())}
+    monkeypatch.setattr(laws, "__path__", [*laws.__path__, str(setting.out)])
+    now = {method.name: method for method in methods(Study())}
+    assert set(now) - before == {"at_rest"}
+    with pytest.warns(UserWarning, match=r"nothing, .* does not hold its gait by itself"):
+        result = now["at_rest"].compute(setting)
+    [row] = now["at_rest"].rows(setting, result)
+    assert (row.title, row.walking_share) == ("at rest about the optimum", 0.0)
+
+
+def test_the_policy_for_the_front_walks_at_every_speed_of_the_study_and_at_two_between(
+    setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "front.zip").write_text("another policy")
+    monkeypatch.chdir(tmp_path)  # whose file does not replace the shipped one
+    study = Study()
+    (method,) = front_policy(study)
+    assert {study.on_tick(speed) for speed in study.speeds} < set(method.commands)
+    assert len(method.commands) == len(study.speeds) + 2
+    rows = method.rows(setting, {"evaluations": [EVALUATION] * len(method.commands)})
+    assert {row.title for row in rows} == {FRONT_POLICY}
+    assert set(study.speeds) < {row.study_speed for row in rows}
+    (other,) = front_policy(Study(further=()))
+    assert other.name != method.name
+
+
+def test_shipped_policies_leave_out_other_machines_and_speeds() -> None:
+    for changes in ({"friction": 0.7}, {"gear_loss": 0.0}):
+        assert front_policy(Study(changes=changes)) == screened_policy(Study(changes=changes)) == ()
+    (method,) = front_policy(Study(speed=0.4, further=(0.56,)))
+    speeds = load_policy(listed.FRONT_FILE).conditions.control.speeds
+    assert speeds is not None
+    assert all(speeds[0] <= command <= speeds[1] for command in method.commands)
+
+
+def test_another_file_of_a_shipped_policy_is_another_result(
+    setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (method,) = screened_policy(Study())
+    monkeypatch.setattr(setting, "evaluated", lambda policy: EVALUATION)
+    (row,) = method.rows(setting, method.compute(setting))
+    assert (row.title, row.study_speed, row.cot) == (SCREENED_PPO, None, EVALUATION["cot"])
+    assert row.gap == pytest.approx(setting.gap(0.05, 0.56))
+    copy = tmp_path / method.file.name
+    copy.write_bytes(method.file.read_bytes() + b"more")
+    assert ShippedMethod(copy, method.title).name != method.name
+
+
+def test_the_minutes_of_a_cloning_count_for_what_begins_from_it() -> None:
+    results: dict[str, dict[str, Any]] = {
+        "imitation": {"curve": [{"minutes": 1.5}]},
+        "fine_tuned": {"curve": [{"minutes": 0.0}, {"minutes": 0.5}]},
+    }
+    tuned = LearnedMethod("fine_tuned", "imitation/clone.zip", {}, after=("imitation",))
+    assert [each["minutes"] for each in learning_curve(tuned, results)] == [1.5, 2.0]
+
+
+def test_a_gap_that_rounds_to_nothing_has_no_minus_sign_and_missing_figures_are_dashes() -> None:
+    table = format_table([Row("optimal", gap=-3e-5), Row("scratch", objective=-0.4, cot=math.nan)])
+    assert table.splitlines()[2] == "| optimal | - | - | - | +0.0% | - | - | - |"
+    assert table.splitlines()[3] == "| scratch | - | -0.400 | - | - | - | - | - |"
+
+
+def test_rows_have_the_friction_demand_of_stance_and_touchdowns() -> None:
+    v = (gait := shipped()[0]).verification
+    row = gait_row("optimal", gait, 0.0, 0.5)
+    assert row.friction_demand == max(v.max_friction_demand, v.max_impulse_friction_demand)
+    assert row.min_normal_force_over_weight == v.min_normal_force_over_weight
+    assert policy_row("slipping", EVALUATION, None, None).friction_demand == 0.7
+    lifting = EVALUATION | {"impulse_friction_demand": None}
+    assert policy_row("lifting", lifting, None, None).friction_demand is None
+
+
+def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
+    gait = next(gait for gait in shipped() if gait.params == BUILDABLE and gait.steps == 1)
+    v, energy = gait.verification, gait.verification.electrical_positive
+    reward = Task().distance_weight * v.distance - energy / gait.params.weight
+    row = gait_row("optimal", gait, None, None)
+    assert row.objective == pytest.approx(reward / v.time, rel=1e-6)
+
+
+def test_rows_stand_in_order_of_their_speeds_and_equal_ones_once() -> None:
+    rows = by_speed([Row("a", at) for at in (None, 0.6, 0.5, 0.6)])
+    assert [row.study_speed for row in rows] == [0.5, 0.6, 0.6, None]
+    assert len(format_table(rows).split("\n\n")[0].splitlines()) == 3
+
+
+def test_the_headline_has_the_rows_of_the_studys_own_speed() -> None:
+    rows = [Row(title, at, cot=0.05) for title in HEADLINE for at in (0.53, 0.56)]
+    lines = headline(rows, 0.56, {"imitation": "+2 %, 9 of 10 walk"}).splitlines()[2:]
+    assert len(lines) == len(HEADLINE)
+    assert [line.split(" | ")[-1] for line in lines].count("+2 %, 9 of 10 walk |") == 1

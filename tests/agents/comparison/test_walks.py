@@ -1,0 +1,161 @@
+"""Deviations from the optimal cycle and return maps, of walks whose values are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.comparison.walks import (
+    STEPS,
+    Multiplier,
+    ReturnMap,
+    WalkedStep,
+    deviation_charts,
+    deviations,
+    last_middle,
+    multipliers_text,
+    return_chart,
+    return_map,
+    steps_of,
+    touchdown_rates,
+)
+from agents.conditions import Conditions
+from agents.rollout import Interval, Rollout
+from rimless_gym import BUILDABLE
+from rimless_gym.params import WheelParams
+from trajopt.feedback.law import Floats
+from trajopt.gaits.library import shipped
+from trajopt.gaits.problem import passive_wheel_rate
+from trajopt.gaits.solution import Solution
+
+LEGS, SLOPE = 8, 0.12
+#: Just before a touchdown (rad/s).
+RATE = passive_wheel_rate(LEGS, SLOPE) / math.cos(2 * math.pi / LEGS)
+#: Rolls down the slope by itself.
+BARE = WheelParams(
+    n_legs=LEGS,
+    slope=SLOPE,
+    wheel_inertia=0.0,
+    pendulum_length=0.0,
+    pendulum_inertia=0.1,
+    motor_constant=0.0,
+)
+
+
+def idle(states: Floats, observations: object) -> Floats:
+    return np.zeros(len(states))
+
+
+def walk(params: WheelParams, faster: float, seconds: float) -> list[Interval]:
+    start = np.zeros((1, 6))
+    start[0, [0, 2]] = params.constants.a + 1e-6, faster * passive_wheel_rate(LEGS, SLOPE)
+    return list(Rollout(Conditions(params), idle, start, round(seconds / 0.01)))
+
+
+@pytest.fixture(scope="module")
+def gait() -> Solution:
+    return next(g for g in shipped() if g.params == BUILDABLE and g.steps == 2)
+
+
+def walked(gait: Solution, first: int, slower: float = 1.0) -> list[WalkedStep]:
+    """Six steps of a gait, from one of its steps on, each longer by a factor."""
+    steps = []
+    for i in range(6):
+        phase = gait.phases[(first + i) % gait.steps]
+        times = np.arange(0.003, phase.duration, 0.01 / slower)
+        states = phase.state(times) + np.array([0.0, 2 * math.pi * i, 0.0, 0.0])
+        steps.append(WalkedStep(times / phase.duration, states))
+    return steps
+
+
+@pytest.mark.parametrize(("first", "slower"), [(0, 1.0), (1, 1.0), (0, 1.1)])
+def test_the_gait_itself_deviates_by_nothing_at_equal_shares_of_the_step(
+    gait: Solution, first: int, slower: float
+) -> None:
+    for found in deviations(walked(gait, first, slower), gait):
+        np.testing.assert_allclose(found.states, 0.0, atol=1e-9)
+
+
+def test_what_is_added_to_a_walk_is_its_deviation(gait: Solution) -> None:
+    added = np.array([1e-3, -2e-3, 3e-3, -4e-3])
+    steps = [WalkedStep(phases, states + added) for phases, states in walked(gait, 0)]
+    found = deviations(steps, gait)
+    for each in found:
+        np.testing.assert_allclose(each.states, np.tile(added, (len(each.states), 1)), atol=1e-9)
+    chart = deviation_charts({"law": (found, "teal")}, "at 0.5 m/s")[1]
+    y = np.asarray(chart.series[0].y)
+    assert np.nanmin(y) == pytest.approx(-2.0)  # mrad
+    assert np.isnan(y).sum() == len(steps)  # no line from one step to the next
+
+
+def test_steps_last_from_touchdown_to_touchdown() -> None:
+    start = np.array([[BARE.constants.a + 0.1, 0.0, 2.5, 0.0, 0.0, 0.0]])
+    intervals = list(Rollout(Conditions(BARE), idle, start, 200))
+    steps = steps_of(intervals)
+    assert len(steps) == sum(interval.info["steps"][0] for interval in intervals) - 1 > 2
+    for step in steps:
+        assert (np.diff(step.phases) > 0).all()
+        assert 0.0 <= step.phases[0] < step.phases[-1] <= 1.0
+        assert (np.diff(step.states[:, 0]) > 0).all()  # no touchdown within
+
+
+def test_the_square_of_the_rate_comes_back_by_the_square_of_the_cosine() -> None:
+    [rates] = touchdown_rates(BARE, idle, walk(BARE, 1.1, 0.01)[0].states, 5)
+    share = math.cos(2 * math.pi / LEGS) ** 2
+    before, after = rates[:-1] ** 2 - RATE**2, rates[1:] ** 2 - RATE**2
+    np.testing.assert_allclose(after, share * before, rtol=1e-5)
+
+
+def test_the_multipliers_are_those_of_the_cycle_and_of_what_nothing_brings_back() -> None:
+    found = return_map(BARE, idle, walk(BARE, 1.0, 5.0))
+    assert found.steady == pytest.approx(RATE, rel=1e-6)
+    assert found.multipliers is not None
+    sizes = [each.size for each in found.multipliers]
+    assert sizes[:3] == pytest.approx([1.0] * 3, abs=0.01)  # time, and the free pendulum's two
+    assert sizes[3] == pytest.approx(math.cos(2 * math.pi / LEGS) ** 2, abs=0.01)
+    assert {each.sign for each in found.multipliers} == {1}
+    assert np.isfinite(found.rates).all()
+
+
+def test_a_walk_without_steps_is_refused() -> None:
+    level = BARE.replace(slope=0.0)
+    with pytest.raises(ValueError, match="no step in the last 2 s"):
+        return_map(level, idle, walk(level, 1.0, 12.0))
+
+
+@pytest.mark.parametrize(("steps", "upright"), [(0, True), (-1, False)])
+def test_a_leg_that_is_changed_out_of_double_stance_does_not_pass_the_vertical(
+    steps: int, upright: bool
+) -> None:
+    [interval] = walk(BARE, 1.0, 0.01)
+    after = interval.after.copy()
+    after[0, 0] = BARE.constants.b
+    counts = {"touchdowns": np.zeros(1), "steps": np.full(1, steps)}
+    found = last_middle([interval._replace(after=after, info=counts)])
+    assert (found is not None) == upright
+
+
+def test_a_return_map_has_the_slopes_of_what_does_not_turn() -> None:
+    rates = np.linspace(0.9, 1.1, 3 * STEPS).reshape(3, STEPS)
+    found = ReturnMap(rates, 1.0, [Multiplier(0.5, 0), Multiplier(0.4, -1), Multiplier(0.1, 1)])
+    chart = return_chart("clone", found, "orange", free=4.4)
+    slopes = {
+        each.name: np.ptp(each.y) / np.ptp(each.x) * np.sign(np.diff(each.y)[0])
+        for each in chart.series
+        if each.line != "none"
+    }
+    assert slopes == {
+        "unchanged": pytest.approx(1.0),
+        "slope of a multiplier": pytest.approx(-0.4),
+        "slope 4.4, without feedback": pytest.approx(4.4),
+    }
+    assert chart.title == "clone: multipliers 0.50 (turning), -0.40"
+    assert multipliers_text([Multiplier(1.0, 1)]) == "multipliers 1.00"
+
+
+def test_walks_that_all_fall_at_once_have_no_spread_to_draw() -> None:
+    assert ReturnMap(np.full((2, 3), np.nan), 5.0, None).spread == 0.0
+    assert ReturnMap(np.full((2, 3), 5.0), math.nan, None).spread == 0.0
+    assert ReturnMap(np.array([[4.9, 5.1]]), 5.0, None).spread > 0.0

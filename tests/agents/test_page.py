@@ -1,0 +1,109 @@
+"""The page is one file that loads nothing, and its network and gaits are the package's."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.page import COLUMNS, front_data, network_data, page, write_page
+from agents.policy_files import load_policy
+from rimless_gym import BUILDABLE, PROTOTYPE
+from rimless_gym.envs.observation import observe
+from rimless_gym.javascript import simulator
+from rimless_gym.kernel.stepping import STATE_SIZE
+from trajopt.gaits.fronts import NoFrontError, shipped_front
+
+STATIC = Path(page.__code__.co_filename).parent / "static" / "page"
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return page()
+
+
+@pytest.fixture(scope="module")
+def gaits() -> list[dict[str, Any]]:
+    return front_data(shipped_front(BUILDABLE))
+
+
+def test_the_page_is_small_and_the_same_every_time(text: str) -> None:
+    assert len(text.encode()) < 1_000_000
+    assert text == page()
+
+
+def test_the_page_loads_nothing(text: str) -> None:
+    assert not re.search(r"https?:|//cdn|@import|<link[^>]+href=\"(?!data:)|\bsrc=|fetch\(", text)
+    assert "{{" not in re.sub(r"<script>.*</script>", "", text, flags=re.DOTALL)
+
+
+def test_the_page_holds_the_printed_physics_and_no_equation_of_its_own(text: str) -> None:
+    assert simulator(BUILDABLE) in text
+    for path in STATIC.glob("*.js"):
+        assert not re.search(r"p\.(Je1|Je2|Je3|S1|S2|gx|gy|F0)\b", path.read_text()), path
+
+
+def test_write_page_makes_folders(tmp_path: Path, text: str) -> None:
+    written = write_page(tmp_path / "new" / "page.html")
+    assert written.read_text(encoding="utf-8") == text
+
+
+def test_every_gait_of_the_front_costs_what_was_verified(gaits: list[dict[str, Any]]) -> None:
+    for gait in gaits:
+        length = gait["speed"] * sum(gait["durations"])
+        spent = sum(gait["spent"].values()) / length / BUILDABLE.weight
+        assert spent == pytest.approx(gait["cot"], rel=1e-3)
+
+
+def test_sampled_gaits_are_near_the_solved_ones(gaits: list[dict[str, Any]]) -> None:
+    solved = shipped_front(BUILDABLE).envelope[18]
+    gait = gaits[18]
+    numbers = np.frombuffer(base64.b64decode(gait["samples"]), dtype="<f4")
+    columns = dict(zip(COLUMNS, numbers.reshape(len(COLUMNS), -1), strict=True))
+    count = gait["counts"][0]
+    t = np.linspace(0.0, solved.phases[0].duration, count)
+    exact = solved.phases[0].state(t)
+    np.testing.assert_allclose(columns["phi"][:count], exact[:, 0], atol=1e-6)
+    np.testing.assert_allclose(columns["theta"][:count], exact[:, 1], atol=2e-6)
+
+
+def test_a_machine_without_a_front_is_refused() -> None:
+    with pytest.raises(NoFrontError, match="front"):
+        shipped_front(PROTOTYPE)
+
+
+def test_a_policy_that_is_no_network_is_refused() -> None:
+    with pytest.raises(ValueError, match="networks of tanh layers"):
+        network_data(load_policy("evolution"))
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no Node here")
+def test_the_network_in_the_page_is_the_policy(text: str) -> None:
+    policy, rng = load_policy("imitation"), np.random.default_rng(0)
+    states = np.zeros((40, STATE_SIZE))
+    states[:, :4] = rng.uniform([1.2, -9, -3, -15], [1.9, 9, 3, 15], (40, 4))
+    data = re.search(r"^const DATA = .*;$", text, flags=re.MULTILINE)
+    assert data is not None
+    names = ("phi", "theta", "dphi", "dtheta", "mode")
+    given = [dict(zip(names, x[:5].tolist(), strict=True)) for x in states]
+    program = "\n".join(
+        [
+            data[0],
+            simulator(BUILDABLE),
+            (STATIC / "numbers.js").read_text(),
+            (STATIC / "network.js").read_text(),
+            "const p = wheel.constants(DATA.machine);",
+            f"const given = {json.dumps(given)};",
+            "console.log(JSON.stringify(given.map((x) => policyVoltage(x, p, DATA.machine))));",
+        ]
+    )
+    done = subprocess.run(["node", "-"], input=program, capture_output=True, text=True, check=True)
+    wanted = BUILDABLE.voltage_limit * policy.act(observe(BUILDABLE, states))
+    np.testing.assert_allclose(json.loads(done.stdout), wanted, atol=2e-4)

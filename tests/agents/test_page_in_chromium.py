@@ -1,0 +1,143 @@
+"""The page in a headless Chromium: it loads, drags, drives, and simulates as the kernel does."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.page import page
+from rimless_gym import BUILDABLE
+from rimless_gym.energy import ROW
+from rimless_gym.equations import DOUBLE
+from rimless_gym.kernel.stepping import advance, hybrid_states
+from tests.agents.chromium import NEEDS_CHROMIUM, in_chromium
+
+pytestmark = NEEDS_CHROMIUM
+
+whole_page = cache(page)
+
+
+@pytest.mark.parametrize("size", ["390,844", "1280,800"])
+def test_dragging_along_the_front_chooses_another_gait(tmp_path: Path, size: str) -> None:
+    found = in_chromium(
+        whole_page(),
+        tmp_path,
+        """
+        const chart = document.getElementById('chart');
+        const box = chart.getBoundingClientRect();
+        const speeds = [front.gait.speed];
+        const move = (type, share) => {
+          const at = { clientX: box.left + share * box.width, clientY: box.top + 50 };
+          chart.setPointerCapture = () => {};
+          chart.dispatchEvent(new PointerEvent(type, { ...at, buttons: 1, pointerId: 1 }));
+          speeds.push(front.gait.speed);
+        };
+        move('pointerdown', 0.3);
+        move('pointermove', 0.6);
+        move('pointermove', 0.9);
+        const text = document.getElementById('gait-title').textContent;
+        const wide = document.documentElement.scrollWidth - innerWidth;
+        report({ speeds, text, wide });
+        """,
+        size,
+    )
+    assert len(set(found["speeds"])) == 4
+    assert "the pendulum swings" in found["text"]
+    assert found["wide"] <= 0  # nothing reaches beyond the page's side
+
+
+def test_the_wheel_can_be_driven_by_keys_and_by_the_lever(tmp_path: Path) -> None:
+    found = in_chromium(
+        whole_page(),
+        tmp_path,
+        """
+        document.getElementById('start').click();
+        const press = (type, key) => dispatchEvent(new KeyboardEvent(type, { key, bubbles: true }));
+        drive.held.keys.add('ArrowRight');
+        const right = heldVoltage();
+        press('keyup', 'ArrowRight');
+        const free = heldVoltage();
+        const lever = document.getElementById('lever');
+        lever.setPointerCapture = () => {};
+        const box = lever.getBoundingClientRect();
+        const hold = (type, share) => lever.dispatchEvent(
+          new PointerEvent(type, { clientX: box.left + share * box.width, pointerId: 2 }));
+        hold('pointerdown', 0.25);
+        const pulled = heldVoltage();
+        for (let k = 0; k < 320; k++) {
+          hold('pointermove', Math.sin(0.72 * k) > 0 ? 0.71 : 0.29);
+          followDrive(0.1);
+        }
+        hold('pointerup', 0.5);
+        const { distance, energy, time } = drive.you.overall;
+        report({ right, free, pulled, distance, energy, time, phase: drive.phase,
+          policy: drive.policy.overall, score: scoreText() });
+        """,
+    )
+    assert (found["right"], found["free"]) == (5, None)
+    assert found["pulled"] == pytest.approx(-6.0, abs=0.2)
+    assert found["phase"] == "done"
+    assert found["time"] == pytest.approx(30.0, abs=0.02)
+    assert found["energy"] > 10.0
+    assert "30 s" in found["score"]
+    assert found["policy"]["distance"] > 15.0  # it walks from rest, in the page
+
+
+def test_sliders_change_the_machine(tmp_path: Path) -> None:
+    found = in_chromium(
+        whole_page(),
+        tmp_path,
+        """
+        const set = (id, value) => {
+          const input = document.getElementById(id);
+          input.value = value;
+          input.dispatchEvent(new Event('input'));
+        };
+        set('slope', 2);
+        set('gear', 25);
+        set('losses', 1);
+        for (let k = 0; k < 100; k++) followDrive(0.1);
+        const { slope, gear_ratio, hub_friction, gear_loss } = drive.policy.machine;
+        const gravity = drive.policy.p.gx;
+        document.getElementById('reset').click();
+        report({ slope, gear_ratio, hub_friction, gear_loss, gravity, same: !altered() });
+        """,
+    )
+    machine = BUILDABLE.replace(
+        slope=np.radians(2), gear_ratio=25.0, hub_friction=0.0424, gear_loss=0.14
+    )
+    for name in ("slope", "gear_ratio", "hub_friction", "gear_loss"):
+        assert found[name] == pytest.approx(getattr(machine, name))
+    assert found["gravity"] == pytest.approx(machine.constants.gx)
+    assert found["same"]
+
+
+def test_the_pages_trajectory_agrees_with_the_kernel(tmp_path: Path) -> None:
+    volts = 5.0 * np.sign(np.sin(7.2 * 0.01 * np.arange(200)))
+    found = in_chromium(
+        whole_page(),
+        tmp_path,
+        f"""
+        const p = wheel.constants(DATA.machine);
+        let state = wheel.atRest(p);
+        const walked = {json.dumps(volts.tolist())}.map((u) => {{
+          const next = wheel.advance(state, u, 0.01, p);
+          state = next.state;
+          return {{ state: Object.values(state), touchdowns: next.book.touchdowns }};
+        }});
+        report({{ walked }});
+        """,
+    )
+    state, touchdowns = hybrid_states([[BUILDABLE.constants.a, 0.0, 0.0, 0.0]], DOUBLE), 0
+    for u, step in zip(volts, found["walked"], strict=True):
+        row = advance(BUILDABLE, state, np.array([u]))[0]
+        np.testing.assert_allclose(step["state"], state[0], rtol=0, atol=1e-6)
+        assert len(step["touchdowns"]) == row[ROW.touchdowns]
+        for time in step["touchdowns"][-1:]:
+            assert time == pytest.approx(row[ROW.touchdown_time], abs=1e-6)
+            touchdowns += 1
+    assert touchdowns > 0

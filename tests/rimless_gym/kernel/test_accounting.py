@@ -1,0 +1,276 @@
+"""What the kernel accounts besides energies, and what the environment makes of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rimless_gym import (
+    PROTOTYPE,
+    THESIS_NOMINAL,
+    THESIS_PHYSICAL,
+    WheelParams,
+    equations,
+    hybrid,
+    simulate,
+)
+from rimless_gym.energy import ROW, Row, balance
+from rimless_gym.envs import starts
+from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.kernel.stepping import STATE_SIZE, advance
+
+MACHINES = {
+    "THESIS_NOMINAL": THESIS_NOMINAL,
+    "THESIS_PHYSICAL": THESIS_PHYSICAL,
+    "PROTOTYPE": PROTOTYPE,
+    "relabel law": THESIS_PHYSICAL.replace(impact_law="relabel"),
+    "slope 0.1, 7 legs": THESIS_PHYSICAL.replace(slope=0.1, n_legs=7, drag=0.3),
+}
+arrays = equations.equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays of states
+SMOOTH = [name for name in MACHINES if name != "PROTOTYPE"]  # it is slow in the reference
+
+
+def random_states(params: WheelParams, rng: np.random.Generator, count: int) -> np.ndarray:
+    p, states = params.constants, np.zeros((count, STATE_SIZE))
+    states[:, 0] = rng.uniform(p.a, p.b, count)
+    states[:, 1] = rng.uniform(-math.pi, math.pi, count)
+    states[:, 2] = rng.uniform(-3, 4, count)
+    states[:, 3] = rng.uniform(-8, 8, count)
+    return states
+
+
+def clearances(states: np.ndarray, params: WheelParams) -> np.ndarray:
+    p = params.constants
+    return np.array([hybrid.pendulum_clearance(x[0], x[1], p) for x in states])
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_impulses_demand_the_same_friction_in_kernel_and_reference(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(8)
+    demands = []
+    for start in random_states(params, rng, 4):
+        volts, state = rng.uniform(-15, 15, 20), start.copy()
+        reference = simulate(params, start[:4], volts, 0.2)
+        rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
+        demand = max(out[ROW.impulse_friction_demand] for out in rows)
+        assert demand == pytest.approx(reference.impulse_friction_demand, rel=1e-6)
+        demands.append(demand)
+    if params.impact_law == "plastic":  # under the other law the impulse is vertical
+        assert np.count_nonzero(demands) > 0
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_clearance_is_the_least_of_the_interval(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(9)
+    before = random_states(params, rng, 300)
+    after = before.copy()
+    reported = advance(params, after, rng.uniform(-15, 15, 300), pull=math.inf)[:, ROW.clearance]
+    ends = np.minimum(clearances(before, params), clearances(after, params))
+    assert np.all(reported <= ends + 1e-15)
+    assert np.ptp(reported) > 2 * params.pendulum_length
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_the_clearance_is_that_of_the_reference(name: str) -> None:
+    params, rng = MACHINES[name], np.random.default_rng(10)
+    for start in random_states(params, rng, 3):
+        volts, state = rng.uniform(-15, 15, 20), start.copy()
+        reference = simulate(params, start[:4], volts, 0.2)
+        rows = [advance(params, state[None], np.array([v]), pull=math.inf)[0] for v in volts]
+        reported = min(out[ROW.clearance] for out in rows)
+        lowest = clearances(reference.state(np.linspace(0, 0.2, 801)), params).min()
+        assert reported >= min(lowest, reference.clearance) - 1e-4  # up to sampling
+        assert reported == pytest.approx(reference.clearance, abs=5e-3 * params.leg_length)
+
+
+@pytest.mark.parametrize(  # with few legs, touchdowns end on two feet
+    ("n_legs", "pull"), [(3, 0.0), (5, math.inf)]
+)
+def test_a_foot_that_lifts_off_at_once_leaves_no_trace_in_the_extremes(
+    n_legs: int, pull: float
+) -> None:
+    params, rng = THESIS_PHYSICAL.replace(n_legs=n_legs), np.random.default_rng(14)
+    at_once = after_touchdown = 0
+    for mode, start in enumerate(random_states(params, rng, 200)):
+        mode %= 2
+        start[3], start[4] = rng.uniform(-3, 3), mode
+        if mode == equations.DOUBLE:
+            start[[0, 2]] = params.constants.a, 0.0
+        volts, state = rng.uniform(-20, 20, 1), start[None].copy()
+        reference = simulate(
+            params, start[:4], volts, 0.01, mode=equations.MODE_NAMES[mode], pull=pull
+        )
+        out = advance(params, state, volts, pull=pull)[0]
+        # The two take different steps, but within a step forces hardly change.
+        least = pytest.approx(reference.min_normal_force, abs=0.02 * params.weight)
+        assert out[ROW.min_normal_force] == least
+        if reference.min_normal_force > 0.1 * params.weight:
+            assert out[ROW.friction_demand] == pytest.approx(reference.friction_demand, rel=0.1)
+        kinds = [event.kind for event in reference.events]
+        at_once += kinds[:1] == ["lift_off"] and reference.events[0].time == 0.0
+        after_touchdown += kinds[:2] == ["touchdown", "lift_off"]
+    assert at_once > 2
+    assert after_touchdown > 0 or n_legs > 3
+
+
+@pytest.mark.parametrize("mount", ["wheel", "frame"])
+@pytest.mark.parametrize(("damping", "motor_constant"), [(0.0, 0.0048), (3.0, 0.0), (0.02, 0.0048)])
+def test_the_motor_pole_is_a_tight_bound_on_how_fast_motor_and_hub_brake(
+    mount: str, damping: float, motor_constant: float
+) -> None:
+    params = THESIS_PHYSICAL.replace(
+        motor_mount=mount, hub_damping=damping, motor_constant=motor_constant
+    )
+    p = params.constants
+    free = params.replace(hub_damping=0.0, motor_constant=0.0).constants
+    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (2000, 2)).T
+    braked, coasting = (
+        arrays.relative_rate(*arrays.single_stance(phi, theta, 0.5, 2.0, 0.0, c), c)
+        for c in (p, free)
+    )
+    most = ((coasting - braked) / arrays.relative_rate(0.5, 2.0, p)).max()
+    assert most <= params.motor_pole * (1 + 1e-3) + 1e-12
+    assert most == pytest.approx(params.motor_pole, rel=5e-3)
+
+
+@pytest.mark.parametrize("mount", ["wheel", "frame"])
+@pytest.mark.parametrize("rotor_inertia", [0.0, 1e-6, 1e-4])
+def test_the_drag_pole_is_a_tight_bound_on_how_fast_the_air_brakes(
+    mount: str, rotor_inertia: float
+) -> None:
+    params = THESIS_PHYSICAL.replace(motor_mount=mount, rotor_inertia=rotor_inertia, drag=1.0)
+    p, without = params.constants, params.replace(drag=0.0).constants
+    dphi, nudge = 2.0, 1e-6
+    phi, theta = np.random.default_rng(0).uniform([p.a, -math.pi], [p.b, math.pi], (2000, 2)).T
+    slopes = [
+        np.subtract(*(arrays.single_stance(phi, theta, v, 0.0, 0.0, c)[0] for v in at)) / nudge
+        for c, at in ((without, (dphi + nudge, dphi)), (p, (dphi + nudge, dphi)))
+    ]
+    most = (slopes[0] - slopes[1]).max()
+    assert most <= arrays.drag_pole(dphi, p) * (1 + 1e-3)
+    assert most == pytest.approx(arrays.drag_pole(dphi, p), rel=5e-3)
+
+
+def test_energy_balances_with_stiff_hub_friction() -> None:
+    rng = np.random.default_rng(11)
+    for damping in (1.0, 30.0, 300.0):
+        params = THESIS_PHYSICAL.replace(hub_damping=damping)
+        out = advance(params, random_states(params, rng, 100), rng.uniform(-20, 20, 100), pull=1e9)
+        terms = np.array(balance(Row(*out.T)._asdict()))
+        assert np.abs(terms.sum(axis=0)).max() < 1e-8 * max(1.0, np.abs(terms).max())
+
+
+def test_impulses_and_forces_make_a_step_slip_but_not_on_rougher_ground() -> None:
+    params, rng, seen = THESIS_PHYSICAL, np.random.default_rng(13), set()
+    env = RimlessWheelEnv()
+    for start in random_states(params, rng, 150):
+        start[0] = params.constants.b - 0.01
+        if starts.normal_force(params, start) <= 0:
+            continue
+        options = {"state": start[:4], "params": params}
+        action = rng.uniform(-1, 1, 1).astype(np.float32)
+        env.reset(options=options)
+        info = env.step(action)[4]
+        demands = info["friction_demand"], info["impulse_friction_demand"]
+        if info["failure"] == 0 and abs(demands[0] - demands[1]) > 1e-6:
+            seen.add(demands[0] > demands[1])
+            for friction, slips in ((np.mean(demands), True), (max(demands) + 1e-9, False)):
+                env.reset(options=options | {"params": params.replace(friction=friction)})
+                assert env.step(action)[4]["slips"] is slips
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_after_every_reset_the_model_is_that_of_the_current_machine(seed: int) -> None:
+    env, rng = RimlessWheelEnv(), np.random.default_rng(seed)
+    machines = list(MACHINES.values())
+    for params in [machines[i] for i in rng.permutation(len(machines))]:
+        env.reset(options={"params": params})
+        x, u = env.state[:4], 3.0
+        expected = hybrid.accelerations(0, *x, u, params.constants)
+        assert env.model.params == env.params == params
+        assert np.allclose(np.asarray(env.model.flow(x, u)).ravel()[2:], expected)
+    env.reset()
+    assert env.model.params == params
+
+
+def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> float:
+    """Largest residual of an interval, as a share of the energies in it."""
+    before = states.copy()
+    out = advance(params, states, volts, pull=math.inf)
+    terms = np.array(balance(Row(*out.T)._asdict()))
+    residual = terms.sum(axis=0)
+    moving = np.array([hybrid.kinetic_energy(*x[:4], params.constants) for x in before])
+    scale = np.abs(terms).sum(axis=0) + moving
+    return float(np.max(np.abs(residual) / (scale + params.weight * params.leg_length)))
+
+
+@pytest.mark.parametrize("wheel_inertia", [1.0, 0.1, 0.01])
+def test_energy_balances_for_a_light_wheel_with_a_heavy_pendulum(
+    wheel_inertia: float,
+) -> None:
+    params = WheelParams(
+        wheel_mass=0.0,
+        wheel_inertia=wheel_inertia,
+        leg_length=1.5,
+        pendulum_mass=60.0,
+        pendulum_inertia=0.0,
+        pendulum_length=3.0,
+        motor_constant=0.0,
+    )
+    rng = np.random.default_rng(15)
+    states = random_states(params, rng, 300)
+    states[:150, 1] = (
+        math.pi / 2 - states[:150, 0] + rng.uniform(-0.05, 0.05, 150)
+    )  # in line with the leg
+    assert imbalance(params, states, np.zeros(300)) < 1e-11
+
+
+@pytest.mark.parametrize("drag", [1.0, 3.0, 8.0])
+def test_energy_balances_under_strong_air_drag_and_a_strong_motor(drag: float) -> None:
+    params = WheelParams(
+        wheel_mass=0.0,
+        wheel_inertia=9e-5,
+        leg_length=0.06,
+        n_legs=3,
+        pendulum_mass=0.022,
+        pendulum_inertia=0.036,
+        pendulum_length=1.3,
+        motor_constant=0.2,
+        gear_ratio=39.0,
+        armature_resistance=78.0,
+        drag=drag,
+        motor_mount="frame",
+    )
+    rng = np.random.default_rng(16)
+    states = random_states(params, rng, 300)
+    assert imbalance(params, states, rng.uniform(-180, 180, 300)) < 1e-9
+
+
+def test_contact_is_lost_if_a_lift_off_leaves_the_other_foot_pulled() -> None:
+    params = WheelParams(
+        wheel_mass=0.6751762560394261,
+        wheel_inertia=0.08645820603033495,
+        leg_length=0.5995012613212425,
+        n_legs=300,
+        pendulum_mass=1.7692829929222391,
+        pendulum_inertia=0.054724276591553093,
+        pendulum_length=0.28570625072551303,
+        motor_constant=0.006222728595023811,
+        gear_ratio=495.942194418547,
+        armature_resistance=6.964723248732724,
+        drag=0.19084134759710294,
+        gravity=9.073504299850764,
+        slope=0.3790599149418934,
+        impact_law="thesis",
+    )
+    start = [1.5712026353818624, -2.2819701327691995, 1.8173777777770916, 1.523266782947136, 0, 0]
+    volts = np.array([0.5167660713195801 * 19.90404898855932])
+    reference = simulate(params, start[:4], volts, 0.01, pull=0.0)
+    kinds = [event.kind for event in reference.events]
+    assert kinds == ["touchdown", "lift_off", "contact_lost"]
+    out = advance(params, np.array([start], dtype=float), volts)[0]
+    assert out[ROW.failure] == hybrid.CONTACT_LOST
+    assert out[ROW.elapsed] == pytest.approx(reference.t[-1], abs=1e-12)
