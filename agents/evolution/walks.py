@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from agents.reward_weight import FEWEST_STEPS, NO_WALK, CleanWalking
 from rimless_gym.energy import ROW
-from rimless_gym.envs.observation import observation
+from rimless_gym.envs.layout import observation
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
@@ -66,7 +66,7 @@ SIZE = 21
 
 @inner
 def features(leg, sine, cosine, leg_rate, rate, resting):  # type: ignore[no-untyped-def]
-    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.observation`)."""
+    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.layout`)."""
     return (
         1.0,
         leg,

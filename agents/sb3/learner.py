@@ -35,8 +35,8 @@ from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import training_env, wrapped
 from agents.walking_figures import WalkingFigures
-from rimless_gym.envs.control import USUAL, Control
-from rimless_gym.envs.observation import COMMANDED_SIZE
+from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
@@ -401,7 +401,7 @@ def model_state(model: Any) -> dict[str, Any]:
             "full": replay.full,
         },
         "environments": {
-            "arrays": {k: v for k, v in envs["fleet"].items() if isinstance(v, np.ndarray)},
+            "arrays": {k: v for k, v in envs["batch"].items() if isinstance(v, np.ndarray)},
             "generators": envs["generators"],
             "seen": envs["seen"],
         },
@@ -436,8 +436,8 @@ def restore_model(model: Any, state: dict[str, Any]) -> None:
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
     envs, saved = wrapped(model.env, Sb3VecEnv).env, state["environments"]
-    arrays = envs.get_state()["fleet"] | saved["arrays"]
-    envs.set_state({"fleet": arrays, "generators": saved["generators"], "seen": saved["seen"]})
+    arrays = envs.get_state()["batch"] | saved["arrays"]
+    envs.set_state({"batch": arrays, "generators": saved["generators"], "seen": saved["seen"]})
     generators = state["generators"]
     torch.set_rng_state(generators["torch"])
     np.random.set_state(generators["numpy"])  # noqa: NPY002

@@ -31,8 +31,7 @@ from rimless_gym import (
     simulate,
 )
 from rimless_gym.energy import balance
-from rimless_gym.envs.layout import INFO_NAMES
-from rimless_gym.envs.observation import OBSERVATION_BOUND
+from rimless_gym.envs.layout import NUMBER_NAMES, OBSERVATION_BOUND
 from rimless_gym.envs.starts import draw_start, normal_force
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import DOUBLE, IMPACT_LAWS, LOSSES, MODE_NAMES, equations
@@ -80,7 +79,7 @@ MAY_BE_ZERO = (
     *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
     *("hub_friction", "gear_loss"),
 )
-NUMBERS = [name for name in INFO_NAMES if name != "failure"]
+NUMBERS = [name for name in NUMBER_NAMES if name != "failure"]
 _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
@@ -294,7 +293,8 @@ def compare(mode: AutoresetMode, single: Any, action: Any, seen: Any, had_ended:
     if had_ended and mode is AutoresetMode.NEXT_STEP:  # the row was reset in this step
         assert np.array_equal(single.reset()[0], observations[0])
         return False
-    observation, reward, *ends, alone = single.step(action)
+    observation, reward, *ends, _ = single.step(action)
+    alone = single.unwrapped.measurements
     assert [rewards[0], terminated[0], truncated[0]] == [reward, *ends], "differs from the single's"
     if mode is AutoresetMode.SAME_STEP and any(ends):
         assert np.array_equal(info["final_obs"][0], observation)

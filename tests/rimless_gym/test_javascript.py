@@ -13,7 +13,7 @@ import pytest
 from rimless_gym import BUILDABLE
 from rimless_gym import reference as compiled
 from rimless_gym.energy import ROW
-from rimless_gym.envs.observation import observe
+from rimless_gym.envs.layout import observe
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
 from rimless_gym.javascript import Branch, Graph, Leaf, function_text, simulator
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance, hybrid_states

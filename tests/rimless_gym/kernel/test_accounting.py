@@ -172,13 +172,15 @@ def test_impulses_and_forces_make_a_step_slip_but_not_on_rougher_ground() -> Non
         options = {"state": start[:4], "params": params}
         action = rng.uniform(-1, 1, 1).astype(np.float32)
         env.reset(options=options)
-        info = env.step(action)[4]
+        env.step(action)
+        info = env.measurements
         demands = info["friction_demand"], info["impulse_friction_demand"]
         if info["failure"] == 0 and abs(demands[0] - demands[1]) > 1e-6:
             seen.add(demands[0] > demands[1])
             for friction, slips in ((np.mean(demands), True), (max(demands) + 1e-9, False)):
                 env.reset(options=options | {"params": params.replace(friction=friction)})
-                assert env.step(action)[4]["slips"] is slips
+                env.step(action)
+                assert env.measurements["slips"] is slips
     assert seen == {True, False}
 
 
