@@ -165,7 +165,7 @@ def extra(name: str) -> Iterator[None]:
         name: of the extra in pyproject.toml, such as "learn".
 
     Raises:
-        MissingExtraError: a package is missing; it says which, and how to install it.
+        MissingExtraError: a package is missing; the message names it and its installation.
     """
     try:
         yield

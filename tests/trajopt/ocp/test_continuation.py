@@ -96,7 +96,7 @@ def test_a_curve_that_ends_early_says_why(start: Extremal) -> None:
     assert 1.0 <= curve.values[-1] < 1.05
     assert curve.values[-1] - curve.obstacle.value < 2.5 / 100
     assert "violated" in curve.obstacle.reason
-    assert "STOPPED" in curve.report()
+    assert "stopped at" in repr(curve)
     assert list(curve.values) == sorted(curve.values, reverse=True)
 
 

@@ -48,11 +48,11 @@ PHASES = [
     ({"states": (), "flow": lambda x, u, p: ()}, ValueError, "at least one state"),
     ({"bounds": [1.0]}, TypeError, "bounds = .*must be a mapping"),
     ({"bounds": {"y": (0.0, 1.0, 2.0)}}, TypeError, "bounds of y = .*lower, upper"),
-    ({"bounds": {"y": 10**400}}, ValueError, "bounds of y: must be finite"),
+    ({"bounds": {"y": 10**400}}, TypeError, "bounds of y = 1"),
     ({"bounds": {"w": 1.0}}, ValueError, r"bounds names \['w'\], which are not among"),
-    ({"bounds": {"v": (1.0, -1.0)}}, InfeasibleBoundsError, "lower bound 1 exceeds the upper"),
-    ({"start": {"y": (0.0, math.nan)}}, InfeasibleBoundsError, "start of y.*not NaN"),
-    ({"start": {"y": math.inf}}, InfeasibleBoundsError, "nothing lies between"),
+    ({"bounds": {"v": (1.0, -1.0)}}, InfeasibleBoundsError, "no number lies between"),
+    ({"start": {"y": (0.0, math.nan)}}, InfeasibleBoundsError, "start of y.*nan"),
+    ({"start": {"y": math.inf}}, InfeasibleBoundsError, "no number lies between"),
     (
         {"start": {"y": 2.0}, "bounds": {"y": (0.0, 1.0)}},
         InfeasibleBoundsError,
@@ -74,9 +74,8 @@ def test_phases_that_make_no_sense_are_refused(changes: Any, error: type, messag
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"flow": lambda x, u, p: None}, "flow gives None: end it with return"),
-        ({"flow": lambda x, u, p: (x[1], "g")}, "flow gives 'g': must be a real number"),
-        ({"flow": lambda x, u, p: (x[1], 1j)}, "flow gives 1j: must be a real number"),
+        ({"flow": lambda x, u, p: None}, "flow cannot.* gives None: end it with return"),
+        ({"flow": lambda x, u, p: (x[1], "g")}, "flow cannot.*must give real numbers"),
         ({"flow": lambda x, u, p: (x[5], 0)}, r"x \(2\), u \(0\), p \(0\).*indices count from 0"),
         ({"flow": lambda x, u, p: (x[1], max(x[0], 0))}, "casadi.if_else"),
         ({"flow": lambda x, u: (x[1], 0)}, "it is called with these arguments"),
@@ -106,8 +105,12 @@ OTHERS = [
     (lambda: Problem(()), ValueError, "at least one"),
     (lambda: Problem(fall()), TypeError, "phases = .*must be a tuple of Phases"),
     (lambda: Problem((fall(duration=1.0),), duration=3.0), InfeasibleBoundsError, "1 to 1 s"),
-    (lambda: Problem((fall(),), duration=math.nan), InfeasibleBoundsError, "not NaN"),
-    (lambda: Problem((fall(),), parameters={"m": (2.0, 1.0)}), InfeasibleBoundsError, "of m: the"),
+    (lambda: Problem((fall(),), duration=math.nan), InfeasibleBoundsError, "duration: bounds .nan"),
+    (
+        lambda: Problem((fall(),), parameters={"m": (2.0, 1.0)}),
+        InfeasibleBoundsError,
+        "of m: bounds",
+    ),
     (
         lambda: Problem((fall(),), endpoint_cost=lambda starts, ends, durations, p: ends[0]),
         ValueError,
@@ -129,7 +132,7 @@ OTHERS = [
     (lambda: Linkage(0, 1.5), TypeError, "target = 1.5"),  # type: ignore[arg-type]
     (lambda: Constraint(len, 0.0, 1.0, "abc"), TypeError, "names = 'abc': give a tuple"),  # type: ignore[arg-type]
     (lambda: Constraint(len, [0.0, 1.0], 1.0, ("a",)), ValueError, "lower = .*1 names"),  # type: ignore[arg-type]
-    (lambda: Constraint(len, 1.0, 0.0, ("a",)), InfeasibleBoundsError, "a: the lower bound"),  # type: ignore[arg-type]
+    (lambda: Constraint(len, 1.0, 0.0, ("a",)), InfeasibleBoundsError, "a: bounds"),  # type: ignore[arg-type]
     (lambda: Waypoints(textbook.gear(), points=0), ValueError, "points = 0"),
     (lambda: Mesh.uniform(1, 10, 200), ValueError, "degree = 200: .*at most 40"),
     (lambda: Mesh.uniform(1, 10**9), ValueError, "elements = 1000000000"),
