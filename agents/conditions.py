@@ -8,7 +8,7 @@ from typing import Any
 
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
-from rimless_gym.envs.control import USUAL, Control
+from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
@@ -38,7 +38,7 @@ class Conditions:
     def __post_init__(self) -> None:
         require_kind("params", self.params, WheelParams)
         require_kind("control", self.control, Control)
-        self.ranges.require_valid(self.params)
+        self.ranges.require_valid([self.params])
         if self.control.by_current:
             raise ValueError("actions = 'current': policies here command voltages")
 

@@ -9,7 +9,6 @@ import math
 import signal
 import threading
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -23,7 +22,6 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.experts import EXPERT, expert_policy, fitting_policy
-from agents.film import film
 from agents.gaps import gap_to_continuous_optimum
 from agents.imitation import Cloning
 from agents.learner import (
@@ -34,21 +32,18 @@ from agents.learner import (
     LAST,
     SCRATCH,
     Learner,
-    Settings,
+    LearnerSettings,
     Training,
     learner_class,
 )
 from agents.policies import Policy, learned_policy
 from agents.policy_files import CheckpointError, origin, save_policy
-from agents.recording import record
 from agents.reward_weight import economy
-from agents.rollout import Rollout, at_rest
 from rimless_gym.checks import extra, integer
 from rimless_gym.envs.arguments import as_task
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.presets import BUILDABLE, Machine
-from rimless_gym.rendering.display import save_gif
 from trajopt.feedback import laws
 from trajopt.feedback.law import Controller
 from trajopt.store import Store, write_bytes
@@ -56,7 +51,6 @@ from trajopt.store import Store, write_bytes
 with extra("learn"):
     import torch
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-    from tensorboard.compat.proto.summary_pb2 import Summary
     from torch.utils.tensorboard import SummaryWriter
 
 #: What a training leaves in its folder, besides policies and TensorBoard's events: what it is, and
@@ -65,9 +59,6 @@ IDENTITY, STATE = "train.json", "state.pt"
 
 #: Evaluations of a training, besides the one at its start. After each, its state is saved.
 EVALUATIONS = 20
-
-#: Seconds of a film of the best policy; its pictures per second, and their size in pixels.
-FILMED, FPS, PICTURE = 6.0, 10, (300, 180)
 
 #: The largest that numpy's global generator takes.
 MAX_SEED = 2**32 - 1
@@ -112,7 +103,7 @@ class TrainingConfig:
     disturbances: Disturbances | Mapping[str, Any] | None = None
     speeds: tuple[float, float] | None = None
     control_period: float | None = None
-    hyperparameters: Settings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    hyperparameters: LearnerSettings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
     expert: Controller | str = EXPERT
     cloning: Cloning | Mapping[str, Any] | None = None
     score: Callable[[Evaluation], float] | None = None
@@ -137,7 +128,7 @@ class TrainingConfig:
                 "from a policy's file"
             )
         settings = self.hyperparameters
-        if not isinstance(settings, Settings):
+        if not isinstance(settings, LearnerSettings):
             settings = kind.settings(self.init, settings)
         if self.timesteps is not None:
             integer("timesteps", self.timesteps, 0)
@@ -234,9 +225,6 @@ def train(
         cache: folder of the experts' gaits and plans, which other trainings use too.
         progress: whether to show progress bars.
 
-    Warns:
-        UserWarning: with these hyperparameters it cannot learn to walk.
-
     Raises:
         ValueError: an argument is out of range, or `out` holds another training.
         TypeError: an argument is of the wrong kind.
@@ -250,11 +238,8 @@ def train(
     learner = learner_class(training.algo)(training) if resumes else _new_learner(config, training)
     try:
         expert = None
-        if not resumes:
-            for reason in learner.advice(training):
-                warnings.warn(reason, stacklevel=2)
-            if config.init == IMITATION:
-                expert = expert_policy(config.expert, training.conditions, cache, progress)
+        if not resumes and config.init == IMITATION:
+            expert = expert_policy(config.expert, training.conditions, cache, progress)
         with Store(out, training.identity, IDENTITY):  # what is refused above claims no folder
             trainer = Trainer(config, training, learner, out, progress)
             try:
@@ -322,9 +307,7 @@ class Trainer:
         if (out / STATE).exists():
             self._restore()
         self.stopped = False
-        resumed_at = learner.steps if (out / STATE).exists() else None
-        self._events = _event_writer(out, resumed_at)
-        self.log = Logger(str(out), [self._events])
+        self.log = _event_log(out, learner.steps if (out / STATE).exists() else None)
         self._bar = tqdm(
             total=self._total,
             initial=min(learner.steps, self._total),
@@ -379,7 +362,8 @@ class Trainer:
         if due or self.stopped:
             self._save()
         if self.stopped:
-            raise KeyboardInterrupt
+            steps = self._learner.steps
+            raise KeyboardInterrupt(f"{steps} steps are kept; the same command continues")
 
     def on_step(self) -> None:
         """See `agents.learner.Callback`."""
@@ -422,8 +406,6 @@ class Trainer:
         if score > self._best or not (self._out / BEST).exists():
             self._best = score
             self._save_policy(BEST, score=score, evaluation=evaluation.to_dict())
-            if evaluation.walking_share > 0.0:
-                self._film()
         figures |= {
             "cot_with_regeneration": evaluation.cot_with_regeneration,
             "gap_to_continuous_optimum": gap_to_continuous_optimum(evaluation, conditions),
@@ -437,31 +419,6 @@ class Trainer:
     @property
     def _minutes(self) -> float:
         return self._minutes_before + (time.process_time() - self._began_at) / 60.0
-
-    def _film(self) -> None:
-        """Log how the policy walks from rest; TensorBoard plays the film among its images."""
-        conditions = self._training.conditions
-        period, speeds = conditions.control.period, conditions.control.speeds
-        walk = Rollout(
-            conditions,
-            learned_policy(self._learner.act),
-            at_rest(conditions.params)[None],
-            round(FILMED / period),
-            command=None if speeds is None else float(np.mean(speeds)),
-        )
-        walked = record("from rest", walk, walk.machines[0], period)
-        frames = list(film(walked, fps=FPS, size=PICTURE))
-        encoded = io.BytesIO()
-        save_gif(frames, encoded, FPS)
-        image = Summary.Image(
-            width=PICTURE[0],
-            height=PICTURE[1],
-            colorspace=3,
-            encoded_image_string=encoded.getvalue(),
-        )
-        summary = Summary(value=[Summary.Value(tag="eval/from_rest", image=image)])
-        events = self._events.writer._get_file_writer()
-        events.add_summary(summary, self._learner.steps)  # as add_video does
 
     def _save(self) -> None:
         """Write the policy, and all that the training needs to go on."""
@@ -526,14 +483,14 @@ def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
     return cloning if isinstance(cloning, Cloning) else Cloning.of(cloning or {})
 
 
-def _event_writer(folder: Path, step: int | None) -> TensorBoardOutputFormat:
+def _event_log(folder: Path, step: int | None) -> Logger:
     """TensorBoard events; those after `step` are replaced where a training goes on from there."""
     events = TensorBoardOutputFormat.__new__(TensorBoardOutputFormat)  # __init__ purges nothing
     events.writer = SummaryWriter(
         log_dir=str(folder), purge_step=None if step is None else step + 1
     )
     events._is_closed = False
-    return events
+    return Logger(str(folder), [events])
 
 
 @contextmanager

@@ -414,7 +414,7 @@ class ShippedMethod:
             control_period=policy.conditions.control.period,
             progress=setting.progress,
         )
-        return {"evaluations": [each.evaluation.to_dict() for each in commanded]}
+        return {"evaluations": [each.to_dict() for each in commanded]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """A row for every speed."""

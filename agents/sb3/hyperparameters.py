@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from torch import nn
 
-from agents.learner import NO_CHANGES, SCRATCH, Settings, Training, require_known
+from agents.learner import NO_CHANGES, SCRATCH, LearnerSettings, require_known
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
 from agents.sb3.wrappers import HeldActions, Wrapping
 from rimless_gym.checks import flag, integer, positive, real
@@ -52,18 +52,9 @@ PLAIN: dict[Any, Callable[[str, Any], Any]] = {
 _TIME_LIMIT = "gymnasium.wrappers.TimeLimit"
 _ADAPTIVE = f"{AdaptiveRewardWeight.__module__}.{AdaptiveRewardWeight.__qualname__}"
 
-#: Speed of the step whose length in time a learner should look ahead (m/s).
-USUAL_SPEED = 0.5
-
-#: Cost of transport of the simplest walk, that under a constant voltage; see docs/learning.md.
-SIMPLEST_COT = 1.0
-
-#: The discount factor of stable-baselines3's algorithms.
-USUAL_GAMMA = 0.99
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Hyperparameters(Settings):
+class Hyperparameters(LearnerSettings):
     """One entry of a file.
 
     Attributes:
@@ -192,33 +183,3 @@ def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
         raise ValueError(f"{name} = {value!r}: write lin_ and a number greater than 0") from error
     # The last roll-out may end after the last time step; `remaining` is negative then.
     return lambda remaining: start * max(remaining, 0.0)
-
-
-def advice(training: Training, settings: Hyperparameters) -> list[str]:
-    """Why a training will not learn to walk, each reason with its numbers; usually none."""
-    gamma = float(settings.algorithm.get("gamma", USUAL_GAMMA))
-    held = settings.intervals_per_step * training.conditions.control.period
-    step = training.conditions.params.step_length / USUAL_SPEED
-    reasons = []
-    if gamma < 1.0 and held / (1.0 - gamma) < step:
-        reasons.append(
-            f"gamma = {gamma:g}: with actions of {1e3 * held:g} ms the learner looks "
-            f"{held / (1.0 - gamma):.2g} s ahead, and a step at {USUAL_SPEED} m/s lasts "
-            f"{step:.2g} s; take a gamma of at least "
-            f"{math.ceil(1e3 * (1.0 - held / step)) / 1e3:g}, or hold actions for longer"
-        )
-    if held > 0.5 * step:
-        reasons.append(
-            f"actions are held for {held:g} s, and a step at {USUAL_SPEED} m/s lasts {step:.2g} s: "
-            "no gait can be controlled so rarely; hold them for fewer intervals"
-        )
-    weight = training.task.distance_weight
-    if settings.schedule is not None:
-        weight = max(weight, settings.schedule.first_weight)
-    if training.init == SCRATCH and weight < SIMPLEST_COT:
-        reasons.append(
-            f"the reward weight of distance is {weight:g}, and the simplest walk costs about "
-            f"{SIMPLEST_COT:g} per metre, so standing still is best; let the weight adapt "
-            f"({_ADAPTIVE}), or start from a clone"
-        )
-    return reasons

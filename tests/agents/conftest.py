@@ -20,9 +20,8 @@ def one_thread():
 
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch):
-    """Evaluations, saved states and films take half of a short training."""
+    """Evaluations and saved states take half of a short training."""
     monkeypatch.setattr(training, "EVALUATIONS", 4)
-    monkeypatch.setattr(training, "FILMED", 0.3)
 
 
 @pytest.fixture

@@ -16,11 +16,10 @@ import torch
 import agents
 from agents import learner, training
 from agents.evaluate import evaluate
-from agents.learner import LEARNERS, Learner, PolicyParts, Settings, learner_class
+from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts, learner_class
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.sb3 import learner as sb3
 from agents.training import StateError, Trainer, TrainingConfig, read_state, walking_economy
-from agents.walking_figures import WalkingFigures
 from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.energy import CHANNELS
 from rimless_gym.envs.task import TERM_NAMES
@@ -99,6 +98,7 @@ def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, al
 
 
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing):
+    assert sb3.CRITIC_WARM_UP == 0.15
     monkeypatch.setattr(sb3, "CRITIC_WARM_UP", 10.0)
     result = run(tmp_path, init="imitation", expert=swing, cloning=QUICK, timesteps=128)
     cloned, trained = (
@@ -171,17 +171,6 @@ def test_a_config_that_cannot_work_is_refused(tmp_path, algo, changes, error, me
     with pytest.raises(error, match=message):
         run(tmp_path, algo, **changes)
     assert not (tmp_path / "train.json").exists()
-
-
-def test_hyperparameters_that_cannot_walk_are_warned_of_with_their_numbers(tmp_path):
-    plain = {"vec_env_wrapper": [], "gamma": 0.9}
-    with pytest.warns(UserWarning, match=r"gamma = 0.9: .* 10 ms .* 0.1 s .*lasts 0\.\d+ s"):
-        run(tmp_path / "a", hyperparameters=plain, timesteps=0)
-    with pytest.warns(UserWarning, match=r"weight of distance is 0\.5, .* about 1 per metre"):
-        run(tmp_path / "b", hyperparameters={"callback": []}, timesteps=0)
-    slow = {"vec_env_wrapper": [{"agents.sb3.wrappers.HeldActions": {"intervals": 50}}]}
-    with pytest.warns(UserWarning, match=r"held for 0.5 s, and a step .* lasts 0\.\d+ s"):
-        run(tmp_path / "c", hyperparameters=slow, timesteps=0)
 
 
 def test_a_training_that_diverges_keeps_its_last_good_policy(tmp_path):
@@ -282,7 +271,7 @@ def test_the_package_exports_what_users_call():
 class Bandit(Learner):
     """The least that a learner needs: it learns and acts. Constant voltages are its policies."""
 
-    default_settings = Settings(n_timesteps=40)
+    default_settings = LearnerSettings(n_timesteps=40)
 
     def __init__(self, training, start=None):
         self._voltage = 0.0
@@ -358,12 +347,13 @@ def test_logged_figures_are_ratios_of_sums_over_the_infos():
     info |= {"steps": np.ones(2), "elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}
     info |= {"electrical_positive": np.array([1.0, 0.2]), "reward_energy": np.full(2, -0.1)}
     info |= {"reward_distance": 0.5 * info["distance"]}
-    seen = {}
-    figures = WalkingFigures(BUILDABLE)
+    seen, env = {}, SimpleNamespace(last_info=info)
+    figures = sb3.LogWalking(BUILDABLE, env)
+    figures.model = SimpleNamespace(logger=SimpleNamespace(record=seen.__setitem__))
     for _ in range(2):
-        figures.add(info)
-    figures.record(SimpleNamespace(record=seen.__setitem__))
-    assert figures.intervals == 0
+        figures._on_step()
+    figures._record()
+    assert figures._intervals == 0
     assert seen["walk/cot"] == pytest.approx(1.2 / (BUILDABLE.weight * 0.04))
     assert (seen["walk/speed"], seen["walk/steps"]) == (pytest.approx(2.0), 4)
     assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)

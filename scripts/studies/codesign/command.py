@@ -1,40 +1,350 @@
 """Search the builds that the preset BUILDABLE was chosen from, and see which of them start.
 
-It takes about half an hour of two cores, with progress bars. After an interruption, the same
-command goes on from there.
+It takes about half an hour of two cores. After an interruption the same command goes on where it
+ended.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
+from matplotlib.figure import Figure
 
-from agents.cli.main import INTERRUPTED
-from scripts.studies.codesign import page
-from scripts.studies.codesign.campaign import campaign
-from scripts.studies.commandline import Parser, terminated_like_ctrl_c, whole
+from agents.cli.main import run as run_command
+from agents.cli.options import Count, MaybePath
+from rimless_gym.presets import BUILDABLE
+from scripts.studies.codesign import gaits, machine
+from scripts.studies.codesign.gaits import (
+    BuildCase,
+    best_gait,
+    better_gait,
+    figures,
+    gait_at,
+    held_gait,
+    neighbours,
+    start_up,
+    start_up_and_walk,
+)
+from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
+from scripts.studies.documents.markdown import marks, refresh, table
+from trajopt import pool
+from trajopt.gaits.solution import Solution
+from trajopt.store import Store, jsonable, write_text
+
+LEGS = (5, 6, 7, 8, 9, 10)
+
+#: Families by turns of the pendulum per step, and the builds they are tried on.
+TURNS, TRIED_ON = (-2, 0, 1), ((6, "35:1"), (7, "21:1"), (8, "28:1"))
+
+#: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
+BOBS, ARMS = (1.4, 1.45, 1.5, 1.55), (0.137, 0.147, 0.157, 0.167)
+
+#: Random starts of a pendulum on the map, which begins from the best one's gait too, and of a
+#: family that is seldom found.
+FEW_STARTS, MANY_STARTS = 1, 8
+
+#: Builds that cost at most so much more than the best one are tried on starts.
+CLOSE = 1.5
+
+#: Starts that are tried: of finalists, and of every pendulum on the map.
+FINAL_STARTS, MAP_STARTS = 24, 16
+
+#: Speeds of the preset's table (m/s), and a finalist's second speed in units of its best.
+SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62, 0.6375), 0.9
+
+#: The highest cost of transport that is drawn: no build with 62 : 1 costs less.
+HIGHEST = 0.15
+
+MARKS = marks("codesign", ("budget", "finals", "families", "preset", "comparison"))
+
+#: Total cost of transport of walkers, as published.
+OTHERS = (
+    ("Cornell Ranger at its best, all its power (its 65 km cost 0.28)", 0.19),
+    ("RR2 at its best, all its power", 0.13),
+    ("a human, metabolic, at the speed of least cost", 0.3),
+)
+
+#: Tables' columns: heading and format.
+PRESET_COLUMNS = {
+    "speed": "{speed:.3f}",
+    "CoT": "{cot:.4f}",
+    "open-loop multiplier": "{multiplier:.1f}",
+    "friction demand": "{friction_demand:.2f}",
+    "least Fy / weight": "{normal_force:.2f}",
+    "peak torque (N m)": "{peak_torque:.2f}",
+    "motor speed (rad/s)": "{motor_speed:.0f}",
+    "in the gait within 10 s": "{joined:.0%}",
+    "walking at the end": "{walking:.0%}",
+    "their CoT": "{cot_of_walks:.4f}",
+}
+FINAL_COLUMNS = {
+    "legs": "{legs}",
+    "gear": "{ratio:.0f}",
+    "bob (kg)": "{bob:.2f}",
+    "arm (m)": "{arm:.3f}",
+    "speed": "{speed:.3f}",
+    "CoT": "{cot:.4f}",
+    "in the gait within 10 s": "{joined:.0%}",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; 0 when all is done, 130 after Ctrl-C or SIGTERM."""
-    parser = Parser(__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/codesign"), help="folder")
-    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
-    parser.add_argument(
-        "--docs", type=Path, help="a page, docs/machine.md, to put the tables and figures into"
+    """Run the command line."""
+    return run_command(codesign, arguments, "python -m scripts.studies codesign")
+
+
+def codesign(
+    *, out: Path = Path("runs/codesign"), workers: Count | None = None, docs: MaybePath = None
+) -> int:
+    """Search the builds that the preset BUILDABLE was chosen from, and see which of them start.
+
+    Args:
+        out: folder of the study.
+        workers: processes; by default one for every core.
+        docs: a page, docs/machine.md, to put the tables and figures into.
+    """
+    modules = (machine, gaits, sys.modules[__name__])
+    constants = {
+        f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
+        for module in modules
+        for name, value in vars(module).items()
+        if name.isupper() and name not in ("MARKS", "OTHERS", "HIGHEST")
+    }
+    with Store(out, {"constants": constants}) as store:
+        study = Study(store, workers)
+        landscape = study.landscape()
+        results = {
+            "landscape": {k: figures(g) for k, g in landscape.items() if isinstance(g, Solution)},
+            "families": study.families(),
+            "finals": study.finals(landscape),
+            "pendulums": study.pendulums(landscape),
+            "preset": study.preset(landscape),
+        }
+    write_text(out / "results.json", json.dumps(jsonable(results), indent=1) + "\n")
+    draw(results, docs.parent if docs else out)
+    if docs:
+        refresh(docs, MARKS, tables(results))
+    print("\n".join(tables(results).values()))
+    return 0
+
+
+class Study:
+    """The stages of the study, each result of which is kept in the store."""
+
+    def __init__(self, store: Store, workers: int | None) -> None:
+        self.store, self.workers = store, workers
+
+    def landscape(self) -> dict[str, Any]:
+        """The best gait of every build, from random starts and then from neighbours' gaits."""
+        cases = [BuildCase(Build(gear, legs)) for legs in LEGS for gear in GPX_22_UP]
+        tasks = {_key(case): (case,) for case in cases}
+        return self._from_neighbours("landscape", cases, self.stage("landscape", tasks, best_gait))
+
+    def families(self) -> dict[str, Any]:
+        """Gaits with other turns of the pendulum per step."""
+        gears = {f"{gear.ratio:.0f}:1": gear for gear in GPX_22_UP}
+        cases = [BuildCase(Build(gears[gear], legs), k) for legs, gear in TRIED_ON for k in TURNS]
+        tasks = {_key(case): (case, (), MANY_STARTS) for case in cases}
+        gaits = self.stage("families", tasks, best_gait)
+        return {k: figures(g) if isinstance(g, Solution) else {} for k, g in gaits.items()}
+
+    def finals(self, landscape: dict[str, Any]) -> dict[str, Any]:
+        """Start-up of the best builds, at their best speed and at a slower one."""
+        least = min(gait.cot for gait in _gaits(landscape).values())
+        close = {k: gait for k, gait in _gaits(landscape).items() if gait.cot <= CLOSE * least}
+        tasks = {
+            f"{key}_slower": (gait.params, SLOWER * gait.speed, (gait,))
+            for key, gait in close.items()
+        }
+        every = close | _gaits(self.stage("finalists at a lower speed", tasks, gait_at))
+        starts = {key: (gait, FINAL_STARTS) for key, gait in every.items()}
+        return self.stage("start-up of finalists", starts, start_up)
+
+    def pendulums(self, landscape: dict[str, Any]) -> dict[str, Any]:
+        """Gaits and start-up over bob and arm, on the build of the preset."""
+        build = preset_build()
+        known = tuple(_gaits({"": landscape[_key(BuildCase(build))]}).values())
+        cases = [BuildCase(build, bob=b, arm=a, lifts=False) for b in BOBS for a in ARMS]
+        tasks = {_key(case): (case, known, FEW_STARTS) for case in cases}
+        gaits = self._from_neighbours("pendulums", cases, self.stage("pendulums", tasks, best_gait))
+        starts = {key: (gait, MAP_STARTS) for key, gait in _gaits(gaits).items()}
+        return self.stage("start-up of pendulums", starts, start_up)
+
+    def preset(self, landscape: dict[str, Any]) -> dict[str, Any]:
+        """The preset's gaits over speed, and their start-up with the voltage held."""
+        known = tuple(_gaits({"": landscape[_key(BuildCase(preset_build()))]}).values())
+        tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
+        free = {k: (gait,) for k, gait in _gaits(self.stage("preset", tasks, gait_at)).items()}
+        held = {k: (g,) for k, g in _gaits(self.stage("preset, held", free, held_gait)).items()}
+        return self.stage("start-up of the preset", held, start_up_and_walk)
+
+    def _from_neighbours(
+        self, name: str, cases: Sequence[BuildCase], first: dict[str, Any]
+    ) -> dict[str, Any]:
+        tasks = {}
+        for case in cases:
+            near = _gaits({_key(c): first[_key(c)] for c in neighbours(case, cases)})
+            tasks[_key(case)] = (case, first[_key(case)], tuple(near.values()))
+        return self.stage(f"{name} from neighbours", tasks, better_gait)
+
+    def stage(
+        self, name: str, tasks: Mapping[str, tuple[Any, ...]], work: Callable[..., Any]
+    ) -> dict[str, Any]:
+        """Results of `work` for every task, in the tasks' order; those in the store are read.
+
+        Args:
+            name: of the stage, and of its folder.
+            tasks: arguments of `work` by the result's name.
+            work: a function at the top of a module; its result is a gait, or JSON values.
+        """
+        results = {
+            key: self._load(f"{name}/{key}") for key in tasks if f"{name}/{key}" in self.store
+        }
+        left = [(key, work, arguments) for key, arguments in tasks.items() if key not in results]
+        for (key, *_), result in pool.run(_work, left, self.workers, progress=name):
+            self._save(f"{name}/{key}", result)
+            results[key] = self._load(f"{name}/{key}")
+        return {key: results[key] for key in tasks}
+
+    def _save(self, key: str, result: Any) -> None:
+        if not isinstance(result, Solution):
+            self.store.save(key, {"value": jsonable(result)})
+            return
+        file = f"{key}.gait.npz"
+        (self.store.folder / file).parent.mkdir(exist_ok=True)
+        result.save(self.store.folder / file)
+        self.store.save(key, {"gait": file}, [file])
+
+    def _load(self, key: str) -> Any:
+        content = self.store.load(key)
+        if "value" in content:
+            return content["value"]
+        return Solution.load(self.store.folder / content["gait"])
+
+
+def _work(task: tuple[str, Callable[..., Any], tuple[Any, ...]]) -> Any:
+    _, work, arguments = task
+    return work(*arguments)
+
+
+def _gaits(results: Mapping[str, Any]) -> dict[str, Solution]:
+    return {key: each for key, each in results.items() if isinstance(each, Solution)}
+
+
+def _key(case: BuildCase) -> str:
+    key = f"{case.build.n_legs:02d}_legs_{case.build.gearhead.ratio:.0f}"
+    if case.bob is not None and case.arm is not None:
+        key += f"_{case.bob:.3f}_kg_{case.arm:.3f}_m"
+    return key if case.turns == -1 else f"{key}_turns_{case.turns}"
+
+
+# -- tables and figures ---------------------------------------------------------------------------
+
+
+def tables(results: Mapping[str, Any]) -> dict[str, str]:
+    """All tables of the page, by name."""
+    finals = sorted(results["finals"].values(), key=lambda each: float(each["cot"]))
+    families = [
+        [
+            key.replace("_", " "),
+            *(f"{each[name]:.3g}" if each else "-" for name in ("cot", "speed")),
+        ]
+        for key, each in results["families"].items()
+    ]
+    made = {
+        "budget": table(["part", "mass (g)"], _budget()),
+        "finals": _rows(finals, FINAL_COLUMNS),
+        "families": table(["legs and gear, turns per step", "CoT", "speed (m/s)"], families),
+        "preset": _rows(results["preset"].values(), PRESET_COLUMNS),
+        "comparison": table(
+            ["walker", "total cost of transport"], _comparison(results["preset"].values())
+        ),
+    }
+    return {name: text + "\n" for name, text in made.items()}
+
+
+def _rows(rows: Any, columns: Mapping[str, str]) -> str:
+    cells = [
+        [
+            "-" if "cot_of_walks" in cell and each["cot_of_walks"] is None else cell.format(**each)
+            for cell in columns.values()
+        ]
+        for each in rows
+    ]
+    return table(list(columns), cells)
+
+
+def _budget() -> list[list[str]]:
+    bob, arm = chosen(BUILDABLE)
+    parts = {name: mass for name, (mass, _) in preset_build().wheel_parts().items()}
+    parts["bob: steel bar"] = bob
+    parts[f"arm of {1000 * arm:.0f} mm and its clamp"] = BUILDABLE.pendulum_mass - bob
+    parts["left for payload, at the hub"] = TOTAL_MASS - sum(parts.values())
+    rows = [[name, f"{1000 * mass:.0f}"] for name, mass in parts.items()]
+    return [*rows, ["**sum**", f"**{1000 * sum(parts.values()):.0f}**"]]
+
+
+def _comparison(rows: Any) -> list[list[str]]:
+    best = min(rows, key=lambda each: float(each["cot"]))
+    lines = [
+        [f"BUILDABLE, optimal gait at {best['speed']:.3f} m/s (a model)", f"{best['cot']:.3f}"]
+    ]
+    steady = [each for each in rows if each["joined"] > 0.95]
+    if steady:
+        held = min(steady, key=lambda each: float(each["cot_of_walks"]))
+        law = (
+            f"BUILDABLE under the LQR at 100 Hz, for the gait of {held['speed']:.3f} m/s (a model)"
+        )
+        lines.append([law, f"{held['cot_of_walks']:.3f}"])
+    return lines + [[name, f"{cot:.2f}"] for name, cot in OTHERS]
+
+
+def draw(results: Mapping[str, Any], folder: Path) -> None:
+    """Write the figures: cost over gear and legs; cost and start-up over bob and arm."""
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    panels = figure.subplots(1, 2)
+    rows = [row for row in results["landscape"].values() if row["cot"] < HIGHEST]
+    for legs in sorted({row["legs"] for row in rows}):
+        line = sorted((r for r in rows if r["legs"] == legs), key=lambda r: float(r["ratio"]))
+        for panel, name in zip(panels, ("cot", "multiplier"), strict=True):
+            ratios = [row["ratio"] for row in line]
+            panel.plot(ratios, [row[name] for row in line], "o-", ms=4, label=f"{legs} legs")
+    panels[0].set_ylabel("least cost of transport, all power")
+    panels[1].set(ylabel="largest open-loop multiplier", yscale="log")
+    for panel in panels:
+        panel.set(xlabel="gear ratio", xscale="log")
+        panel.set_xticks([16, 21, 28, 35], labels=["16", "21", "28", "35"])
+        panel.xaxis.minorticks_off()
+        panel.grid(alpha=0.3)
+    panels[0].legend()
+    figure.suptitle("The best gait of every build: bob, arm and speed chosen with it")
+    figure.savefig(folder / "machine_landscape.png", dpi=90)
+
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    rows = list(results["pendulums"].values())
+    bob, arm = [row["bob"] for row in rows], [1000 * row["arm"] for row in rows]
+    preset_bob, preset_arm = chosen(BUILDABLE)
+    for panel, (name, label, form) in zip(
+        panels,
+        (("cot", "least cost of transport", ".3f"), ("joined", "in the gait within 10 s", ".0%")),
+        strict=True,
+    ):
+        values = [row[name] for row in rows]
+        colours = panel.scatter(arm, bob, c=values, s=900, marker="s", cmap="viridis")
+        for value, x, y in zip(values, arm, bob, strict=True):
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            panel.annotate(f"{value:{form}}", (x, y), ha="center", va="center", size=7, bbox=box)
+        panel.plot(1000 * preset_arm, preset_bob, "rs", ms=33, mfc="none", mew=2)
+        panel.set_xlabel("arm (mm)")
+        panel.margins(0.15)
+        figure.colorbar(colours, ax=panel, label=label)
+    panels[0].set_ylabel("bob (kg)")
+    figure.suptitle(
+        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: its own"
     )
-    options = parser.parse_args(arguments)
-    parser.require_folder(options.out, "results.json")
-    if options.docs:
-        for marks in page.MARKS.values():
-            parser.require_page(options.docs, marks, page.WANTED)
-    try:
-        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(options.out):
-            campaign(options.out, options.workers, options.docs)
-            return 0
-    except KeyboardInterrupt:
-        print(f"\ninterrupted: what was found is in {options.out}; the same command goes on")
-        return INTERRUPTED
+    figure.savefig(folder / "machine_pendulum.png", dpi=90)

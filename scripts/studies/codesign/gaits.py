@@ -1,24 +1,156 @@
-"""The cheapest gait of a case, from random starts and from the gaits of other cases."""
+"""A build's gait of least cost of transport, with its bob, arm and speed; how the gait starts."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from scripts.studies.codesign.problem import SPEEDS, Case, chosen, regenerating
-from trajopt.gaits.periodic import finished
-from trajopt.gaits.problem import CONTROL_DEGREE
+from agents.evaluate import Protocol, evaluate
+from agents.policies import controller_policy
+from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
+from rimless_gym.params import WheelParams
+from scripts.studies.codesign.machine import Build, chosen
+from trajopt.feedback import laws
+from trajopt.gaits.periodic import NoGaitError, finished, periodic_gait
+from trajopt.gaits.problem import CONTROL_DEGREE, designed_gait
 from trajopt.gaits.search import random_guess
 from trajopt.gaits.solution import Solution
+from trajopt.ocp.constraints import Constraint
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import Guess
 from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import solve
+
+#: Bounds on speed (m/s), bob (kg) and arm (m).
+SPEEDS, LIGHTEST_BOB, SHORTEST_ARM = (0.3, 1.2), 0.3, 0.08
+
+#: What the study requires of a gait beyond the preset's limits: least normal force (weights),
+#: and the largest friction demand.
+NORMAL_FORCE, FRICTION_DEMAND = 0.15, 0.75
+
+#: Largest torque that holds the pendulum level, as a share of what the motor can give: a machine
+#: that cannot lift its pendulum has to pump it up, and often fails to.
+LIFTED_SHARE = 0.8
+
+#: A bound of zero width has no interior; values that are given are met to so much.
+GIVEN = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class BuildCase:
+    """A build, and what is given of its gait.
+
+    Attributes:
+        build: motor, gearhead and legs.
+        turns: of theta per step.
+        bob, arm: kg and m; chosen where None.
+        lifts: whether the motor must be able to lift the pendulum, with a margin.
+    """
+
+    build: Build
+    turns: int = -1
+    bob: float | None = None
+    arm: float | None = None
+    lifts: bool = True
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """On the design variables.
+
+        Raises:
+            ValueError: the bob is too heavy or the arm too long for the build.
+        """
+        limits = {
+            "bob": (LIGHTEST_BOB, self.build.heaviest_bob, self.bob),
+            "arm": (SHORTEST_ARM, self.build.longest_arm, self.arm),
+        }
+        for name, (low, high, given) in limits.items():
+            if given is not None and not low <= given <= high:
+                raise ValueError(
+                    f"{name} = {given}: must be from {low:.3g} to {high:.3g} with "
+                    f"{self.build.n_legs} legs"
+                )
+        return {
+            name: (low, high) if given is None else (given - GIVEN, given + GIVEN)
+            for name, (low, high, given) in limits.items()
+        }
+
+    def problem(self) -> Problem:
+        """The problem of one periodic step at any speed; cases of a build share its functions."""
+        ring = _ring(self.build, self.lifts)
+        link = dataclasses.replace(ring.linkages[0], offset={"theta": -2 * math.pi * self.turns})
+        return dataclasses.replace(ring, linkages=(link,), parameters=self.bounds)
+
+
+def regenerating(problem: Problem) -> Problem:
+    """The problem with E in place of E+, whose landscape is smoother."""
+    phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
+    return dataclasses.replace(problem, phases=phases)
+
+
+@lru_cache(maxsize=4)
+def _ring(build: Build, lifts: bool) -> Problem:
+    machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
+    slow, fast = SPEEDS
+    ring = designed_gait(
+        *(machine, build.design, {"bob": (0.1, 10.0), "arm": (0.01, 1.0)}),
+        steps=1,
+        duration=(machine.step_length / fast, machine.step_length / slow),
+        theta_turns=-1,  # a link with an offset, which a case replaces
+    )
+    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build, lifts),))
+
+
+def _with_margins(stance: Phase, build: Build, lifts: bool) -> Phase:
+    path, at_end = stance.path, stance.at_end
+    assert path is not None
+    assert at_end is not None
+    least = np.array([NORMAL_FORCE, *path.lower[1:]])
+    stance = dataclasses.replace(stance, path=dataclasses.replace(path, lower=least))
+    if not lifts:
+        return stance
+    strength = build.lifting_torque()
+
+    def lifted(x: Any, p: Any) -> Any:
+        torque = build.holding_torque(ca.vertsplit(p))
+        return ca.vertcat(at_end.function(x, p), torque / strength)
+
+    constraint = Constraint(
+        lifted,
+        np.append(at_end.lower, 0.0),
+        np.append(at_end.upper, LIFTED_SHARE),
+        (*at_end.names, "torque that lifts the pendulum"),
+    )
+    return dataclasses.replace(stance, at_end=constraint)
+
+
+def neighbours(case: BuildCase, cases: Sequence[BuildCase]) -> list[BuildCase]:
+    """The cases that differ from one by the next gearhead, number of legs, bob or arm."""
+
+    def place(each: BuildCase) -> tuple[float, ...]:
+        return each.build.n_legs, each.build.gearhead.ratio, each.bob or 0.0, each.arm or 0.0
+
+    near, here = [], place(case)
+    for i in range(4):
+        line = {
+            place(each)[i]: each
+            for each in cases
+            if place(each)[:i] + place(each)[i + 1 :] == here[:i] + here[i + 1 :]
+        }
+        near += [line[v] for v in sorted(v for v in line if v > here[i])[:1]]
+        near += [line[v] for v in sorted(v for v in line if v < here[i])[-1:]]
+    return near
+
+
+# -- gaits ----------------------------------------------------------------------------------------
 
 #: Random starts of a case.
 STARTS = 3
@@ -33,25 +165,28 @@ MESH_ERROR, HAMILTONIAN, WARM_BARRIER, ITERATIONS = 1e-9, 1e-1, 1e-5, 200
 _QUICK: dict[str, Any] = {
     "passes": 0,
     "verify": False,
-    "ladder": ({},),
+    "option_sets": ({},),
     "max_iter": ITERATIONS,
 }
 
 #: Refinements of a gait's mesh at most.
 PASSES = 5
 
-#: Optima that are refined until one is verified, and by how much (relative) a gait must be
-#: cheaper than the one that it replaces.
+#: Optima that are refined until one is verified, and by how much (relative) a gait must cost less
+#: than the one that it replaces.
 REFINED, WORTH_IT = 2, 1e-3
 
+#: How many of the known gaits, those of the nearest speeds, are continued to a speed.
+CONTINUED = 3
 
-def cheapest(
-    case: Case, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
+
+def best_gait(
+    case: BuildCase, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
 ) -> Solution | str:
-    """The cheapest gait that passes verification, or the reason why there is none.
+    """The gait of least cost that passes verification, or the reason why there is none.
 
     Args:
-        case: what it is to be.
+        case: its build and what is given.
         known: gaits of other cases to start from.
         starts: random ones besides.
         seed: of the random starts.
@@ -61,34 +196,22 @@ def cheapest(
     except ValueError as error:
         return str(error)
     mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
-    guesses = [(gait.phases, np.array(chosen(gait.params))) for gait in known]
     low, high = np.array(list(case.bounds.values())).T
-    found = []
-    for phases, parameters in guesses:
-        found.append(
-            solve(
-                *(problem, phases, mesh),
-                parameters=np.clip(parameters, low, high),
-                mu_init=1e-3,
-                **_QUICK,
-            )
+    extremals = []
+    for gait in known:
+        bob_and_arm = np.clip(np.array(chosen(gait.params)), low, high)
+        extremals.append(
+            solve(problem, gait.phases, mesh, parameters=bob_and_arm, mu_init=1e-3, **_QUICK)
         )
     rng = np.random.default_rng(seed)
     for _ in range(starts):
-        smooth = solve(
-            *(regenerating(problem), random_step(case, rng), mesh),
-            parameters=(low + high) / 2,
-            **_QUICK,
-        )
+        step, middle = random_step(case, rng), (low + high) / 2
+        smooth = solve(regenerating(problem), step, mesh, parameters=middle, **_QUICK)
         if smooth.succeeded:
-            found.append(
-                solve(
-                    *(problem, smooth.phases, mesh),
-                    parameters=smooth.parameters,
-                    **_QUICK,
-                )
+            extremals.append(
+                solve(problem, smooth.phases, mesh, parameters=smooth.parameters, **_QUICK)
             )
-    good = [each for each in found if each.succeeded and not each.violations]
+    good = [each for each in extremals if each.succeeded and not each.violations]
     reason = "no start led to a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
         gait = refined(case, each)
@@ -98,19 +221,19 @@ def cheapest(
     return reason
 
 
-def cheaper(case: Case, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
-    """The gait led here from others if it is cheaper than `best`, else `best`."""
-    other = cheapest(case, known, starts=0)
+def better_gait(case: BuildCase, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
+    """The gait continued from others if it costs less than `best`, else `best`."""
+    other = best_gait(case, known, starts=0)
     if isinstance(other, str):
         return best
     better = isinstance(best, str) or other.cot < (1 - WORTH_IT) * best.cot
     return other if better else best
 
 
-def refined(case: Case, near: Extremal) -> Solution:
+def refined(case: BuildCase, near: Extremal) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
     problem = case.problem()
-    found = solve(
+    extremal = solve(
         problem,
         near.phases,
         Mesh.uniform(problem, *FIRST_MESH, control_degree=CONTROL_DEGREE),
@@ -121,12 +244,12 @@ def refined(case: Case, near: Extremal) -> Solution:
         verify=False,
         mu_init=WARM_BARRIER,
     )
-    bob, arm = (float(value) for value in found.parameters)
+    bob, arm = (float(value) for value in extremal.parameters)
     machine = case.build.machine(bob, arm)
-    return finished(machine, found, case.turns, False, (), {"study": "codesign"})
+    return finished(machine, extremal, case.turns, False, (), {"study": "codesign"})
 
 
-def random_step(case: Case, rng: np.random.Generator) -> Guess:
+def random_step(case: BuildCase, rng: np.random.Generator) -> Guess:
     """A random step with the case's turns of theta."""
     params = case.build.machine(1.0, 0.1)
     slow, fast = SPEEDS
@@ -138,3 +261,86 @@ def random_step(case: Case, rng: np.random.Generator) -> Guess:
     states[..., 1] += missing * share
     states[..., 3] += missing / phase.duration
     return (dataclasses.replace(phase, states=states),)
+
+
+def gait_at(params: WheelParams, speed: float, known: Sequence[Solution]) -> Solution | str:
+    """A machine's best gait at a speed (m/s) that continues from a known one, or why none does."""
+    gaits, reason = [], "no gait is known"
+    for near in sorted(known, key=lambda each: abs(each.speed - speed))[:CONTINUED]:
+        try:
+            gait = periodic_gait(params, speed, near.steps, guess=near)
+        except NoGaitError as error:
+            reason = str(error)
+            continue
+        if gait.verification.passed:
+            gaits.append(gait)
+        else:
+            reason = "; ".join(gait.verification.failures)
+    return least_first(gaits, lambda each: each.cot)[0] if gaits else reason
+
+
+def held_gait(gait: Solution) -> Solution | str:
+    """The gait that the environment allows, its voltage held, near one that is not; or why none."""
+    try:
+        return periodic_gait(gait.params, gait.speed, gait.steps, hold=CONTROL_PERIOD, guess=gait)
+    except NoGaitError as error:
+        return str(error)
+
+
+# -- start-up -------------------------------------------------------------------------------------
+
+#: Seconds until a start must be in the gait, and over which its speed is then measured.
+JOINED, MEASURED = 10.0, 4.0
+
+#: Deviation of that speed from the gait's (relative) up to which a start is in the gait.
+SAME_SPEED = 0.05
+
+
+def start_up(gait: Solution, starts: int) -> dict[str, Any]:
+    """How the law for a gait starts, and figures of the gait, as plain JSON values."""
+    policy = controller_policy(gait.params, laws.design("lqr", gait))
+    protocol = Protocol(
+        starts=starts, duration=JOINED + MEASURED, window=MEASURED, alive=MEASURED / 2
+    )
+    walk = evaluate(policy, gait.params, protocol)
+    near = np.abs(walk.speeds / gait.speed - 1) < SAME_SPEED
+    return figures(gait) | {
+        "starts": starts,
+        "joined": float(np.mean(walk.walking & near)),
+        "walking": walk.walking_share,
+        "cot_of_walks": walk.cot if walk.walking.any() else None,
+    }
+
+
+def start_up_and_walk(gait: Solution) -> dict[str, Any]:
+    """`start_up` from all starts of the protocol, and how they walk at the protocol's end."""
+    walk = evaluate(controller_policy(gait.params, laws.design("lqr", gait)), gait.params)
+    return start_up(gait, walk.protocol.starts) | {
+        "walking": walk.walking_share,
+        "cot_of_walks": walk.cot if walk.walking.any() else None,
+    }
+
+
+def figures(gait: Solution) -> dict[str, Any]:
+    """Figures of a gait and its machine as plain JSON values."""
+    v, (bob, arm) = gait.verification, chosen(gait.params)
+    t = np.linspace(0.0, gait.duration, 400, endpoint=False)
+    x, p = gait.state(t), gait.params
+    rate = relative_rate(x[:, 2], x[:, 3], p.constants)
+    torque = motor_torque(rate, gait.control(t), p.constants)
+    return {
+        "legs": p.n_legs,
+        "ratio": p.gear_ratio,
+        "bob": bob,
+        "arm": arm,
+        "turns": gait.theta_turns,
+        "cot": gait.cot,
+        "speed": gait.speed,
+        "multiplier": float(abs(gait.floquet[0])),
+        "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
+        "normal_force": v.min_normal_force_over_weight,
+        "clearance": v.clearance,
+        "peak_voltage": v.peak_voltage,
+        "peak_torque": float(np.abs(torque).max()),
+        "motor_speed": float(np.abs(rate).max() * p.gear_ratio),
+    }

@@ -1,146 +1,336 @@
-"""Search a machine's front of least cost of transport, as a rival would search it.
+"""Search a machine's front of least cost of transport, and ship it.
 
-Two independent seeds screen families of gaits with random starts and lead the good ones from speed
-to speed, until both agree; a last sweep looks for anything better. The gaits are solved on fine
-meshes, verified, and shipped with the package: trajopt/gaits/library. A record of the search is
-written beside them, and a table and a figure into docs/front.md. Everything is kept in files: after
-Ctrl-C or a kill the same command goes on from there, and with more --minutes it searches further.
+Two independent seeds screen families of gaits with random starts and continue the good ones from
+speed to speed, until both agree; a last sweep looks for anything better. The gaits are solved on
+fine meshes, verified, and shipped with the package. A record of the search is written beside them,
+and a table and a figure into docs/front.md. After Ctrl-C or a kill the same command goes on where
+it ended, and with more minutes it searches further.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import sys
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
+import numpy as np
+from matplotlib.figure import Figure
 
-from agents.cli.main import INTERRUPTED
-from rimless_gym.params import WheelParams
-from scripts.studies.commandline import (
-    DEFAULT_PRESET,
-    Parser,
-    more_than_zero,
-    terminated_like_ctrl_c,
-    whole,
-)
+from agents.cli.main import run as run_command
+from agents.cli.options import Count, Fields, Positive, Preset, machine
+from rimless_gym.presets import as_params
 from scripts.studies.documents.drawings import save
-from scripts.studies.fronts import page
-from scripts.studies.fronts.board import Board
-from scripts.studies.fronts.campaign import searched
-from scripts.studies.fronts.crew import crew
-from scripts.studies.fronts.drawing import drawn
-from scripts.studies.fronts.fine import polished
-from scripts.studies.fronts.library import record_file, ship
-from scripts.studies.fronts.record import chosen, record, same_machine
-from trajopt.files import write_text
-from trajopt.gaits.library import ARCHIVE, shipped
+from scripts.studies.documents.markdown import marks, refresh, table
+from scripts.studies.fronts.results import AGREEMENT, SearchResults, disagreements
+from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, Search, Sweep
+from scripts.studies.fronts.solving import Polished
+from trajopt import pool
+from trajopt.gaits.fronts import CotFront
+from trajopt.gaits.library import ARCHIVE, gait_files, shipped, write_archive
+from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.problem import fastest_walk
+from trajopt.gaits.solution import Solution
+from trajopt.provenance import provenance
+from trajopt.store import Store, jsonable, write_text
 
 ROOT = Path(__file__).resolve().parents[3]
 
-#: A search that took less than this share of the shipped one's time does not replace it.
-SHORTER = 0.9
+#: Origin of a gait that was shipped before and is still the best.
+SHIPPED = "shipped before this search"
+
+INK, COLOURS = "#1f2933", {1: "#0f766e", 2: "#c2410c", 3: "#6d28d9"}
+
+#: Gaits of one family are joined by a line if their speeds differ by less (m/s).
+LINE = 0.11
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit status is 130 after Ctrl-C or SIGTERM."""
-    parser = Parser(__doc__)
-    parser.add_machine(
-        DEFAULT_PRESET, "machine; with --params its gaits stay in --out, for a trial"
-    )
-    parser.add_argument(
-        "--minutes", type=more_than_zero, default=120.0, help="budget of time, on all workers"
-    )
-    parser.add_argument("--workers", type=whole(1), default=os.cpu_count(), help="processes")
-    parser.add_argument("--grid", type=more_than_zero, default=0.05, help="of speeds (m/s)")
-    parser.add_argument("--out", type=Path, default=Path("runs/front"), help="folder of the search")
-    options = parser.parse_args(arguments)
-    params, trial = parser.machine(options), bool(options.params)
-    name = options.preset + ("_CHANGED" if trial else "")
-    folder = options.out / name
-    with parser.refusing():
-        parser.require_folder(folder, "machine.json")
-        _same_search(folder / "machine.json", params, options.grid)
-        if options.grid > fastest_walk(params):
-            raise ValueError(
-                f"--grid = {options.grid:g}: must be at most {fastest_walk(params):.3g} m/s, the "
-                "fastest walk of this machine"
-            )
-    library = folder / "library" if trial else ARCHIVE.parent
-    docs = folder / "docs" if trial else ROOT / "docs"
-    try:
-        with terminated_like_ctrl_c(), parser.refusing(), parser.out_of_room(folder):
-            found = _searched(name, params, folder, options, library)
-    except KeyboardInterrupt:
-        print(
-            f"\ninterrupted: what was found is in {folder}; the same command goes on from there",
-            file=sys.stderr,
+    """Run the command line."""
+    return run_command(front, arguments, "python -m scripts.studies front")
+
+
+def front(
+    *,
+    preset: Preset = "BUILDABLE",
+    params: Fields = None,
+    minutes: Positive = 120.0,
+    workers: Count | None = None,
+    grid: Positive = 0.05,
+    out: Path = Path("runs/front"),
+) -> int:
+    """Search a machine's front of least cost of transport, and ship it.
+
+    Args:
+        preset: machine.
+        params: changes of its fields; its gaits then stay in --out, for a trial.
+        minutes: budget of time, on all workers.
+        workers: processes; by default one for every core.
+        grid: of speeds (m/s).
+        out: folder of the search.
+    """
+    wheel, name = machine(preset, params), preset + ("_CHANGED" if params else "")
+    folder = out / name
+    if grid > fastest_walk(wheel):
+        raise ValueError(
+            f"--grid = {grid:g}: must be at most {fastest_walk(wheel):.3g} m/s, the fastest walk "
+            "of this machine"
         )
-        return INTERRUPTED
-    docs.mkdir(exist_ok=True)
+    library = folder / "library" if params else ARCHIVE.parent
+    docs = folder if params else ROOT / "docs"
+    workers = workers or pool.cores()
+    budget = 60.0 * minutes * workers
+    run = partial(_run, workers)
+    with Store(folder, {"params": wheel.to_dict(), "grid": grid}) as store:
+        results = SearchResults(wheel, store)
+        sweeps = Search(results, grid, budget, run)()
+        done = FineMeshes(results, budget, run)()
+        gaits = chosen(done, [gait for gait in shipped(wheel) if not gait.regeneration])
+        found = record(name, results, gaits, done, sweeps, {"budget": minutes, "workers": workers})
+        ship(library, name, gaits, found)
+    print(f"{len(gaits)} gaits are in {library}")
     text = docs / "front.md"
     if not text.exists():
-        text.write_text(f"# The front of {name}\n")
-    page.refresh(text, found)
-    save(drawn(found), docs / page.figure_file(name))
-    print(page.section(found))
+        write_text(text, f"# The front of {name}\n")
+    write_section(text, found)
+    save(drawn(found), docs / figure_file(name))
     return 0
 
 
-def _searched(
-    name: str, params: WheelParams, folder: Path, options: argparse.Namespace, library: Path
+def _run(workers: int, function: Any, tasks: Iterable[Any], title: str) -> Any:
+    return pool.run(function, tasks, workers, progress=title)
+
+
+def chosen(done: Iterable[Polished], before: Iterable[Solution]) -> list[Solution]:
+    """The gaits to ship: the best verified one of every speed, number of steps and of turns.
+
+    Args:
+        done: the search's gaits on fine meshes.
+        before: gaits of the same machine that were shipped before; one stays unless the search
+            found one of less cost at its speed, steps and turns.
+
+    Raises:
+        NoGaitError: there is none at all.
+    """
+    passed = [each.solution for each in done if each.solution is not None and not each.failure]
+    best: dict[tuple[float, int, int], Solution] = {}
+    for gait in (*passed, *before):
+        place = round(gait.speed, 4), gait.steps, gait.theta_turns
+        if place not in best or gait.cot < best[place].cot:
+            best[place] = gait
+    if not best:
+        raise NoGaitError(
+            "no gait passed its verification yet: give the same command more --minutes"
+        )
+    return [best[place] for place in sorted(best)]
+
+
+def record(
+    name: str,
+    results: SearchResults,
+    gaits: Sequence[Solution],
+    done: Sequence[Polished],
+    sweeps: Sequence[Sweep],
+    minutes: Mapping[str, float],
 ) -> dict[str, Any]:
-    """Search, ship the gaits, and return the record."""
-    search = folder / "search"
-    search.mkdir(exist_ok=True)
-    board, budget = Board(params, search), 60.0 * options.minutes * options.workers
-    with crew(options.workers) as workers:
-        sweeps = searched(board, options.grid, budget, workers)
-        done = polished(board, folder / "gaits", workers, budget)
-    gaits = chosen(done, same_machine(shipped(), params))
-    found = record(name, board, gaits, done, sweeps, options.minutes, options.workers)
-    require_more_search(found, library / record_file(name))
-    size = ship(library, name, gaits, found)
-    print(f"{len(gaits)} gaits, {size / 1e6:.2f} MB, are in {library}")
-    return found
+    """The search's result as plain JSON values: the front, who found each gait, what was tried.
 
-
-def require_more_search(found: dict[str, Any], path: Path) -> None:
-    """Refuse to replace the record of a longer search by that of a shorter one.
-
-    Raises:
-        ValueError: the shipped one was longer.
+    Args:
+        name: of the machine.
+        results: of the search.
+        gaits: that are shipped.
+        done: the search's gaits on fine meshes, the failed ones included.
+        sweeps: the last sweeps.
+        minutes: budget of time (min) and workers.
     """
-    spent = "search_of_one_core"
-    before = json.loads(path.read_text())["minutes"][spent] if path.exists() else 0.0
-    if found["minutes"][spent] < SHORTER * before:
-        raise ValueError(
-            f"{path.name}: the shipped front was searched for {before:.0f} minutes of one core, "
-            f"this one for {found['minutes'][spent]:.0f}, so it is not replaced; the same command "
-            "with more --minutes goes on"
-        )
+    by_seed = [results.costs(seed) for seed in SEEDS]
+    gaps = disagreements(*by_seed)
+    front = CotFront(tuple(gaits))
+    rows = [
+        _row(gait, [costs.get(round(gait.speed, 4)) for costs in by_seed])
+        | {"rest": None if rest is None else rest._asdict()}
+        for gait, rest in zip(front.envelope, front.rests, strict=True)
+    ]
+    others = [gait for gait in gaits if not any(gait is best for best in front.envelope)]
+    content = {
+        "machine": name,
+        "params": results.params.to_dict(),
+        "front": rows,
+        "other_gaits": [_row(gait, []) for gait in others],
+        "speeds_without_verified_gait": sorted(
+            set(results.costs(LAST)) - {row["speed"] for row in rows}
+        ),
+        "failed_on_fine_meshes": [
+            {"gait": each.gait.key, "why": each.failure} for each in done if each.failure
+        ],
+        "seeds": [_effort(results, seed) for seed in SEEDS],
+        "last_sweep": _effort(results, LAST),
+        "last_sweeps": [sweep._asdict() for sweep in sweeps],
+        "agreement": {
+            "wanted": AGREEMENT,
+            "largest_difference": max(gaps.values(), default=math.inf),
+            "differences": {f"{speed:g}": gap for speed, gap in gaps.items()},
+        },
+        "minutes": {
+            **minutes,
+            "search_of_one_core": results.seconds / 60,
+            "fine_meshes_of_one_core": sum(each.seconds for each in done) / 60,
+        },
+        "provenance": provenance(),
+    }
+    return dict(jsonable(content))
 
 
-def _same_search(path: Path, params: WheelParams, grid: float) -> None:
-    """Refuse to go on with a search of another machine or grid in the same folder.
+def _row(gait: Solution, seeds: Sequence[float | None]) -> dict[str, Any]:
+    v = gait.verification
+    return {
+        "speed": round(gait.speed, 4),
+        "steps": gait.steps,
+        "turns": gait.theta_turns,
+        "cot": gait.cot,
+        "cot_of_search": gait.provenance.get("cot_of_search"),
+        "cot_of_seeds": list(seeds),
+        "found_by": gait.provenance.get("found_by", SHIPPED),
+        "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
+        "min_normal_force_over_weight": v.min_normal_force_over_weight,
+        "clearance": v.clearance,
+    }
 
-    Raises:
-        ValueError: the folder's search is another one.
-    """
-    wanted = json.dumps({"params": params.to_dict(), "grid": grid}, indent=1) + "\n"
-    if path.exists() and path.read_text() != wanted:
-        raise ValueError(
-            f"{path.parent}: holds the search of another machine or --grid; give another --out, or "
-            "delete the folder"
-        )
-    if not path.exists() and (path.parent / "search").exists():
-        raise ValueError(
-            f"{path.parent}: its {path.name} is gone, so that nobody knows whose search it holds; "
-            "give another --out, or delete the folder"
-        )
-    write_text(path, wanted)
+
+def _effort(results: SearchResults, seed: int) -> dict[str, Any]:
+    places = list(results.of_seed(seed))
+    counts = [count for place in places for count in place.starts.values()]
+    return {
+        "seed": seed,
+        "random_starts": sum(tried for tried, _ in counts),
+        "became_gaits": sum(good for _, good in counts),
+        "continued_or_joined": sum(len(place.known) for place in places),
+        "minutes_of_one_core": sum(place.seconds for place in places) / 60,
+    }
+
+
+def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, Any]) -> None:
+    """Write a machine's gaits into the archive, in place of its older ones, and the record."""
+    folder.mkdir(parents=True, exist_ok=True)
+    prefix, archive = f"{name.lower()}_", folder / ARCHIVE.name
+    files = {n: file for n, file in gait_files(archive).items() if not n.startswith(prefix)}
+    with TemporaryDirectory() as temporary:
+        for gait in gaits:
+            path = Path(temporary) / (
+                f"{prefix}{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}.npz"
+            )
+            gait.save(path)
+            files[path.name] = path.read_bytes()
+    write_archive(archive, files)
+    text = json.dumps(found, indent=1, allow_nan=False)
+    write_text(folder / f"{prefix}front.json", text + "\n")
+
+
+# -- page and figure ------------------------------------------------------------------------------
+
+
+def write_section(page: Path, found: dict[str, Any]) -> None:
+    """Put a machine's section into a page, between its marks or else at the end."""
+    name, text = found["machine"], page.read_text()
+    around = marks("front", (name,))
+    if not around[name].search(text):
+        write_text(page, f"{text.rstrip()}\n\n<!-- front: {name} -->\n<!-- end of {name} -->\n")
+    refresh(page, around, {name: section(found)})
+
+
+def figure_file(name: str) -> str:
+    """The name of the figure beside the page."""
+    return f"front_{name.lower()}.png"
+
+
+def section(found: dict[str, Any]) -> str:
+    """The section: figure, what the search did, and the table."""
+    name, rows, minutes = found["machine"], found["front"], found["minutes"]
+    efforts = [*found["seeds"], found["last_sweep"]]
+    wanted, gaps = found["agreement"]["wanted"], found["agreement"]["differences"]
+    apart = [speed for speed, gap in gaps.items() if gap is None or gap > wanted]
+    agree = "agree everywhere" if not apart else f"differ by more at {', '.join(apart)} m/s"
+    summary = (
+        f"{len(rows)} speeds; {', '.join(str(e['random_starts']) for e in efforts)} random starts "
+        f"of seeds 0, 1 and the last sweep, of which "
+        f"{', '.join(str(e['became_gaits']) for e in efforts)} became gaits; "
+        f"{minutes['search_of_one_core']:.0f} minutes of one core to search, "
+        f"{minutes['fine_meshes_of_one_core']:.0f} on fine meshes. To {wanted:.1%} the two seeds "
+        f"{agree}; the last sweep gained {max(s['gain'] for s in found['last_sweeps']):.2%}."
+    )
+    if found["speeds_without_verified_gait"]:
+        speeds = ", ".join(f"{v:g}" for v in found["speeds_without_verified_gait"])
+        summary += f" No gait at {speeds} m/s passed verification, or time was up before."
+    weight = as_params(found["params"]).weight
+    head = ["speed (m/s)", "CoT", "power (W)", "steps", "turns", "with rests", "seeds differ"]
+    body = [
+        [
+            f"{row['speed']:g}",
+            f"{row['cot']:.5f}",
+            f"{row['cot'] * row['speed'] * weight:.3g}",
+            str(row["steps"]),
+            f"{row['turns']:d}",
+            f"{row['rest']['cot']:.5f}" if row["rest"] else "",
+            _percent(gaps.get(f"{row['speed']:g}", "")),
+        ]
+        for row in rows
+    ]
+    image = f"![The front of {name}]({figure_file(name)})"
+    return "\n\n".join([f"## {name}", image, summary, table(head, body)]) + "\n"
+
+
+def _percent(gap: float | str | None) -> str:
+    if gap is None:
+        return "one found none"
+    return gap if isinstance(gap, str) else f"{gap:.2%}"
+
+
+def drawn(found: dict[str, Any]) -> Figure:
+    """Cost of transport over speed: the front, its families, and the bound with rests."""
+    figure = Figure(figsize=(10, 5.6), dpi=110, layout="constrained")
+    axes, rows = figure.subplots(), found["front"]
+    best = {row["speed"]: row["cot"] for row in rows}
+    families: dict[tuple[int, int], list[dict[str, Any]]] = {}
+    for row in sorted((*rows, *found["other_gaits"]), key=lambda row: row["speed"]):
+        families.setdefault((row["steps"], row["turns"]), []).append(row)
+    for (steps, turns), family in sorted(families.items()):
+        x = np.array([row["speed"] for row in family])
+        y = np.array([row["cot"] for row in family])
+        for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > LINE) + 1):
+            axes.plot(x[part], y[part], ".-", color=COLOURS[steps], lw=1, ms=4, alpha=0.75)
+        there = [row for row in family if row["cot"] <= best[row["speed"]]]
+        if there:  # the number of turns stands at the family's best gait on the front
+            row = min(there, key=lambda row: row["cot"])
+            axes.annotate(
+                f"{turns}",
+                (row["speed"], row["cot"]),
+                xytext=(0, -11),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
+                color=COLOURS[steps],
+            )
+    axes.plot(list(best), list(best.values()), color=INK, lw=2.2, alpha=0.35, label="front")
+    rests = [row["rest"] for row in rows if row["rest"]]
+    axes.plot(
+        [rest["speed"] for rest in rests],
+        [rest["cot"] for rest in rests],
+        ":",
+        color=INK,
+        lw=1.2,
+        label="walking faster, with rests (a bound)",
+    )
+    for steps, colour in COLOURS.items():
+        axes.plot([], [], ".-", color=colour, label=f"{steps} steps per stride")
+    axes.set(
+        yscale="log",
+        xlabel="speed (m/s)",
+        ylabel="cost of transport (E+)",
+        title=f"The front of {found['machine']}; numbers: turns of the pendulum per stride",
+    )
+    axes.grid(alpha=0.25, which="both")
+    axes.legend(frameon=False, loc="upper left", fontsize=8)
+    return figure

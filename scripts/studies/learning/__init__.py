@@ -1,1 +1,1 @@
-"""Every learner over several seeds, each seed trained and judged alike."""
+"""Every learner over several seeds, each seed trained and evaluated alike."""

@@ -3,12 +3,10 @@
 import pytest
 from torch import nn
 
-from agents.conditions import Conditions
-from agents.learner import Training, learner_class
+from agents.learner import learner_class
 from agents.sb3.hyperparameters import FOLDER
 from agents.sb3.reward_weight import WeightSchedule
 from agents.sb3.wrappers import BackwardSteps, HeldActions, ScaledReward, StartUpPhase
-from rimless_gym import Task
 
 ADAPTIVE = "agents.sb3.reward_weight.AdaptiveRewardWeight"
 
@@ -64,10 +62,3 @@ def test_a_learning_rate_falls_linearly_to_0_at_the_end():
 def test_other_values_are_refused(changes, error, message):
     with pytest.raises(error, match=message):
         settings(**changes)
-
-
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
-@pytest.mark.parametrize("init", ["scratch", "a policy"])
-def test_published_hyperparameters_give_no_warning(algo, init):
-    training = Training(algo, init, 0, Conditions(), Task(), settings(algo, init))
-    assert learner_class(algo).advice(training) == []

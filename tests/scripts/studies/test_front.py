@@ -1,4 +1,4 @@
-"""The search of a front: its plans, its files, its measure of agreement, and what it publishes."""
+"""The search of a front: what it tries, how it continues after a kill, and what it publishes."""
 
 from __future__ import annotations
 
@@ -6,65 +6,71 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rimless_gym import THESIS_PHYSICAL
-from scripts.studies.fronts import command, page, pieces
-from scripts.studies.fronts.agreement import disagreements, midpoints
-from scripts.studies.fronts.board import Board
-from scripts.studies.fronts.campaign import costs, searched
-from scripts.studies.fronts.cells import Attempt, Cell, Found, Place, load, save
-from scripts.studies.fronts.command import main
-from scripts.studies.fronts.crew import while_affordable
-from scripts.studies.fronts.drawing import drawn
-from scripts.studies.fronts.fine import different, polished
-from scripts.studies.fronts.library import record_file
-from scripts.studies.fronts.pieces import Family, Join, Lead, Piece, Screen, attempts
-from scripts.studies.fronts.plans import families, leads, one_step
-from scripts.studies.fronts.polish import Polished
-from scripts.studies.fronts.record import SHIPPED, chosen, record
-from trajopt.gaits.library import ARCHIVE, index, shipped
+from scripts.studies.fronts import command, solving
+from scripts.studies.fronts.results import (
+    PlaceResults,
+    SearchResults,
+    continuations,
+    disagreements,
+    families,
+    midpoints,
+    one_step,
+)
+from scripts.studies.fronts.search import FineMeshes, Search, different
+from scripts.studies.fronts.solving import (
+    Attempt,
+    Continuation,
+    Joint,
+    Place,
+    Polished,
+    RandomStarts,
+    SearchGait,
+    Task,
+    attempts,
+)
+from trajopt.gaits.library import ARCHIVE, gait_files, index
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
+from trajopt.store import Store
 
-#: Spacing of the pretended searches' speeds (m/s).
+#: Spacing of the simulated searches' speeds (m/s).
 GRID = 0.1
 
 
 def known(speed: float = 0.5, turns: int = -1) -> Solution:
-    own = [g for g in shipped() if g.params == THESIS_PHYSICAL]
-    gaits = [g for g in own if (g.steps, g.theta_turns) == (1, turns)]
-    return min(gaits, key=lambda g: abs(g.speed - speed))
+    ours = [e for e in index() if (e.params, e.steps) == (THESIS_PHYSICAL, 1)]
+    gaits = [e for e in ours if e.theta_turns == turns]
+    return min(gaits, key=lambda e: abs(e.speed - speed)).load()
 
 
-def found(speed: float, cot: float, turns: int = -1, steps: int = 1) -> Found:
+def found(speed: float, cot: float, turns: int = -1, steps: int = 1) -> SearchGait:
     """A gait with the first element of a real one as every phase, which keeps its file small."""
     (phase,) = known().phases
     short = dataclasses.replace(
         phase, edges=phase.edges[:2], states=phase.states[:1], controls=phase.controls[:1]
     )
     origin = f"seed 0, random start 0 at {speed:g} m/s"
-    return Found(speed, turns, cot, (short,) * steps, origin)
+    return SearchGait(speed, turns, cot, (short,) * steps, origin)
 
 
-def imagined(piece: Piece) -> list[Attempt]:
-    """Gaits of one turn backwards, dearer with speed, up to 0.6 m/s; no others."""
-    place = piece.place
-    cot = round(0.01 + 0.1 * place.speed, 6)
-    good = place.speed < 0.6
-    if isinstance(piece, Screen):
-        made = []
-        for turns, first, starts in piece.families:
-            gait = found(place.speed, cot, -1, place.steps) if good and turns == -1 else None
-            made += [Attempt(turns, f"start {first + i}", False, gait, 0.01) for i in range(starts)]
-        return made
-    key = piece.key if isinstance(piece, Join) else piece.gait.key
-    gait = found(place.speed, cot, -1, place.steps) if good else None
-    return [Attempt(-1, key, True, gait, 0.01)]
+def imagined(task: Task) -> list[Attempt]:
+    """Gaits of one turn backwards, whose cost grows with speed, up to 0.6 m/s; no others."""
+    place = task.place
+    gait = found(place.speed, round(0.01 + 0.1 * place.speed, 6), -1, place.steps)
+    there = gait if place.speed < 0.6 else None
+    if not isinstance(task, RandomStarts):
+        return [Attempt(-1, task.key, there, 0.01)]
+    made = []
+    for turns, _, starts in task.families:
+        made += [Attempt(turns, None, there if turns == -1 else None, 0.01)] * starts
+    return made
 
 
 @pytest.fixture(autouse=True)
@@ -73,29 +79,37 @@ def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fsync", lambda file: None)
 
 
-class Pretended:
-    """A crew that solves nothing, and is stopped after so many pieces."""
+class Imagined:
+    """Solves nothing, and is stopped after so many tasks."""
 
     def __init__(self, most: float = math.inf) -> None:
-        self.most, self.pieces = most, list[Piece]()
+        self.most, self.tasks = most, list[Task]()
 
-    def __call__(self, function: Any, inputs: Iterable[Any]) -> Generator[Any, None, None]:
-        for piece in inputs:
-            if len(self.pieces) >= self.most:
+    def __call__(
+        self, function: Any, tasks: Iterable[Any], title: str
+    ) -> Iterator[tuple[Any, Any]]:
+        for task in tasks:
+            if len(self.tasks) >= self.most:
                 raise KeyboardInterrupt
-            self.pieces.append(piece)
-            yield piece, imagined(piece)
+            self.tasks.append(task)
+            yield task, imagined(task)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> SearchResults:
+    return SearchResults(THESIS_PHYSICAL, Store(tmp_path))
+
+
+def again(results: SearchResults) -> SearchResults:
+    return SearchResults(THESIS_PHYSICAL, results.store)
 
 
 # -- agreement ------------------------------------------------------------------------------------
 
 
-def test_two_seeds_differ_by_what_the_dearer_costs_more() -> None:
+def test_two_seeds_differ_by_what_the_larger_cost_exceeds_the_smaller() -> None:
     gaps = disagreements({0.2: 0.10, 0.3: 0.05}, {0.2: 0.11, 0.3: 0.05})
     assert gaps == {0.2: pytest.approx(0.1), 0.3: 0.0}
-
-
-def test_a_gait_that_only_one_seed_found_is_an_infinite_difference() -> None:
     assert disagreements({0.2: 0.1}, {0.3: 0.1}) == {0.2: math.inf, 0.3: math.inf}
 
 
@@ -105,168 +119,133 @@ def test_speeds_are_added_where_a_front_is_steep_or_ends() -> None:
     assert midpoints(grid, front, 0.1) == []
 
 
-# -- cells and plans ------------------------------------------------------------------------------
+# -- results and what is left to be tried ---------------------------------------------------------
 
 
-def test_a_cell_read_again_is_the_same(tmp_path: Path) -> None:
-    cell = Cell(Place(0, 0.5, 1))
-    for attempt in (
-        Attempt(-1, "start 0", False, found(0.5, 0.03), 1.5),
-        Attempt(0, "start 0", False, None, 0.5),
-        Attempt(-1, "another gait", True, found(0.5, 0.02), 0.25),
-    ):
-        cell = cell.after(attempt)
-    save(tmp_path, cell)
-    again = load(tmp_path / cell.place.file)
-    assert again == cell
-    assert [gait.cot for gait in again.gaits] == [0.02, 0.03]
-    assert again.starts == {-1: (1, 1), 0: (1, 0)}
-    assert again.led == {"another gait"}
-    assert again.seconds == 2.25
-    assert (again.gaits[0].phases[0].states == cell.gaits[0].phases[0].states).all()
+def test_results_read_again_are_the_same(results: SearchResults) -> None:
+    place = Place(0, 0.5, 1)
+    results.add(
+        place,
+        (
+            Attempt(-1, None, found(0.5, 0.03), 1.5),
+            Attempt(0, None, None, 0.5),
+            Attempt(-1, "another gait", found(0.5, 0.02), 0.25),
+        ),
+    )
+    here = again(results).at(place)
+    assert here == results.at(place)
+    assert [gait.cot for gait in here.gaits] == [0.02, 0.03]
+    assert here.starts == {-1: (1, 1), 0: (1, 0)}
+    assert here.known == {"another gait"}
+    assert here.seconds == 2.25
+    assert (here.gaits[0].phases[0].states == found(0.5, 0.02).phases[0].states).all()
 
 
-def test_a_gait_that_is_known_already_is_kept_once() -> None:
-    cell = Cell(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03))
-    assert cell.with_gait(found(0.5, 0.03 * (1 + 1e-5))) == cell
-    assert len(cell.with_gait(found(0.5, 0.03, turns=-2)).gaits) == 2
+def test_a_gait_found_twice_is_listed_once() -> None:
+    here = PlaceResults(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03))
+    assert here.with_gait(found(0.5, 0.03 * (1 + 1e-5))) == here
+    assert len(here.with_gait(found(0.5, 0.03, turns=-2)).gaits) == 2
 
 
-def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(tmp_path: Path) -> None:
-    board, place = Board(THESIS_PHYSICAL, tmp_path), Place(0, 0.5, 1)
-    for piece in one_step(0, [0.5], board):
-        assert isinstance(piece, Screen)
-        board.add(place, imagined(piece)[: 2 if piece.families[0].turns == -1 else None])
-    board.add(place, [Attempt(-2, "start 0", False, None, 0.0)])
+def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(
+    results: SearchResults,
+) -> None:
+    place = Place(0, 0.5, 1)
+    for task in one_step(0, [0.5], results):
+        assert isinstance(task, RandomStarts)
+        results.add(place, imagined(task)[: 2 if task.families[0][0] == -1 else None])
+    results.add(place, [Attempt(-2, None, None, 0.0)])
     backwards = [
-        piece.families
-        for piece in one_step(0, [0.5], board, rounds=2)
-        if isinstance(piece, Screen) and piece.families[0].turns < 0
+        task.families
+        for task in one_step(0, [0.5], results, rounds=2)
+        if isinstance(task, RandomStarts) and task.families[0][0] < 0
     ]
-    assert backwards == [(Family(-1, 2, 2),)]
+    assert backwards == [((-1, 2, 2),)]
 
 
 def test_families_of_more_steps_lie_within_a_turn_per_step_of_a_good_one_step_gait(
-    tmp_path: Path,
+    results: SearchResults,
 ) -> None:
-    board = Board(THESIS_PHYSICAL, tmp_path)
-    board.keep(Cell(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03)))
-    board.keep(Cell(Place(0, 0.2, 1)).with_gait(found(0.2, 0.05, turns=-5)))
-    assert set(families(board, Place(0, 0.5, 2))) == {0, -1, -2, -3}
-    assert 1 not in families(board, Place(0, 0.5, 3))
+    results.save(PlaceResults(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03)))
+    results.save(PlaceResults(Place(0, 0.2, 1)).with_gait(found(0.2, 0.05, turns=-5)))
+    assert set(families(results, Place(0, 0.5, 2))) == {0, -1, -2, -3}
+    assert 1 not in families(results, Place(0, 0.5, 3))
 
 
-def test_a_gait_that_was_led_to_a_new_speed_is_not_led_back(tmp_path: Path) -> None:
-    board = Board(THESIS_PHYSICAL, tmp_path)
-    board.keep(Cell(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03)))
-    board.widen([0.45, 0.5, 0.55])
-    there = [piece for piece in leads(0, board) if isinstance(piece, Lead)]
-    assert [piece.place.speed for piece in there] == [0.45, 0.55]
-    board.add(there[0].place, imagined(there[0]), source=0.5)
-    assert [piece.place.speed for piece in leads(0, board)] == [0.55]
+def test_a_gait_that_was_continued_to_a_speed_is_not_continued_back(
+    results: SearchResults,
+) -> None:
+    results.save(PlaceResults(Place(0, 0.5, 1)).with_gait(found(0.5, 0.03)))
+    results.widen([0.45, 0.5, 0.55])
+    there = continuations(0, results)
+    assert [task.place.speed for task in there] == [0.45, 0.55]
+    results.add(there[0].place, imagined(there[0]), source=0.5)
+    assert [task.place.speed for task in continuations(0, results)] == [0.55]
 
 
 # -- the search -----------------------------------------------------------------------------------
 
 
-def test_a_search_of_two_seeds_that_agree_ends_with_a_sweep_that_finds_nothing(
-    tmp_path: Path,
-) -> None:
-    board = Board(THESIS_PHYSICAL, tmp_path)
-    (sweep,) = searched(board, GRID, 1000.0, Pretended())
+def test_an_interrupted_search_goes_on_without_what_it_had_finished(tmp_path: Path) -> None:
+    whole, first, second = Imagined(), Imagined(40), Imagined()
+    results = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "whole"))
+    (sweep,) = Search(results, GRID, 1000.0, whole)()
     assert sweep.complete
     assert sweep.gain == pytest.approx(0.0)
-    assert costs(board, 0) == costs(board, 1) == costs(board, 2)
-    assert max(costs(board, 0)) == pytest.approx(0.6 - GRID / 4)
-
-
-def test_an_interrupted_search_goes_on_without_what_it_had_finished(tmp_path: Path) -> None:
-    whole, first = Pretended(), Pretended(40)
-    (tmp_path / "whole").mkdir()
-    (tmp_path / "parts").mkdir()
-    searched(Board(THESIS_PHYSICAL, tmp_path / "whole"), GRID, 1000.0, whole)
+    assert results.costs(0) == results.costs(1) == results.costs(2)
+    assert max(results.costs(0)) == pytest.approx(0.6 - GRID / 4)
+    parts = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "parts"))
     with pytest.raises(KeyboardInterrupt):
-        searched(Board(THESIS_PHYSICAL, tmp_path / "parts"), GRID, 1000.0, first)
-    second, board = Pretended(), Board(THESIS_PHYSICAL, tmp_path / "parts")
-    searched(board, GRID, 1000.0, second)
-    assert not {repr(piece) for piece in first.pieces} & {repr(piece) for piece in second.pieces}
-    assert len(first.pieces) + len(second.pieces) == len(whole.pieces)
-    assert costs(board, 2) == costs(Board(THESIS_PHYSICAL, tmp_path / "whole"), 2)
+        Search(parts, GRID, 1000.0, first)()
+    parts = again(parts)
+    Search(parts, GRID, 1000.0, second)()
+    assert not {repr(task) for task in first.tasks} & {repr(task) for task in second.tasks}
+    assert len(first.tasks) + len(second.tasks) == len(whole.tasks)
+    assert parts.costs(2) == results.costs(2)
+    # Damaged results are searched again.
+    (tmp_path / "whole" / "search" / "seed0_1_steps_0.5000.json").write_bytes(b"damaged")
+    repair = Imagined()
+    Search(again(results), GRID, 1000.0, repair)()
+    assert {task.place for task in repair.tasks} == {Place(0, 0.5, 1)}
 
 
-def test_a_damaged_cell_is_searched_again(tmp_path: Path) -> None:
-    searched(Board(THESIS_PHYSICAL, tmp_path), GRID, 1000.0, Pretended())
-    (tmp_path / Place(0, 0.5, 1).file).write_bytes(b"damaged")
-    again = Pretended()
-    searched(Board(THESIS_PHYSICAL, tmp_path), GRID, 1000.0, again)
-    assert again.pieces
-    assert {piece.place for piece in again.pieces} <= {Place(0, 0.5, 1)}
-
-
-def test_a_search_stops_when_its_budget_is_used_up(tmp_path: Path) -> None:
-    board = Board(THESIS_PHYSICAL, tmp_path)
-    (sweep,) = searched(board, GRID, 1.0, Pretended())
+def test_a_search_stops_when_its_budget_is_used_up(results: SearchResults) -> None:
+    (sweep,) = Search(results, GRID, 1.0, Imagined())()
     assert not sweep.complete
-    assert board.seconds < 1.0
-    assert list(while_affordable([1, 2], lambda: False)) == []
+    assert results.seconds < 1.0
 
 
-def test_a_gait_led_to_another_speed_costs_there_what_a_fine_mesh_gives() -> None:
-    gait, other = known(0.5), known(0.55)
-    start = Found(gait.speed, -1, gait.cot, gait.phases, "shipped")
-    (attempt,) = attempts(THESIS_PHYSICAL, Lead(Place(0, other.speed, 1), start))
-    assert attempt.found is not None
-    assert attempt.found.speed == other.speed
-    assert attempt.found.cot == pytest.approx(other.cot, rel=1e-2)
+def solved(task: Task) -> SearchGait | None:
+    (attempt,) = attempts(THESIS_PHYSICAL, task)
+    return attempt.gait
 
 
-def test_a_gait_too_unstable_to_be_verified_does_not_count(
+def of_search(gait: Solution) -> SearchGait:
+    return SearchGait(gait.speed, gait.theta_turns, gait.cot, gait.phases, "shipped")
+
+
+def test_a_gait_continued_to_another_speed_costs_there_what_a_fine_mesh_gives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    gait = known(0.5)
-    lead = Lead(Place(0, 0.51, 1), Found(gait.speed, -1, gait.cot, gait.phases, "shipped"))
-    monkeypatch.setattr(pieces, "MOST_GROWTH", 2 * abs(gait.floquet[0]))
-    assert attempts(THESIS_PHYSICAL, lead)[0].found is not None
-    monkeypatch.setattr(pieces, "MOST_GROWTH", abs(gait.floquet[0]) / 2)
-    assert attempts(THESIS_PHYSICAL, lead)[0].found is None
+    gait, other = known(0.5), known(0.55)
+    task = Continuation(Place(0, other.speed, 1), of_search(gait))
+    there = solved(task)
+    assert there is not None
+    assert there.speed == other.speed
+    assert there.cot == pytest.approx(other.cot, rel=1e-2)
+    # One too unstable to be verified does not count.
+    monkeypatch.setattr(solving, "MOST_GROWTH", abs(gait.floquet[0]) / 2)
+    assert solved(task) is None
 
 
 def test_joined_steps_add_their_turns() -> None:
-    parts = tuple(
-        Found(g.speed, g.theta_turns, g.cot, g.phases, "shipped") for g in (known(0.5), known(0.45))
-    )
-    (attempt,) = attempts(THESIS_PHYSICAL, Join(Place(0, 0.475, 2), parts))
-    assert attempt.turns == -2
-    assert attempt.found is not None
-    assert attempt.found.steps == 2
+    parts = (of_search(known(0.5)), of_search(known(0.45)))
+    gait = solved(Joint(Place(0, 0.475, 2), parts))
+    assert gait is not None
+    assert (gait.turns, gait.steps) == (-2, 2)
 
 
-# -- what is published ----------------------------------------------------------------------------
-
-
-def test_a_cheaper_gait_that_was_shipped_before_stays() -> None:
-    old, dearer = known(0.5), costing(2 * known(0.5).cot)
-    done = [Polished(found(0.5, 0.06), dearer, "", 1.0)]
-    assert chosen(done, [old]) == [old]
-    assert chosen(done, []) == [dearer]
-    assert chosen([done[0]._replace(failure="slips")], [old]) == [old]
-    with pytest.raises(NoGaitError, match="--minutes"):
-        chosen([done[0]._replace(failure="slips")], [])
-
-
-class Verified:
-    """A crew that verifies every gait, at a cost of transport that a table gives."""
-
-    def __init__(self, cots: dict[int, float]) -> None:
-        self.cots, self.solved = cots, list[int]()
-
-    def __call__(self, function: Any, inputs: Iterable[Any]) -> Generator[Any, None, None]:
-        for gait in inputs:
-            self.solved.append(gait.turns)
-            cot = self.cots.get(gait.turns)
-            solution = None if cot is None else costing(cot)
-            failure = "" if solution else "no gait on a fine mesh"
-            yield gait, Polished(gait, solution, failure, 1.0)
+# -- fine meshes ----------------------------------------------------------------------------------
 
 
 def costing(cot: float) -> Solution:
@@ -277,150 +256,133 @@ def costing(cot: float) -> Solution:
     )
 
 
-def a_speed_with(cots: dict[int, float], folder: Path) -> Board:
-    folder.mkdir()
-    board, cell = Board(THESIS_PHYSICAL, folder), Cell(Place(2, 0.5, 1))
+class Verified:
+    """Verifies every gait, at a cost of transport that a table gives."""
+
+    def __init__(self, cots: dict[int, float]) -> None:
+        self.cots, self.solved = cots, list[int]()
+
+    def __call__(
+        self, function: Any, tasks: Iterable[Any], title: str
+    ) -> Iterator[tuple[Any, Any]]:
+        for gait in tasks:
+            self.solved.append(gait.turns)
+            cot = self.cots.get(gait.turns)
+            solution = None if cot is None else costing(cot)
+            yield gait, Polished(gait, solution, "" if solution else "none", 1.0)
+
+
+def add(results: SearchResults, cots: dict[int, float], speed: float = 0.5) -> None:
+    here = PlaceResults(Place(2, speed, 1))
     for turns, cot in cots.items():
-        cell = cell.with_gait(found(0.5, cot, turns))
-    board.keep(cell)
-    return board
+        here = here.with_gait(found(speed, cot, turns))
+    results.save(here)
 
 
-def test_a_finished_gait_is_not_solved_again(tmp_path: Path) -> None:
-    board, crew = a_speed_with({-1: 0.03}, tmp_path / "search"), Verified({-1: 0.03})
-    for _ in range(2):
-        (done,) = polished(board, tmp_path / "gaits", crew, 60.0)
-    assert crew.solved == [-1]
-    assert done.solution is not None
-    assert done.solution.cot == pytest.approx(0.03)
-
-
-def test_gaits_are_solved_finely_until_the_next_could_not_be_cheaper(tmp_path: Path) -> None:
-    search = {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05}
-    board, crew = a_speed_with(search, tmp_path / "search"), Verified({-2: 0.045, -3: 0.041})
-    done = polished(board, tmp_path / "gaits", crew, 60.0)
-    assert crew.solved == [-1, -2, -3]
+def test_gaits_are_solved_finely_until_the_next_could_not_cost_less(
+    results: SearchResults,
+) -> None:
+    add(results, {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05})
+    run = Verified({-2: 0.045, -3: 0.041})
+    for _ in range(2):  # finished gaits are not solved again
+        done = FineMeshes(results, 60.0, run)()
+    assert run.solved == [-1, -2, -3]
     assert [each.failure == "" for each in done] == [False, True, True]
+    assert done[2].solution is not None
+    assert done[2].solution.cot == pytest.approx(0.041)
 
 
-def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(tmp_path: Path) -> None:
-    board = a_speed_with({-1: 0.02}, tmp_path / "search")
-    board.keep(Cell(Place(2, 0.6, 1)).with_gait(found(0.6, 0.01, turns=-2)))
-    crew = Verified({-1: 0.02})
-    done = polished(board, tmp_path / "gaits", crew, 60.0)
+def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
+    results: SearchResults,
+) -> None:
+    add(results, {-1: 0.02})
+    add(results, {-2: 0.01}, 0.6)
+    done = FineMeshes(results, 60.0, Verified({-1: 0.02}))()
     (there,) = [each for each in done if each.gait.speed == 0.6 and not each.failure]
     assert there.gait.turns == -1
-    assert there.gait.origin.endswith("led from 0.5 m/s on a fine mesh")
+    assert there.gait.origin.endswith("continued from 0.5 m/s on a fine mesh")
 
 
-def test_repeated_strides_are_not_solved_finely(tmp_path: Path) -> None:
-    board = Board(THESIS_PHYSICAL, tmp_path)
-    board.keep(Cell(Place(2, 0.5, 1)).with_gait(found(0.5, 0.03)))
-    board.keep(Cell(Place(2, 0.5, 2)).with_gait(found(0.5, 0.03, turns=-2, steps=2)))
-    board.keep(Cell(Place(2, 0.5, 3)).with_gait(found(0.5, 0.02, turns=-3, steps=3)))
-    assert [gait.steps for gait in different(board, 0.5)] == [3, 1]
+def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
+    add(results, {-1: 0.03})
+    results.save(PlaceResults(Place(2, 0.5, 2)).with_gait(found(0.5, 0.03, turns=-2, steps=2)))
+    results.save(PlaceResults(Place(2, 0.5, 3)).with_gait(found(0.5, 0.02, turns=-3, steps=3)))
+    assert [gait.steps for gait in different(results, 0.5)] == [3, 1]
 
 
-def test_the_page_and_the_figure_show_the_record(tmp_path: Path) -> None:
-    (tmp_path / "search").mkdir()
-    board = Board(THESIS_PHYSICAL, tmp_path / "search")
-    sweeps = searched(board, GRID, 1000.0, Pretended())
+# -- what is published ----------------------------------------------------------------------------
+
+
+def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
+    old, costlier = known(0.5), costing(2 * known(0.5).cot)
+    done = Polished(found(0.5, 0.06), costlier, "", 1.0)
+    assert command.chosen([done], [old]) == [old]
+    assert command.chosen([done], []) == [costlier]
+    failed = done._replace(failure="slips")
+    assert command.chosen([failed], [old]) == [old]
+    with pytest.raises(NoGaitError, match="--minutes"):
+        command.chosen([failed], [])
+
+
+def test_the_record_the_page_and_the_figure_are_written_and_the_gaits_shipped(
+    results: SearchResults, tmp_path: Path
+) -> None:
+    sweeps = Search(results, GRID, 1000.0, Imagined())()
     gaits = [dataclasses.replace(known(speed), provenance={}) for speed in (0.45, 0.5)]
-    text = record("TRIAL", board, gaits, [], sweeps, 10.0, 1)
+    text = command.record("TRIAL", results, gaits, [], sweeps, {"budget": 10.0, "workers": 1})
     assert json.loads(json.dumps(text, allow_nan=False)) == text
-    assert [row["found_by"] for row in text["front"]] == [SHIPPED, SHIPPED]
+    assert [row["found_by"] for row in text["front"]] == [command.SHIPPED] * 2
     path = tmp_path / "front.md"
     path.write_text("# Fronts\n")
-    page.refresh(path, text)
-    once = path.read_text()
-    page.refresh(path, text)
-    assert path.read_text() == once
-    assert "agree within" in once
-    assert drawn(text).axes
+    for _ in range(2):
+        command.write_section(path, text)
+        assert path.read_text().count("the two seeds agree everywhere") == 1
+    assert command.drawn(text).axes
+    for count in (2, 1):
+        command.ship(tmp_path / "library", "TRIAL", gaits[:count], text)
+        assert len(gait_files(tmp_path / "library" / ARCHIVE.name)) == count
 
 
-def test_another_machine_in_the_same_folder_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("trial", [False, True])
+def test_only_a_search_of_a_preset_itself_is_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trial: bool
 ) -> None:
-    folder = tmp_path / "THESIS_PHYSICAL_CHANGED"
-    folder.mkdir()
-    (folder / "machine.json").write_text("{}")
-    machine = ["--preset", "THESIS_PHYSICAL", "--params", '{"gear_ratio": 250}']
-    with pytest.raises(SystemExit):
-        main([*machine, "--out", str(tmp_path)])
-    assert "another machine" in capsys.readouterr().err
+    folders: list[Path] = []
 
+    def shipping(folder: Path, *_: object) -> None:
+        folders.append(folder)
+        raise KeyboardInterrupt
 
-def test_a_search_without_the_record_of_its_machine_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "THESIS_PHYSICAL_CHANGED" / "search").mkdir(parents=True)
-    machine = ["--preset", "THESIS_PHYSICAL", "--params", '{"gear_ratio": 250}']
-    with pytest.raises(SystemExit):
-        main([*machine, "--out", str(tmp_path)])
-    refusal = capsys.readouterr().err
-    assert "machine.json" in refusal
-    assert "give another --out" in " ".join(refusal.split())
-
-
-# -- shipped fronts -------------------------------------------------------------------------------
+    monkeypatch.setattr(command, "Search", lambda *_: lambda: ())
+    monkeypatch.setattr(command, "FineMeshes", lambda *_: list)
+    monkeypatch.setattr(command, "record", lambda *_: {})
+    monkeypatch.setattr(command, "ship", shipping)
+    changes = ["--params", '{"friction": 0.8}' if not trial else '{"voltage_limit": 12}']
+    monkeypatch.setattr(command, "chosen", lambda *_: [])
+    assert command.main([*(changes if trial else []), "--out", str(tmp_path)]) == 130
+    assert (folders == [ARCHIVE.parent]) is not trial
+    # Results of another grid do not mix with these.
+    assert command.main([*(changes if trial else []), "--out", str(tmp_path), "--grid", "0.1"]) == 2
 
 
 def recorded() -> list[tuple[str, dict[str, Any]]]:
-    """The fronts of the shipped records, some speeds of each."""
-    rows = []
-    for path in sorted(ARCHIVE.parent.glob(record_file("*"))):
-        content = json.loads(path.read_text())
-        rows += [(content["machine"], row) for row in content["front"]]
-    return rows
+    """The fronts of the shipped records."""
+    contents = [json.loads(path.read_text()) for path in ARCHIVE.parent.glob("*_front.json")]
+    return [(content["machine"], row) for content in contents for row in content["front"]]
 
 
 def test_every_gait_of_a_recorded_front_is_shipped() -> None:
     assert recorded()
     for _, row in recorded():
-        same = [g.cot for g in index() if round(g.speed, 4) == row["speed"]]
-        assert row["cot"] in same
+        assert row["cot"] in [e.cot for e in index() if round(e.speed, 4) == row["speed"]]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75, 1.0])
-def test_a_periodic_gait_is_never_dearer_than_the_searched_front(share: float) -> None:
+def test_a_periodic_gait_never_costs_more_than_the_searched_front(share: float) -> None:
     rows = recorded()
     name, row = rows[round(share * (len(rows) - 1))]
-    gaits = [g for g in index() if round(g.speed, 4) == row["speed"]]
-    params = next(g.params for g in gaits if g.cot == row["cot"])
+    params = next(e.params for e in index() if e.cot == row["cot"])
     gait = periodic_gait(params, row["speed"], row["steps"])
     assert gait.verification.passed, name
     assert gait.cot <= row["cot"] * 1.005
-
-
-@pytest.mark.parametrize(
-    ("arguments", "folder", "shipped"),
-    [([], "BUILDABLE", True), (["--params", '{"friction": 0.7}'], "BUILDABLE_CHANGED", False)],
-    ids=["preset", "trial"],
-)
-def test_only_a_search_of_a_preset_itself_is_shipped(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    folder: str,
-    shipped: bool,
-) -> None:
-    into: list[Path] = []
-
-    def searched(name: str, params: Any, place: Path, options: Any, library: Path) -> Any:
-        into.extend([place, library])
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "_searched", searched)
-    assert main([*arguments, "--out", str(tmp_path)]) == command.INTERRUPTED
-    assert into[0] == tmp_path / folder
-    assert (into[1] == ARCHIVE.parent) == shipped
-
-
-def test_a_shorter_search_does_not_replace_the_record_of_a_longer_one(tmp_path: Path) -> None:
-    path = tmp_path / "machine_front.json"
-    path.write_text(json.dumps({"minutes": {"search_of_one_core": 70.0}}))
-    command.require_more_search({"minutes": {"search_of_one_core": 70.0}}, path)
-    with pytest.raises(ValueError, match=r"searched for 70 minutes.*more --minutes"):
-        command.require_more_search({"minutes": {"search_of_one_core": 1.0}}, path)

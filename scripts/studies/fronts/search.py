@@ -1,0 +1,382 @@
+"""The search, from its first random start to two seeds that agree, last sweeps, and fine meshes.
+
+Everything it finds is in the store. After an interruption the search passes through the same stages
+again, and finds that what was done need not be done again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+from scripts.studies.fronts import results as plans
+from scripts.studies.fronts.results import (
+    AGREEMENT,
+    STEPS,
+    SearchResults,
+    disagreements,
+    distinct,
+    midpoints,
+    neighbours,
+)
+from scripts.studies.fronts.solving import (
+    Continuation,
+    Place,
+    Polished,
+    SearchGait,
+    Task,
+    attempts,
+    polish,
+)
+from trajopt.gaits.periodic import NoGaitError
+from trajopt.gaits.problem import fastest_walk
+from trajopt.gaits.solution import Solution
+
+#: The two independent seeds, and that of the last sweep, which begins with what both have found.
+SEEDS, LAST = (0, 1), 2
+
+#: Longest step (s): a slower wheel stands balanced on one leg, for as long as one likes.
+LONGEST_STEP = 5.0
+
+#: The upper end of the walks is reached where so many speeds of the grid in a row have none.
+EMPTY = 2
+
+#: Speeds that are screened at a time on the way up.
+BATCH = 4
+
+#: Every so many speeds of the grid one is screened with random starts; gaits are continued to the
+#: others.
+SCREENED = 2
+
+#: The shortest distance between speeds is the grid's spacing divided by this.
+FINEST = 4
+
+#: Shares of the budget at which the two seeds' search ends, and the last sweeps.
+AGREED, SEARCHED = 0.55, 0.7
+
+#: Rounds of random starts of one-step gaits near the envelope, beyond the first screening.
+MORE_STARTS = 3
+
+#: Most rounds of more random starts where the two seeds disagree, and most last sweeps.
+ROUNDS, SWEEPS = 20, 3
+
+#: Gaits are near the envelope if they cost less than this times it; at most so many of a speed.
+NEAR_FRONT, MOST = 1.25, 3
+
+#: A stride that costs as much as a shorter one that it may repeat (relative) is not solved finely.
+REPEATED = 2e-3
+
+#: Most gaits of one speed that are solved finely in search of its best, and that are continued to
+#: there.
+TRIED, CONTINUED = 5, 6
+
+#: (function, tasks, title) -> every task with its result, as `trajopt.pool.run`.
+Run: TypeAlias = Callable[[Callable[[Any], Any], Iterable[Any], str], Iterator[tuple[Any, Any]]]
+
+
+class Sweep(NamedTuple):
+    """A last sweep.
+
+    Attributes:
+        gain: by how much it beat both seeds, at most (relative); 0 if it found nothing better.
+        speed: where that was (m/s).
+        complete: whether it ended before the budget did.
+    """
+
+    gain: float
+    speed: float
+    complete: bool
+
+
+class Search:
+    """The stages of a search.
+
+    Args:
+        results: of an earlier, interrupted search, or empty.
+        spacing: of the grid of speeds (m/s); more are put between where the front is steep.
+        budget: of computing time, over all processes (s).
+        run: solves tasks.
+    """
+
+    def __init__(self, results: SearchResults, spacing: float, budget: float, run: Run) -> None:
+        self.results, self.spacing, self.budget, self.run = results, spacing, budget, run
+
+    def __call__(self) -> tuple[Sweep, ...]:
+        """Search until two seeds agree and a sweep finds nothing better, or the budget is used up.
+
+        Raises:
+            NoGaitError: no gait was found at any speed.
+        """
+        self.two_seeds()
+        return self.last_sweeps()
+
+    def two_seeds(self) -> None:
+        """Both seeds, each independently, until they agree."""
+        screened = self._one_step()
+        for seed in SEEDS:
+            self._starts(seed, "1 step near the envelope", screened, STEPS[:1], MORE_STARTS)
+        self._settle(AGREED, SEEDS)
+        self._join(AGREED, SEEDS)
+        for seed in SEEDS:
+            plan = partial(plans.more_steps, seed, screened, self.results)
+            self._solve(AGREED, f"seed {seed}: 2 and 3 steps", plan)
+        self._settle(AGREED, SEEDS)
+        for number in range(1, ROUNDS + 1):
+            gaps = disagreements(*(self.results.costs(seed) for seed in SEEDS))
+            speeds = [speed for speed, gap in gaps.items() if gap > AGREEMENT]
+            if not speeds or not self._affordable(AGREED):
+                return
+            for seed in SEEDS:
+                title = f"{len(speeds)} speeds of disagreement, round {number}"
+                self._starts(seed, title, speeds, STEPS, MORE_STARTS + number)
+                plan = partial(plans.more_steps, seed, speeds, self.results, number)
+                self._solve(AGREED, f"seed {seed}: {title}", plan)
+            self._join(AGREED, SEEDS)
+            self._settle(AGREED, SEEDS)
+
+    def last_sweeps(self) -> tuple[Sweep, ...]:
+        """Fresh starts and continuation from what both seeds found, until nothing better comes."""
+        for speed in self.results.grid:
+            for steps in STEPS:
+                self._unite(speed, steps)
+        sweeps: list[Sweep] = []
+        for number in range(1, SWEEPS + 1):
+            before = self.results.costs(*SEEDS, *([LAST] if sweeps else []))
+            self._join(SEARCHED, (LAST,))
+            self._starts(LAST, f"last sweep {number}", self.results.grid, STEPS, number)
+            self._settle(SEARCHED, (LAST,))
+            after = self.results.costs(LAST)
+            gains = {speed: 1 - after[speed] / before.get(speed, math.inf) for speed in after}
+            speed = max(gains, key=lambda v: gains[v])
+            sweeps.append(Sweep(gains[speed], speed, self._affordable(SEARCHED)))
+            if sweeps[-1].gain <= AGREEMENT or not sweeps[-1].complete:
+                break
+        return tuple(sweeps)
+
+    def _unite(self, speed: float, steps: int) -> None:
+        """Give the last sweep what both seeds found and continued at a place."""
+        before = united = self.results.at(Place(LAST, speed, steps))
+        for seed in SEEDS:
+            seeds = self.results.at(Place(seed, speed, steps))
+            united = dataclasses.replace(united, known=united.known | seeds.known)
+            for gait in seeds.gaits:
+                united = united.with_gait(gait)
+        if united != before:
+            self.results.save(united)
+
+    def _one_step(self) -> list[float]:
+        """Screen one-step gaits from slow to fast; the speeds that were screened."""
+        tops = []
+        for seed in SEEDS:
+            speeds: list[float] = []
+            while not self._above(seed, speeds) and self._affordable(AGREED):
+                speeds = self._multiples(len(speeds) + BATCH)
+                plan = partial(plans.one_step, seed, speeds, self.results)
+                self._solve(AGREED, f"seed {seed}: 1 step, to {speeds[-1]:g} m/s", plan)
+            tops.append(len(speeds))
+        screened = self._multiples(max(tops))
+        for seed in SEEDS:
+            plan = partial(plans.one_step, seed, screened, self.results)
+            self._solve(AGREED, f"seed {seed}: 1 step", plan)
+        speeds = list(self.results.envelope(*SEEDS))
+        if not speeds:
+            raise NoGaitError(
+                f"no gait of one step was found from {screened[0]:g} to {screened[-1]:g} m/s "
+                f"within {self.budget / 60:.3g} minutes of computing: give the search more time, "
+                "or the machine a higher voltage limit or friction"
+            )
+        walks = [v for v in screened if speeds[0] <= v <= speeds[-1]]
+        between = [v + i * self.spacing for v in walks for i in range(1, SCREENED)]
+        self.results.widen([*screened, *between])
+        self._settle(AGREED, SEEDS)
+        return walks
+
+    def _multiples(self, count: int) -> list[float]:
+        """So many of the speeds that are screened, from the slowest up."""
+        params = self.results.params
+        first = math.ceil(params.step_length / LONGEST_STEP / self.spacing - 1e-9)
+        speeds = [round((first + SCREENED * i) * self.spacing, 4) for i in range(count)]
+        return [speed for speed in speeds if speed <= fastest_walk(params)]
+
+    def _above(self, seed: int, speeds: Sequence[float]) -> bool:
+        """Whether these speeds reach beyond the fastest walk."""
+        walked = [bool(self.results.at(Place(seed, v, 1)).gaits) for v in speeds]
+        at_end = bool(speeds) and speeds == self._multiples(len(speeds) + 1)
+        return at_end or (any(walked) and not any(walked[-EMPTY:]))
+
+    def _settle(self, share: float, seeds: Sequence[int]) -> None:
+        """Continue gaits, with more speeds where the front is steep, until nothing is left."""
+        refining = LAST not in seeds  # new speeds are for both seeds
+
+        def plan() -> list[Task]:
+            return [task for seed in seeds for task in plans.continuations(seed, self.results)]
+
+        for number in range(1, 100):
+            if not self._affordable(share):
+                return
+            if self._solve(share, f"continuation, round {number}", plan):
+                continue
+            costs = self.results.costs(*SEEDS)
+            steep = midpoints(self.results.grid, costs, self.spacing / FINEST)
+            if not (refining and self.results.widen(steep)):
+                return
+
+    def _starts(
+        self, seed: int, title: str, speeds: Sequence[float], steps: Sequence[int], rounds: int
+    ) -> None:
+        """Random starts near a seed's envelope."""
+        share = SEARCHED if seed == LAST else AGREED
+        plan = partial(plans.near_envelope, seed, speeds, steps, self.results, rounds)
+        self._solve(share, f"seed {seed}: {title}", plan)
+
+    def _join(self, share: float, seeds: Sequence[int]) -> None:
+        """Join one-step gaits to strides of more steps."""
+        for seed in seeds:
+            plan = partial(plans.joints, seed, self.results)
+            self._solve(share, f"seed {seed}: joined steps", plan)
+
+    def _solve(self, share: float, title: str, plan: Callable[[], list[Task]]) -> int:
+        """Solve planned tasks while the budget's share lasts; how many are planned."""
+        tasks = plan()
+        affordable = (task for task in tasks if self._affordable(share))
+        for task, made in self.run(partial(attempts, self.results.params), affordable, title):
+            source = task.gait.speed if isinstance(task, Continuation) else None
+            self.results.add(task.place, made, source)
+        return len(tasks)
+
+    def _affordable(self, share: float) -> bool:
+        return self.results.seconds < share * self.budget
+
+
+# -- fine meshes ----------------------------------------------------------------------------------
+
+
+class FineMeshes:
+    """The search's gaits on fine meshes, best first: only those that are verified are the front.
+
+    The search's mesh is coarse, and some gaits seem to cost less on it than they do. So at every
+    speed the gaits are solved finely in the order of their cost on the search's mesh, until the
+    next one could not cost less than the best that is verified. Where none is, or where it costs
+    more than on the search's mesh, verified gaits of the neighbouring speeds are continued to there
+    on fine meshes.
+
+    Args:
+        results: of the search.
+        budget: of computing time, over all processes, the search included (s).
+        run: solves tasks.
+    """
+
+    def __init__(self, results: SearchResults, budget: float, run: Run) -> None:
+        self.results, self.budget, self.run = results, budget, run
+        self.done: dict[str, Polished] = {}
+
+    def __call__(self) -> list[Polished]:
+        """The front, and the other gaits that are worth shipping, in that order."""
+        while self.solve("fine meshes: the front", self.best()):
+            pass
+        while self.solve("fine meshes: continued from neighbours", self.beside()):
+            pass
+        self.solve("fine meshes: other gaits", self.others())
+        return list(self.done.values())
+
+    def solve(self, title: str, gaits: Iterable[SearchGait]) -> int:
+        """Solve gaits finely as long as the budget lasts; how many were new."""
+        before, store = len(self.done), self.results.store
+        unsolved = []
+        (store.folder / "fine").mkdir(exist_ok=True)
+        for gait in gaits:
+            key = f"fine/{gait.key}"
+            if key in store:
+                failure, seconds, *files = store.load(key)
+                solution = Solution.load(store.folder / files[0]) if files else None
+                self.done[gait.key] = Polished(gait, solution, failure, seconds)
+            else:
+                unsolved.append(gait)
+        affordable = (gait for gait in unsolved if self._seconds() < self.budget)
+        for gait, polished in self.run(partial(polish, self.results.params), affordable, title):
+            files = [] if polished.solution is None else [f"fine/{gait.key}.gait.npz"]
+            if polished.solution is not None:
+                polished.solution.save(store.folder / files[0])
+            value = [polished.failure, polished.seconds, *files]
+            store.save(f"fine/{gait.key}", value, files)
+            self.done[gait.key] = polished
+        return len(self.done) - before
+
+    def best(self) -> list[SearchGait]:
+        """At every speed the next gait of the search, if it may be that of least cost."""
+        gaits = []
+        for speed in self.results.envelope(LAST):
+            ranked, least = different(self.results, speed)[:TRIED], self._least(speed)
+            gaits += [g for g in ranked if g.key not in self.done and g.cot < least][:1]
+        return gaits
+
+    def beside(self) -> list[SearchGait]:
+        """Verified gaits to continue to a neighbouring speed without one, or with one of more cost.
+
+        Each stands at the new speed with the cost and the motion of the old one.
+        """
+        costs, gaits = self.results.costs(LAST), list[SearchGait]()
+        for speed in costs:
+            if self._least(speed) <= (1 + AGREEMENT) * costs[speed]:
+                continue
+            verified = [
+                (each.solution, each.gait)
+                for each in self.done.values()
+                if each.gait.speed in neighbours(list(costs), speed)
+                if each.solution is not None and not each.failure
+            ]
+            for solution, gait in sorted(verified, key=lambda pair: pair[0].cot)[:CONTINUED]:
+                origin = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
+                there = SearchGait(
+                    speed, gait.turns, solution.cot, solution.phases, f"{origin} on a fine mesh"
+                )
+                gaits += [there] if there.key not in self.done else []
+        return gaits
+
+    def others(self) -> list[SearchGait]:
+        """Gaits worth shipping beside the front.
+
+        At the speeds that were screened with random starts the best of each number of steps and the
+        best without turns; at all speeds those near the envelope.
+        """
+        screened: list[SearchGait] = []
+        near: list[SearchGait] = []
+        for speed, best in self.results.envelope(LAST).items():
+            gaits = different(self.results, speed)
+            if any(self.results.at(Place(seed, speed, 1)).starts for seed in SEEDS):
+                kinds = [[g for g in gaits if g.steps == steps] for steps in STEPS]
+                kinds.append([g for g in gaits if g.turns == 0])
+                screened += [kind[0] for kind in kinds if kind]
+            near += [gait for gait in gaits if gait.cot <= NEAR_FRONT * best.cot][:MOST]
+        return list({gait.key: gait for gait in (*screened, *near)}.values())
+
+    def _least(self, speed: float) -> float:
+        """The cost of the best verified gait at a speed; infinite if there is none."""
+        costs = [
+            each.solution.cot
+            for each in self.done.values()
+            if each.gait.speed == speed and each.solution is not None and not each.failure
+        ]
+        return min(costs, default=math.inf)
+
+    def _seconds(self) -> float:
+        return self.results.seconds + sum(each.seconds for each in self.done.values())
+
+
+def different(results: SearchResults, speed: float) -> list[SearchGait]:
+    """The best gait of every family of a speed, best first, without repeated shorter strides."""
+    gaits: list[SearchGait] = []
+    for steps in STEPS:
+        for gait in distinct(results.at(Place(LAST, speed, steps)).gaits):
+            if not any(_repeats(gait, shorter) for shorter in gaits):
+                gaits.append(gait)
+    return sorted(gaits, key=lambda g: (g.cot, g.steps))
+
+
+def _repeats(gait: SearchGait, shorter: SearchGait) -> bool:
+    times, rest = divmod(gait.steps, shorter.steps)
+    same = rest == 0 and gait.turns == times * shorter.turns
+    return same and gait.cot > (1 - REPEATED) * shorter.cot
