@@ -190,6 +190,12 @@ def test_compiled_and_traced_functions_agree_to_rounding(params):
         np.testing.assert_allclose(np.array(values).T / scale, traced[name] / scale, atol=1e-13)
 
 
+def test_touchdown_relabels_the_leg_and_keeps_the_pendulums_angle(params):
+    p = params.constants
+    after = np.asarray(HybridModel(params).touchdown([p.b, 0.4, 1.2, -0.3])).ravel()
+    assert after[:2] == pytest.approx((p.a, 0.4), rel=1e-15)
+
+
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
 def test_every_function_takes_numbers_and_symbols(preset):
     model = HybridModel(preset)
