@@ -48,7 +48,7 @@ def evaluate_commanded(
     Args:
         policy: see `agents.policies`; it is given observations (N, 8).
         commands: the speeds (m/s), one or more.
-        params: the machine, as the environment takes it.
+        params: the wheel's parameters, as the environment takes them.
         protocol: starts and times.
         task: whose reward `objective` is, as the environment takes it.
         control_period: as the environment takes it.
@@ -108,7 +108,7 @@ def walk_through(
     Args:
         policy: see `agents.policies`; it is given observations (N, 8).
         commands: the speeds (m/s), one after the other.
-        params: the machine, as the environment takes it.
+        params: the wheel's parameters, as the environment takes them.
         protocol: starts.
         seconds: for which each command lasts; the first lasts twice as long, to get going.
         control_period: as the environment takes it.
@@ -151,13 +151,13 @@ def walk_through(
     return (*stretches, *all_fell)
 
 
-def _stretch(command: float, found: Sequence[str], window: Window) -> Stretch:
-    walking = np.array([each == WALKS for each in found])
+def _stretch(command: float, outcomes: Sequence[str], window: Window) -> Stretch:
+    walking = np.array([each == WALKS for each in outcomes])
     speed = cot = math.nan
     if walking.any():
         ledger, weighted = window.total(walking, window.machines[0])
         speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
-    fallen, slipping = (float(np.isin(found, kinds).mean()) for kinds in ((FALLS,), SLIPS))
+    fallen, slipping = (float(np.isin(outcomes, kinds).mean()) for kinds in ((FALLS,), SLIPS))
     return Stretch(command, float(walking.mean()), fallen, slipping, speed, cot)
 
 
