@@ -324,7 +324,7 @@ def cycle_charts(walks: Sequence[PlottedWalk]) -> list[Chart]:
     steady = [each for each in walks if is_steady(each.walk)]
     charts: list[Chart] = []
     for gait in {id(each.optimum): each.optimum for each in steady}.values():
-        found = {
+        cycles = {
             each.name: (
                 deviations(steps_of(_steady_part(each.walk)), gait),
                 colour_of_policy(each.name),
@@ -332,7 +332,7 @@ def cycle_charts(walks: Sequence[PlottedWalk]) -> list[Chart]:
             for each in steady
             if each.optimum is gait
         }
-        charts += deviation_charts(found, f"at {gait.speed:.2f} m/s")
+        charts += deviation_charts(cycles, f"at {gait.speed:.2f} m/s")
     return charts
 
 
@@ -342,7 +342,7 @@ def return_charts(params: WheelParams, walks: Sequence[PlottedWalk]) -> list[Cha
     for each in walks:
         if is_steady(each.walk):
             free = float(abs(each.optimum.floquet[0])) if each.holds else None
-            found = return_map(params, each.policy, each.walk)
-            if found.spread > 0.0:
-                charts.append(return_chart(each.name, found, colour_of_policy(each.name), free))
+            returns = return_map(params, each.policy, each.walk)
+            if returns.spread > 0.0:
+                charts.append(return_chart(each.name, returns, colour_of_policy(each.name), free))
     return charts

@@ -191,8 +191,8 @@ def multipliers(
     growth = np.exp(np.mean(np.log(sizes[FINDING:]), axis=0))
     side = np.mean(signs[FINDING:], axis=0)
     sides = np.where(np.abs(side) > STEADY_SIDE, np.sign(side), 0.0)
-    found = [Multiplier(float(size), int(sign)) for size, sign in zip(growth, sides, strict=True)]
-    return sorted(found, key=lambda each: -each.size)
+    growths = [Multiplier(float(size), int(sign)) for size, sign in zip(growth, sides, strict=True)]
+    return sorted(growths, key=lambda each: -each.size)
 
 
 def _a_step_later(params: WheelParams, policy: Policy, starts: Floats) -> Floats | None:
@@ -217,21 +217,21 @@ def _at_middle(interval: Interval) -> bool:
     return bool(upright and not changes)
 
 
-def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = None) -> Chart:
+def return_chart(name: str, returns: ReturnMap, colour: str, free: float | None = None) -> Chart:
     """A return map with the diagonal, the steady walk, and the slopes of the first multipliers.
 
     Args:
         name: of the policy.
-        found: its return map, with a spread.
+        returns: its return map, with a spread.
         colour: of the points.
         free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
     """
-    before, after = found.rates[:, :-1].ravel(), found.rates[:, 1:].ravel()
-    steady = found.steady
-    reach = 1.05 * found.spread
+    before, after = returns.rates[:, :-1].ravel(), returns.rates[:, 1:].ravel()
+    steady = returns.steady
+    reach = 1.05 * returns.spread
     ends = np.array([-1.0, 1.0]) * reach
     series = [Series("unchanged", steady + ends, steady + ends, colour="faint", line="--")]
-    first = (found.multipliers or [])[:2]
+    first = (returns.multipliers or [])[:2]
     lines = [("slope of a multiplier", each.sign * each.size, "-") for each in first]
     if free is not None:
         lines.append((f"slope {free:.1f}, without feedback", free, "--"))
@@ -250,11 +250,11 @@ def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = 
     return Chart(f"{name}: {multipliers_text(first)}" if first else name, x, y_axis, series)
 
 
-def multipliers_text(found: Sequence[Multiplier]) -> str:
+def multipliers_text(multipliers_: Sequence[Multiplier]) -> str:
     """Multipliers in words."""
     texts = [
         f"{each.size:.2f} (turning)" if each.sign == 0 else f"{each.sign * each.size:.2f}"
-        for each in found
+        for each in multipliers_
     ]
     return "multipliers " + ", ".join(texts)
 
