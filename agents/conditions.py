@@ -8,7 +8,7 @@ from typing import Any
 
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import require_kind
-from rimless_gym.envs.control import USUAL, Control
+from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams

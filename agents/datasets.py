@@ -24,7 +24,7 @@ from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
 from agents.rollout import Episode, episodes
 from rimless_gym import __version__
 from rimless_gym.checks import extra
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.arguments import Control
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import THETA

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Policy, controller_policy, seeing_policy
 from agents.policy_files import Checkpoint, CheckpointError, load_policy
-from rimless_gym.envs.observation import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
+from rimless_gym.envs.layout import MIDDLE_SPEED, OBSERVATION_SIZE, SPEED_SCALE
 from rimless_gym.equations import SINGLE
 from rimless_gym.kernel.stepping import MODE
 from trajopt import periodic_gait

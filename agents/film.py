@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
 
 import numpy as np
@@ -13,7 +13,7 @@ from rimless_gym.equations import LOSSES
 from rimless_gym.kernel.stepping import DPHI, PHI
 from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, STANCE, Colour, Frame
 from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
-from rimless_gym.rendering.wheel import Point, draw
+from rimless_gym.rendering.wheel import Point
 from trajopt.gaits.solution import Solution
 
 #: Over what speed and cost are averaged, in words.
@@ -45,24 +45,6 @@ GROUND, PLANE = 0.64, 0.42
 
 #: Energies that never reach as much (J) are left out.
 NOTHING = 1e-6
-
-
-def film(
-    walk: Recording, *, fps: float = 25, size: tuple[int, int] = (600, 360)
-) -> Iterator[Frame]:
-    """Pictures of a walk.
-
-    Args:
-        walk: the walk.
-        fps: pictures per second of the walk; a state is shown until the next one is due.
-        size: width and height in pixels.
-
-    Yields:
-        Pixels, uint8 of shape (height, width, 3).
-    """
-    for time in times(walk.ends, fps):
-        scene = dataclasses.replace(walk.scene(time), averaged=AVERAGED)
-        yield draw(walk.params, scene, size=size, trail=_trail(walk, time))
 
 
 def times(ends: float, fps: float) -> list[float]:

@@ -135,7 +135,7 @@ def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneRepo
     total = (config.rounds + 1) * config.gradient_steps
     optimizer = torch.optim.Adam(actor.weights, lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, total)
-    walks: list[Walks] = []
+    walks: list[LabelledWalks] = []
     errors: list[float] = []
     with tqdm(total=total, desc="clone", disable=not progress, leave=False) as bar:
         for k in range(config.rounds):
@@ -162,7 +162,7 @@ def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneRepo
     return CloneReport(sum(len(walk.when) for walk in walks), tuple(errors))
 
 
-def _split(walks: list[Walks], held_out: float) -> tuple[Labelled, Labelled]:
+def _split(walks: list[LabelledWalks], held_out: float) -> tuple[Labelled, Labelled]:
     """Observations and actions to learn from, and those of one start in every 1 / held_out."""
     tested = np.concatenate([walk.which % round(1 / held_out) == 0 for walk in walks])
     observations = np.concatenate([walk.observations for walk in walks])
@@ -174,7 +174,7 @@ def _split(walks: list[Walks], held_out: float) -> tuple[Labelled, Labelled]:
     return learned, held
 
 
-class Walks(NamedTuple):
+class LabelledWalks(NamedTuple):
     """Control intervals of several walks, one after the other.
 
     Attributes:
@@ -191,14 +191,14 @@ class Walks(NamedTuple):
     observations: NDArray[np.float32]
     actions: Floats
 
-    def take(self, indices: NDArray[np.int64]) -> Walks:
+    def take(self, indices: NDArray[np.int64]) -> LabelledWalks:
         """Some of the intervals."""
-        return Walks._make(values[indices] for values in self)
+        return LabelledWalks._make(values[indices] for values in self)
 
 
 def walk(
     conditions: Conditions, policy: Policy, starts: Floats, n_intervals: int, seed: int = 0
-) -> Walks:
+) -> LabelledWalks:
     """States and actions of a policy from `starts` (N, STATE_SIZE); see `Rollout`.
 
     Where a speed is commanded, it changes now and then: so a clone meets all changes of command.
@@ -210,7 +210,7 @@ def walk(
         intervals.append(interval)
         if conditions.control.speeds is not None and k % lasting == 0:
             rollout.command(rng.uniform(*conditions.control.speeds, size=len(starts)))
-    return Walks(
+    return LabelledWalks(
         which=np.concatenate([interval.running for interval in intervals]),
         when=np.repeat(np.arange(len(intervals)), [len(i.running) for i in intervals]),
         states=np.concatenate([interval.states for interval in intervals]),
@@ -235,14 +235,14 @@ class Teaching:
     config: Cloning
     seed: int
 
-    def first_round(self) -> Walks:
+    def first_round(self) -> LabelledWalks:
         """The expert's own walks."""
         starts = draw_starts(self.conditions.params, self.config.expert_starts, (self.seed, 2))
         return self._walks(self.expert, starts, (self.seed, 3))
 
     def later_round(
-        self, k: int, first: Walks, act: Act, rng: np.random.Generator
-    ) -> tuple[Walks, Walks]:
+        self, k: int, first: LabelledWalks, act: Act, rng: np.random.Generator
+    ) -> tuple[LabelledWalks, LabelledWalks]:
         """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
 
         Args:
@@ -264,7 +264,7 @@ class Teaching:
     def _n_intervals(self) -> int:
         return round(self.config.seconds / self.conditions.control.period)
 
-    def _walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> Walks:
+    def _walks(self, policy: Policy, starts: Floats, seed: tuple[int, ...]) -> LabelledWalks:
         number = int(np.random.SeedSequence(seed).generate_state(1)[0])
         return walk(self.conditions, policy, starts, self._n_intervals, number)
 
@@ -275,7 +275,7 @@ class Teaching:
         seed: tuple[int, ...],
         count: int,
         rng: np.random.Generator,
-    ) -> Walks:
+    ) -> LabelledWalks:
         seen = self._walks(policy, starts, seed)
         some = seen.take(rng.permutation(len(seen.when))[:count])
         return some._replace(actions=self.expert(some.states, some.observations))

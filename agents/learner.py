@@ -61,7 +61,7 @@ def learner_class(name: str) -> type[Learner]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
+class LearnerSettings:
     """Hyperparameters. A learner derives its own from these.
 
     Attributes:
@@ -100,7 +100,7 @@ class Training:
     seed: int
     conditions: Conditions
     task: Task
-    settings: Settings
+    settings: LearnerSettings
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -177,7 +177,7 @@ class Learner(ABC):
         ValueError: `start` does not fit the learner.
     """
 
-    default_settings: ClassVar[Settings] = Settings()
+    default_settings: ClassVar[LearnerSettings] = LearnerSettings()
     recommended: ClassVar[str] = BEST
     steps: int = 0
 
@@ -194,7 +194,7 @@ class Learner(ABC):
         """The deterministic policy as it is now."""
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The hyperparameters of a training from scratch if `init` says so, else from a policy.
 
         Args:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.rollout import Interval
 from rimless_gym.energy import CHANNELS, Ledger
-from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations

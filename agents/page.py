@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policy_files import Checkpoint, load_policy
-from rimless_gym.envs.control import USUAL
+from rimless_gym.envs.arguments import USUAL
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.javascript import simulator
 from rimless_gym.params import WheelParams

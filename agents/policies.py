@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.envs.observation import OBSERVATION_SIZE, observe
+from rimless_gym.envs.layout import OBSERVATION_SIZE, observe
 from rimless_gym.kernel.stepping import MODE
 from rimless_gym.presets import Machine, as_params
 from trajopt.feedback.law import Controller, Floats, require_machine

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from agents.conditions import Conditions
 from agents.learner import Learner, PolicyParts, Training, learner_class
 from agents.policies import Policy, Seeing, controller_policy, learned_policy
-from rimless_gym.envs.control import USUAL, Control
-from rimless_gym.envs.observation import (
+from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import (
     LEG_RATE_SCALE,
     MIDDLE_SPEED,
     PENDULUM_RATE_SCALE,

@@ -15,7 +15,7 @@ from agents.conditions import Conditions
 from agents.policies import Policy
 from rimless_gym import RimlessWheelSpeedVectorEnv, RimlessWheelVectorEnv
 from rimless_gym.checks import real_array
-from rimless_gym.envs.observation import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
+from rimless_gym.envs.layout import LEG_RATE_SCALE, PENDULUM_RATE_SCALE
 from rimless_gym.envs.starts import draw_start
 from rimless_gym.envs.task import Task
 from rimless_gym.equations import DOUBLE, MODE_NAMES

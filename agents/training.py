@@ -32,7 +32,7 @@ from agents.learner import (
     LAST,
     SCRATCH,
     Learner,
-    Settings,
+    LearnerSettings,
     Training,
     learner_class,
 )
@@ -103,7 +103,7 @@ class TrainingConfig:
     disturbances: Disturbances | Mapping[str, Any] | None = None
     speeds: tuple[float, float] | None = None
     control_period: float | None = None
-    hyperparameters: Settings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    hyperparameters: LearnerSettings | Mapping[str, Any] = dataclasses.field(default_factory=dict)
     expert: Controller | str = EXPERT
     cloning: Cloning | Mapping[str, Any] | None = None
     score: Callable[[Evaluation], float] | None = None
@@ -128,7 +128,7 @@ class TrainingConfig:
                 "from a policy's file"
             )
         settings = self.hyperparameters
-        if not isinstance(settings, Settings):
+        if not isinstance(settings, LearnerSettings):
             settings = kind.settings(self.init, settings)
         if self.timesteps is not None:
             integer("timesteps", self.timesteps, 0)

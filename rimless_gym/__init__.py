@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from rimless_gym.envs.disturbances import Disturbances, Pushes, Ranges, SensorNoise
     from rimless_gym.envs.env import RimlessWheelEnv
     from rimless_gym.envs.speed import RimlessWheelSpeedEnv, RimlessWheelSpeedVectorEnv
-    from rimless_gym.envs.start_shares import Starts
+    from rimless_gym.envs.starts import Starts
     from rimless_gym.envs.task import Task
     from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
     from rimless_gym.hybrid import Failure
@@ -64,7 +64,7 @@ _MODULES = {
     "RimlessWheelSpeedVectorEnv": "envs.speed",
     "RimlessWheelVectorEnv": "envs.vector_env",
     "SensorNoise": "envs.disturbances",
-    "Starts": "envs.start_shares",
+    "Starts": "envs.starts",
     "Task": "envs.task",
     "Trajectory": "trajectory",
     "simulate": "reference",

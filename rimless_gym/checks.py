@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import operator
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -130,6 +131,28 @@ def real_array(name: str, values: Any) -> NDArray[Any]:
     return array
 
 
+def as_instance(kind: type[Any], name: str, value: Any, default: Any) -> Any:
+    """`value`, an instance of the dataclass `kind` or a mapping of its fields; None: the default.
+
+    Raises:
+        TypeError: it is neither, or a field is missing or of the wrong type.
+        ValueError: there is no such field, or its value is out of range.
+    """
+    if value is None or isinstance(value, kind):
+        return default if value is None else value
+    if not isinstance(value, Mapping):
+        raise TypeError(
+            f"{name} = {value!r}: give a rimless_gym.{kind.__name__} or a dictionary of its fields"
+        )
+    known = [field.name for field in dataclasses.fields(kind)]
+    for field in value:
+        if field not in known:
+            raise ValueError(
+                f"{name}: {field!r} is not a field of {kind.__name__}: choose from {known}"
+            )
+    return kind(**value)
+
+
 class MissingExtraError(ImportError):
     """A package that comes with an extra of rimless-gym is not installed."""
 
@@ -142,7 +165,7 @@ def extra(name: str) -> Iterator[None]:
         name: of the extra in pyproject.toml, such as "learn".
 
     Raises:
-        MissingExtraError: a package is missing; it says which, and how to install it.
+        MissingExtraError: a package is missing; the message names it and its installation.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Energy bookkeeping: the ledger of an interval, and cost of transport. One definition everywhere.
+"""Energy accounting: the ledger of an interval, and cost of transport. One definition everywhere.
 
 Over any interval, whatever the motion, the energies of `CHANNELS` balance:
 
@@ -38,8 +38,8 @@ class Channel(NamedTuple):
     meaning: str
 
 
-#: The energies that the simulators book for every interval.
-BOOKED = (
+#: The energies that the simulators account for in every interval.
+ACCOUNTED = (
     Channel("electrical", 1, "integral of V i; the battery can be recharged"),
     Channel("electrical_positive", 0, "integral of max(V i, 0); the battery cannot be recharged"),
     *(Channel(name, -1, meaning) for name, meaning in LOSSES.items()),
@@ -50,13 +50,13 @@ BOOKED = (
 
 #: All channels, including those that the environment adds.
 CHANNELS = (
-    *BOOKED,
+    *ACCOUNTED,
     Channel("idle", 0, "idle power times duration"),
     Channel("push", 1, "work of pushes on the hub"),
 )
 
 #: The stepping kernel's rows that are sums over an interval.
-SUMS = ("elapsed", "distance", *(channel.name for channel in BOOKED), "steps", "touchdowns")
+SUMS = ("elapsed", "distance", *(channel.name for channel in ACCOUNTED), "steps", "touchdowns")
 
 #: All of its rows: the sums, then extremes, then values at the interval's end. `touchdown_time` is
 #: the time of the last touchdown since the interval began (s), or -1.
@@ -114,9 +114,9 @@ class Ledger:
 
     @classmethod
     def from_rows(cls, rows: NDArray[np.float64], params: WheelParams) -> Ledger:
-        """The ledger of rows (len(ROW),) booked by the kernel, of one interval or a sum of many."""
-        booked = Row(*rows.tolist())
-        return cls.of(booked._asdict() | {"idle": params.idle_power * booked.elapsed, "push": 0.0})
+        """The ledger of rows (len(ROW),) of the kernel, of one interval or a sum of many."""
+        totals = Row(*rows.tolist())
+        return cls.of(totals._asdict() | {"idle": params.idle_power * totals.elapsed, "push": 0.0})
 
     @classmethod
     def of(cls, energies: Mapping[str, float]) -> Ledger:

@@ -458,7 +458,8 @@ def equations(
         py = p.S1 * dphi * cos(phi) + p.S2 * dtheta * sin(theta)
         return px, py
 
-    return SimpleNamespace(**{k: v for k, v in locals().items() if k not in _ARGUMENTS})
+    functions = dict(locals())  # a copy: in Python 3.12, tracing changes it during a loop
+    return SimpleNamespace(**{k: v for k, v in functions.items() if k not in _ARGUMENTS})
 
 
 _ARGUMENTS = ("sin", "cos", "compiled", "sqrt")

@@ -24,7 +24,7 @@ from typing import Any, TypeAlias
 from scipy.integrate import DOP853
 
 from rimless_gym import hybrid
-from rimless_gym.envs import observation as observing
+from rimless_gym.envs import layout as observing
 from rimless_gym.equations import IMPACT_LAWS, LOSSES, equations
 from rimless_gym.params import CHOICES, Constants, WheelParams, constants_of
 

@@ -5,9 +5,8 @@ numba compiles them where compiled code calls them, once per combination of argu
 the wrappers for calls from Python, which take a third of the compile time. Functions for callers in
 Python are `cached`: the machine code is stored on disk and loaded by later processes.
 
-numba's own cache writes its index before the code that the index points to, and does not notice
-changes of the functions that are compiled in. Here the code of a function, for one processor and
-one state of the sources, is a single file, which is either complete or absent.
+numba's own cache does not notice changes of the functions that are compiled in, so here its files
+are named after all sources.
 """
 
 from __future__ import annotations
@@ -17,20 +16,16 @@ import functools
 import hashlib
 import pickle
 import sys
-import uuid
 import warnings
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numba
 from filelock import FileLock
 from numba import njit, types
-from numba.core.caching import FunctionCache, NullCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
-from numba.core.serialize import dumps
 from numba.core.typing.templates import infer_global
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -107,61 +102,59 @@ class CachedFunction(CPUDispatcher):
 
         One process at a time compiles; the others then load what it has written.
         """
-        with global_compiler_lock:
+        with global_compiler_lock, contextlib.ExitStack() as turn:
             if type(self._cache) is NullCache:
                 try:
                     self._cache = _MachineCode(self.py_func, self.part)
                 except RuntimeError:  # numba cannot write to any of its folders
                     _warn_once("every process compiles the simulator again: no folder is writable")
-                    return super().compile(signature)
-            with self._cache.turn(signature, self.targetctx.codegen()):
-                return super().compile(signature)
+            self._cache.turn = turn
+            return super().compile(signature)
 
 
 class _MachineCode(FunctionCache):
-    """The machine code of one function, in one file for each combination of argument types."""
+    """numba's cache of one function, in files that belong to one state of the sources.
+
+    Attributes:
+        turn: holds the lock between processes while the function is compiled.
+    """
+
+    turn: contextlib.ExitStack
 
     def __init__(self, function: Any, part: str | None) -> None:
         super().__init__(function)
+        self._sources = fingerprint("rimless_gym") + fingerprint(function.__module__.split(".")[0])
+        name = f"{self._impl.filename_base}-{self._sources}"
+        self._cache_file = IndexDataCacheFile(self.cache_path, name, self._sources)
         self._part = part
 
-    def turn(self, signature: Any, codegen: Any) -> AbstractContextManager[Any]:
-        """The lock of the process that compiles; none if there is code to load."""
-        path = self._path(signature, codegen)
-        if _read(path) is None:
-            with contextlib.suppress(OSError, NotImplementedError):  # then without a lock
-                return _lock(path.with_name("rimless_gym.lock")).acquire()
-        return contextlib.nullcontext()
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """The stored code, or None if there is none; it then is this process's turn to compile."""
+        for attempt in range(2):
+            try:
+                code = super().load_overload(signature, target_context)
+            except (EOFError, pickle.UnpicklingError):  # a damaged file
+                self._cache_file.flush()
+                code = None
+            if code is not None:
+                return code
+            if attempt == 0:  # another process may write it while this one waits
+                with contextlib.suppress(OSError, NotImplementedError):  # then without a lock
+                    self.turn.enter_context(_lock(Path(self.cache_path, "rimless_gym.lock")))
+        _announce(self._part)
+        return None
 
-    def _load_overload(self, signature: Any, target_context: Any) -> Any:
-        code = _read(self._path(signature, target_context.codegen()))
-        if code is None:
-            _announce(self._part)
-            return None
-        return self._impl.rebuild(target_context, pickle.loads(code))
-
-    def _save_overload(self, signature: Any, compiled: Any) -> None:
-        if not self._impl.check_cachable(compiled):
-            return
-        path = self._path(signature, compiled.codegen)
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Store the code; what was compiled from other sources is deleted."""
         try:
-            _write(path, dumps(self._impl.reduce(compiled)))
+            super().save_overload(signature, compiled)
         except OSError as error:
-            _warn_once(f"compiled code cannot be stored in {path.parent}: {error.strerror}")
-            return
-        function, _ = path.name.rsplit("-", 1)
-        for other in path.parent.glob(f"{function}-*.nbc"):
-            if other != path:  # compiled from other sources
+            _warn_once(f"compiled code cannot be stored in {self.cache_path}: {error.strerror}")
+        function, _ = self._impl.filename_base.rsplit("-", 1)
+        for file in Path(self.cache_path).glob(f"{function}-*.nb[ic]"):
+            if self._sources not in file.name:
                 with contextlib.suppress(OSError):
-                    other.unlink()
-
-    def _path(self, signature: Any, codegen: Any) -> Path:
-        """The file, named after the function, argument types, processor, versions and sources."""
-        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}".replace("<locals>.", "")
-        made = signature, codegen.magic_tuple(), numba.__version__, sys.version
-        digest = hashlib.sha256(repr(made).encode()).hexdigest()[:16]
-        sources = fingerprint("rimless_gym") + fingerprint(self._py_func.__module__.split(".")[0])
-        return Path(self.cache_path) / f"{name}-{digest}-{sources}.nbc"
+                    file.unlink()
 
 
 @functools.cache
@@ -192,24 +185,3 @@ def _warn_once(trouble: str) -> None:
     text = f"{trouble}; set NUMBA_CACHE_DIR to a folder of your own"
     # Not attributed to a file, so that no source line is printed below the warning.
     warnings.warn_explicit(text, RuntimeWarning, "rimless_gym", 0)
-
-
-def _read(path: Path) -> bytes | None:
-    """What `_write` wrote; None if the file is missing or damaged."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    code = content[32:]
-    return code if content[:32] == hashlib.sha256(code).digest() else None
-
-
-def _write(path: Path, code: bytes) -> None:
-    """Write a file so that it is either complete or unchanged."""
-    unfinished = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}")
-    try:
-        unfinished.write_bytes(hashlib.sha256(code).digest() + code)
-        unfinished.replace(path)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
-        raise

@@ -1,4 +1,4 @@
-// The stepper: a wheel advanced at constant voltage, events located, energy booked.
+// The stepper: a wheel advanced at constant voltage, events located, energy accounted.
 //
 // It does what rimless_gym.kernel does, with an adaptive step: DOP853 between events, touchdowns
 // found on the quintic through a step's ends and then by Newton's method on the step's length.
@@ -192,7 +192,7 @@ const position = (y, foot, p) => hub_position(y[0], p)[0] + foot * p.chord;
 //
 // state: {phi, theta, dphi, dtheta, mode, foot}; it is left as it is.
 // pull: largest force (N) with which the ground holds a foot down; 0 in the environment.
-// Returns {state, book}: sums, extremes and `touchdowns`, the times of the touchdowns (s).
+// Returns {state, totals}: sums, extremes and `touchdowns`, the times of the touchdowns (s).
 function advance(state, u, duration, p, pull = 0) {
   const start = [state.phi, state.theta, state.dphi, state.dtheta];
   let { mode, foot } = state;
@@ -200,7 +200,7 @@ function advance(state, u, duration, p, pull = 0) {
   let left = duration;
   let h = Math.min(1e-3, duration);
   let events = 0;
-  const book = {
+  const totals = {
     electrical: 0, electrical_positive: 0, collision: 0, touchdowns: [], failure: OK,
     min_normal_force: Infinity, friction_demand: 0, impulse_friction_demand: 0,
     clearance: Infinity,
@@ -208,11 +208,11 @@ function advance(state, u, duration, p, pull = 0) {
   const contact = (counts) => {
     const [fx, fy] = forceOn(here, p);
     if (counts || contact_guard(fy, pull) > 0) {
-      book.min_normal_force = Math.min(book.min_normal_force, fy);
-      book.friction_demand = Math.max(book.friction_demand, friction_demand(fx, fy));
+      totals.min_normal_force = Math.min(totals.min_normal_force, fy);
+      totals.friction_demand = Math.max(totals.friction_demand, friction_demand(fx, fy));
     }
-    book.clearance = Math.min(book.clearance, pendulum_clearance(here.y[0], here.y[1], p));
-    if (contact_guard(fy, pull) > 0) book.failure = CONTACT_LOST;
+    totals.clearance = Math.min(totals.clearance, pendulum_clearance(here.y[0], here.y[1], p));
+    if (contact_guard(fy, pull) > 0) totals.failure = CONTACT_LOST;
   };
   const restart = (newMode, newFoot, y) => {
     [mode, foot] = [newMode, newFoot];
@@ -221,7 +221,7 @@ function advance(state, u, duration, p, pull = 0) {
     contact(mode === SINGLE || both_feet_press(y[1], y[3], u, p));
     events += 1;
     if (events > MAX_EVENTS * Math.max(1, duration / CONTROL_PERIOD)) {
-      book.failure = TOO_MANY_EVENTS;
+      totals.failure = TOO_MANY_EVENTS;
     }
   };
   const liftOff = () => {
@@ -232,23 +232,23 @@ function advance(state, u, duration, p, pull = 0) {
     const { y } = here;
     const landed = after_touchdown(direction, y[1], y[2], y[3], u, p);
     if (!landed.legal) {
-      book.failure = THESIS_BACKWARD;
+      totals.failure = THESIS_BACKWARD;
       return;
     }
     const after = [landed.phi, y[1], landed.dphi, landed.dtheta];
-    book.collision += height(y, 0, p) - height(after, landed.shift, p);
+    totals.collision += height(y, 0, p) - height(after, landed.shift, p);
     const [before, now] = [y, after].map((one) => linear_momentum(...one.slice(0, STATES), p));
     const demand = friction_demand(now[0] - before[0], now[1] - before[1]);
-    book.impulse_friction_demand = Math.max(book.impulse_friction_demand, demand);
-    book.touchdowns.push(duration - left);
+    totals.impulse_friction_demand = Math.max(totals.impulse_friction_demand, demand);
+    totals.touchdowns.push(duration - left);
     restart(landed.mode, foot + landed.shift, after);
   };
 
   here.k = rates(mode, here.y, u, p);
   contact(true);
-  while (left > 0 && book.failure === OK) {
+  while (left > 0 && totals.failure === OK) {
     if (mode === DOUBLE && liftsOff(here.y, u, p)) {
-      if (events === 0) [book.min_normal_force, book.friction_demand] = [Infinity, 0];
+      if (events === 0) [totals.min_normal_force, totals.friction_demand] = [Infinity, 0];
       liftOff();
       continue;
     }
@@ -256,7 +256,7 @@ function advance(state, u, duration, p, pull = 0) {
     let next = attempt(mode, here, length, u, p);
     const error = errorOf(here, next);
     if (!(error < 1e6) && length < 1e-9) {
-      book.failure = DIVERGED;
+      totals.failure = DIVERGED;
       break;
     }
     const change = error === 0 ? 4 : Math.min(4, Math.max(0.2, 0.9 * error ** (-1 / 8)));
@@ -276,27 +276,27 @@ function advance(state, u, duration, p, pull = 0) {
     const first = [middleOf(here, next, mode, u, p), next].find(released);
     if (first) {
       next = shortened(here, first, released, mode, u, p);
-      event = () => { book.failure = CONTACT_LOST; };
+      event = () => { totals.failure = CONTACT_LOST; };
     }
 
     const done = work(here, next, u, p);
-    book.electrical += done.electrical;
-    book.electrical_positive += done.positive;
+    totals.electrical += done.electrical;
+    totals.electrical_positive += done.positive;
     left = Math.max(0, left - next.h);
     if (left < 1e-15) left = 0;
     here = { y: next.y, k: next.k };
-    const failure = book.failure;
+    const failure = totals.failure;
     contact(true);
-    book.failure = failure;
+    totals.failure = failure;
     if (event) event();
     if (Math.max(Math.abs(here.y[2]), Math.abs(here.y[3])) > MAX_RATE) {
-      book.failure = RATE_EXCEEDED;
+      totals.failure = RATE_EXCEEDED;
     }
   }
   const [phi, theta, dphi, dtheta] = here.y;
   const losses = Object.fromEntries(LOSSES.map((name, i) => [name, here.y[STATES + i]]));
   const [fx, fy] = forceOn(here, p);
-  Object.assign(book, losses, {
+  Object.assign(totals, losses, {
     elapsed: duration - left,
     distance: position(here.y, foot, p) - position(start, state.foot, p),
     steps: foot - state.foot,
@@ -304,5 +304,5 @@ function advance(state, u, duration, p, pull = 0) {
     force_x: fx,
     force_y: fy,
   });
-  return { state: { phi, theta, dphi, dtheta, mode, foot }, book };
+  return { state: { phi, theta, dphi, dtheta, mode, foot }, totals };
 }

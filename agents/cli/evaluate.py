@@ -89,7 +89,7 @@ def evaluate(
     """
     from agents.conditions import Conditions
     from agents.evaluate import evaluate as measured
-    from rimless_gym.envs.control import as_speeds
+    from rimless_gym.envs.arguments import as_speeds
     from rimless_gym.envs.disturbances import as_disturbances, as_ranges
     from trajopt.provenance import provenance
 

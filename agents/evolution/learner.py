@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.conditions import Conditions, require_usual
 from agents.evolution.search import Answer, EvolutionSettings, Request, answered, search
-from agents.evolution.walks import SIZE, Objective, Simulator, act
+from agents.evolution.walks import SIZE, PolicySimulator, WalkReward, act
 from agents.learner import Callback, Learner, PolicyParts, Training
 from agents.policies import Act
 from agents.reward_weight import CleanWalking
@@ -36,8 +36,8 @@ class Evolution(Learner):
         if not isinstance(settings, EvolutionSettings):
             raise TypeError(f"settings = {settings!r}: must be EvolutionSettings")
         require_usual("evolution", conditions)
-        self._simulator = Simulator(conditions.params)
-        self._objective = Objective(conditions.params, training.task, settings.rewarded_speed)
+        self._simulator = PolicySimulator(conditions.params)
+        self._objective = WalkReward(conditions.params, training.task, settings.rewarded_speed)
         floor = training.task.distance_weight
         self._new_search = functools.partial(search, settings, training.seed, floor)
         self._begin(None if start is None else start.weights["weights"].astype(np.float64))

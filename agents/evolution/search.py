@@ -31,14 +31,14 @@ from numpy.typing import NDArray
 from agents.evolution.walks import (
     SIZE,
     Duration,
-    Objective,
-    Simulator,
-    Walks,
+    PolicySimulator,
+    PolicyWalks,
+    WalkReward,
     families,
     members,
     senses,
 )
-from agents.learner import Settings
+from agents.learner import LearnerSettings
 from agents.reward_weight import LEAST_SHARE, NO_WALK, CleanWalking, adapted_weight, economy
 from agents.rollout import draw_starts
 from rimless_gym.checks import extra, integer, positive
@@ -69,7 +69,7 @@ class NothingWalksError(ValueError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EvolutionSettings(Settings):
+class EvolutionSettings(LearnerSettings):
     """How evolution searches.
 
     Attributes:
@@ -200,7 +200,7 @@ _Result = TypeVar("_Result")
 Search: TypeAlias = Generator[Request, Answer, _Result]
 
 
-def answered(request: Request, simulator: Simulator, objective: Objective) -> Answer:
+def answered(request: Request, simulator: PolicySimulator, objective: WalkReward) -> Answer:
     """Simulate the policies of a request, and score them as it says."""
     starts = draw_starts(simulator.params, request.starts, request.seed)
     walks = simulator.walk(request.weights, starts, request.duration)
@@ -215,7 +215,9 @@ def answered(request: Request, simulator: Simulator, objective: Objective) -> An
     return Answer(groups.astype(np.float64), scores, gait)
 
 
-def _groups(groups: int | Groups, walks: Walks) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _groups(
+    groups: int | Groups, walks: PolicyWalks
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The groups (G,) into which policies are sorted, and which belong to each of them, (G, P)."""
     if groups is Groups.SENSES:
         each = np.array([0, -1, 1])
@@ -243,7 +245,7 @@ def search(
     """
     if start is not None:
         family = yield from _family_of(settings, seed, start)
-        best = Candidate(settings, family, start, (seed, 0), floor)
+        best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
     yield from best.evolve(None, refining(settings), None)
@@ -300,16 +302,16 @@ def _best(answer: Answer, most: int) -> dict[int, Floats]:
     return best
 
 
-def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[Candidate]:
+def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[EvolvingPolicy]:
     """Screen and race."""
     screened = yield from screen(settings, seed)
     schedule = racing(settings)
-    ranked: list[Candidate] = []
-    leader: Candidate | None = None
+    ranked: list[EvolvingPolicy] = []
+    leader: EvolvingPolicy | None = None
     for family, policies in screened.items():
-        candidates: list[Candidate] = []
+        candidates: list[EvolvingPolicy] = []
         for k, policy in enumerate(policies):
-            one = Candidate(settings, family, policy, (seed, 3, family % 100, k), floor)
+            one = EvolvingPolicy(settings, family, policy, (seed, 3, family % 100, k), floor)
             yield from one.evolve(settings.trial, schedule, leader)
             candidates.append(one)
             leader = one if leader is None or one.score > leader.score else leader
@@ -348,7 +350,7 @@ def _family_of(settings: EvolutionSettings, seed: int, start: Floats) -> Search[
     return int(answer.groups[np.argmax(answer.scores[:, 0])])
 
 
-class Round(NamedTuple):
+class Generation(NamedTuple):
     """How the policies of a generation walk.
 
     Attributes:
@@ -368,13 +370,13 @@ class Schedule(NamedTuple):
         checked_starts: from which the mean policy is checked, in walks as long as the first's.
     """
 
-    rounds: tuple[Round, ...]
+    rounds: tuple[Generation, ...]
     checked_starts: int
 
 
 def racing(settings: EvolutionSettings) -> Schedule:
     """Short walks, all alike."""
-    walk = Round(settings.starts, Duration.second_half(settings.intervals))
+    walk = Generation(settings.starts, Duration.second_half(settings.intervals))
     return Schedule((walk,), settings.checked_starts)
 
 
@@ -386,11 +388,11 @@ def refining(settings: EvolutionSettings) -> Schedule:
     """
     long = Duration.second_half(settings.refining_intervals)
     short = Duration.second_half(settings.start_up_intervals)
-    rounds = Round(settings.refining_starts, long), Round(settings.start_up_starts, short)
+    rounds = Generation(settings.refining_starts, long), Generation(settings.start_up_starts, short)
     return Schedule(rounds, settings.refining_checked_starts)
 
 
-class Candidate:
+class EvolvingPolicy:
     """A policy that evolves: CMA-ES, with an adaptive reward weight, and more and more starts.
 
     Args:
@@ -426,7 +428,7 @@ class Candidate:
         self._strategy = cma.CMAEvolutionStrategy(weights, spread, options)
         self._settings, self._seed, self._floor = settings, seed, floor
         self._distance_weight, self._generation, self._share = settings.first_weight, 0, 0.0
-        self._check = Round(0, Duration(0, 0))
+        self._check = Generation(0, Duration(0, 0))
         self.family, self.best, self.gait = family, weights, NO_WALK
 
     @property
@@ -435,7 +437,7 @@ class Candidate:
         return economy(self.gait.share, self.gait.cot)
 
     def evolve(
-        self, generations: int | None, schedule: Schedule, leader: Candidate | None
+        self, generations: int | None, schedule: Schedule, leader: EvolvingPolicy | None
     ) -> Search[None]:
         """Evolve for some generations, or for ever.
 
@@ -445,7 +447,7 @@ class Candidate:
             leader: whose best policy is the best so far, as long as this one's is not.
         """
         least = self._settings.least_counted
-        check = Round(schedule.checked_starts, schedule.rounds[0].duration)
+        check = Generation(schedule.checked_starts, schedule.rounds[0].duration)
         if self.gait.share > 0.0 and check != self._check:
             answer = yield self._request(self.best[None], check, leader)
             self.gait = answer.gait  # in longer walks it may fall
@@ -469,7 +471,9 @@ class Candidate:
                 if economy(answer.gait.share, answer.gait.cot) > self.score:
                     self.best, self.gait = mean, answer.gait
 
-    def _request(self, weights: Floats, walks: Round, leader: Candidate | None) -> Request:
+    def _request(
+        self, weights: Floats, walks: Generation, leader: EvolvingPolicy | None
+    ) -> Request:
         """Walks of some policies from the starts of every check."""
         best = leader if leader is not None and leader.score > self.score else self
         return Request(
@@ -484,6 +488,6 @@ class Candidate:
         )
 
 
-def _ranked(candidates: list[Candidate], most: int) -> list[Candidate]:
+def _ranked(candidates: list[EvolvingPolicy], most: int) -> list[EvolvingPolicy]:
     """The best of them, the best first."""
     return sorted(candidates, key=lambda one: -one.score)[:most]

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from agents.reward_weight import FEWEST_STEPS, NO_WALK, CleanWalking
 from rimless_gym.energy import ROW
-from rimless_gym.envs.observation import observation
+from rimless_gym.envs.layout import observation
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
@@ -66,7 +66,7 @@ SIZE = 21
 
 @inner
 def features(leg, sine, cosine, leg_rate, rate, resting):  # type: ignore[no-untyped-def]
-    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.observation`)."""
+    """f (SIZE) of the observation's six numbers (`rimless_gym.envs.layout`)."""
     return (
         1.0,
         leg,
@@ -115,7 +115,7 @@ def _act(weights, observations, actions):  # type: ignore[no-untyped-def]
         actions[i] = action(weights, 0, (o[0], o[1], o[2], o[3], o[4], o[5]))
 
 
-class Walks(NamedTuple):
+class PolicyWalks(NamedTuple):
     """Walks of P policies from S starts; every field has the shape (P, S).
 
     All but `lasted` are those of the window, the end of the walk; 0 where it was not reached.
@@ -137,8 +137,8 @@ class Walks(NamedTuple):
     slipping: Floats
 
 
-#: Where each field of `Walks` is in the compiled results.
-AT = Walks(*range(len(Walks._fields)))
+#: Where each field of `PolicyWalks` is in the compiled results.
+AT = PolicyWalks(*range(len(PolicyWalks._fields)))
 
 
 class Duration(NamedTuple):
@@ -159,7 +159,7 @@ class Duration(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Simulator:
+class PolicySimulator:
     """Walks of many policies with one wheel.
 
     Attributes:
@@ -170,12 +170,12 @@ class Simulator:
     params: WheelParams
     threads: int = dataclasses.field(default_factory=cores)
 
-    def walk(self, weights: Floats, starts: Floats, duration: Duration) -> Walks:
+    def walk(self, weights: Floats, starts: Floats, duration: Duration) -> PolicyWalks:
         """Let policies (P, SIZE) walk from hybrid states (S, STATE_SIZE)."""
         n_policies, n_starts = len(weights), len(starts)
         assert weights.shape == (n_policies, SIZE)
         n = n_policies * n_starts
-        results = np.zeros((len(Walks._fields), n))
+        results = np.zeros((len(PolicyWalks._fields), n))
         params, arrays = self.params, machine_arrays([self.params])
         slipping = params.friction * (1.0 + LIMIT_TOLERANCE)
         block = min(MOST, LANES * math.ceil(n / (LANES * self.threads)))
@@ -191,7 +191,7 @@ class Simulator:
 
         with ThreadPoolExecutor(self.threads) as threads:
             list(threads.map(part, range(0, n, block)))
-        return Walks(*results.reshape(-1, n_policies, n_starts))
+        return PolicyWalks(*results.reshape(-1, n_policies, n_starts))
 
 
 @cached(EVOLUTION, nogil=True)
@@ -234,7 +234,7 @@ def _walk(  # type: ignore[no-untyped-def]
 
 
 @dataclasses.dataclass(frozen=True)
-class Objective:
+class WalkReward:
     """What is rewarded.
 
     Attributes:
@@ -249,7 +249,7 @@ class Objective:
 
     def scores(
         self,
-        walks: Walks,
+        walks: PolicyWalks,
         duration: Duration,
         family: float,
         distance_weight: float,
@@ -279,14 +279,14 @@ class Objective:
         """Idle energy in the window, over the weight (m)."""
         return self.params.idle_power * duration.window * CONTROL_PERIOD / self.params.weight
 
-    def costs(self, walks: Walks, duration: Duration) -> Floats:
+    def costs(self, walks: PolicyWalks, duration: Duration) -> Floats:
         """Costs of transport (P, S) in the window; infinite where there is no way forward."""
         distance = walks.distance
         energy = walks.energy / self.params.weight + self._idle(duration)
         costs = energy / np.maximum(distance, 1e-12)
         return np.asarray(np.where(distance > 0.0, costs, np.inf))
 
-    def gait(self, walks: Walks, duration: Duration, family: float) -> CleanWalking:
+    def gait(self, walks: PolicyWalks, duration: Duration, family: float) -> CleanWalking:
         """How the first policy of some walks walks in its family's gait."""
         fits = members(walks, family)[0] & (walks.slipping[0] == 0.0)
         if not fits.any():
@@ -301,22 +301,22 @@ class Objective:
         )
 
 
-def stepping(walks: Walks) -> NDArray[np.bool_]:
+def stepping(walks: PolicyWalks) -> NDArray[np.bool_]:
     """Whether the wheels still take steps forward at the end, (P, S)."""
     return (walks.lasted > WHOLE) & (walks.steps >= FEWEST_STEPS)
 
 
-def members(walks: Walks, family: float) -> NDArray[np.bool_]:
+def members(walks: PolicyWalks, family: float) -> NDArray[np.bool_]:
     """Which wheels walk in a family's gait, (P, S)."""
     return stepping(walks) & (np.abs(revolutions(walks) - family) < WITHIN)
 
 
-def revolutions(walks: Walks) -> Floats:
+def revolutions(walks: PolicyWalks) -> Floats:
     """Revolutions of the pendulum per step in the window, (P, S)."""
     return np.asarray(walks.turned / (2.0 * np.pi) / np.maximum(walks.steps, 1.0))
 
 
-def senses(walks: Walks) -> NDArray[np.int64]:
+def senses(walks: PolicyWalks) -> NDArray[np.int64]:
     """In which sense pendulums go round in the window of wheels that do not fall, (P, S).
 
     -1 forward, 1 backward, 0 for those that turn by less than half a revolution.
@@ -325,7 +325,7 @@ def senses(walks: Walks) -> NDArray[np.int64]:
     return np.asarray(np.where(goes_round, np.sign(walks.turned), 0.0), dtype=np.int64)
 
 
-def families(walks: Walks) -> NDArray[np.int64]:
+def families(walks: PolicyWalks) -> NDArray[np.int64]:
     """The families in which some wheel walks, fewest revolutions first."""
     found = np.unique(np.round(revolutions(walks))[stepping(walks)])
     kept = [family for family in found.tolist() if members(walks, family).any()]

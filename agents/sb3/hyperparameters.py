@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from torch import nn
 
-from agents.learner import NO_CHANGES, SCRATCH, Settings, require_known
+from agents.learner import NO_CHANGES, SCRATCH, LearnerSettings, require_known
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
 from agents.sb3.wrappers import HeldActions, Wrapping
 from rimless_gym.checks import flag, integer, positive, real
@@ -54,7 +54,7 @@ _ADAPTIVE = f"{AdaptiveRewardWeight.__module__}.{AdaptiveRewardWeight.__qualname
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Hyperparameters(Settings):
+class Hyperparameters(LearnerSettings):
     """One entry of a file.
 
     Attributes:

@@ -23,7 +23,7 @@ from torch import nn
 from agents import learner
 from agents.conditions import Conditions
 from agents.imitation import CloneReport, Cloning, Teaching, clone
-from agents.learner import NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.learner import NO_CHANGES, SCRATCH, Callback, LearnerSettings, PolicyParts, Training
 from agents.policies import Act, Policy, Seeing
 from agents.sb3.hyperparameters import (
     ACTIVATIONS,
@@ -35,8 +35,8 @@ from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import training_env, wrapped
 from agents.walking_figures import WalkingFigures
-from rimless_gym.envs.control import USUAL, Control
-from rimless_gym.envs.observation import COMMANDED_SIZE
+from rimless_gym.envs.arguments import USUAL, Control
+from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.envs.task import Task
 from rimless_gym.params import WheelParams
@@ -89,6 +89,13 @@ class Actor:
     def act(self) -> NetworkPolicy:
         """The deterministic policy, for NumPy arrays."""
         return NetworkPolicy(self.model)
+
+    def freeze(self, frozen: bool) -> None:
+        """Let learning change only the critic, or the actor too; never the exploration noise."""
+        for parameter in self.noise:
+            parameter.requires_grad_(False)
+        for weight in self.weights:
+            weight.requires_grad_(not frozen)
 
 
 class Sb3Learner(learner.Learner):
@@ -148,7 +155,7 @@ class Sb3Learner(learner.Learner):
         """The part of a model of this algorithm that chooses actions."""
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The entry of the algorithm's file in `agents/hyperparams`, as rl-zoo3 writes it."""
         return hyperparameters(cls.algorithm, cls.hyperparameter_file, init, changes)
 
@@ -330,14 +337,8 @@ class FreezeActor(BaseCallback):
         super().__init__()
         self._actor, self._until = actor, until
 
-    def _on_training_start(self) -> None:
-        for parameter in self._actor.noise:
-            parameter.requires_grad_(False)
-        self._on_rollout_start()
-
     def _on_rollout_start(self) -> None:
-        for weight in self._actor.weights:
-            weight.requires_grad_(self.num_timesteps >= self._until)
+        self._actor.freeze(self.num_timesteps < self._until)
 
     def _on_step(self) -> bool:
         return True
@@ -400,7 +401,7 @@ def model_state(model: Any) -> dict[str, Any]:
             "full": replay.full,
         },
         "environments": {
-            "arrays": {k: v for k, v in envs["fleet"].items() if isinstance(v, np.ndarray)},
+            "arrays": {k: v for k, v in envs["batch"].items() if isinstance(v, np.ndarray)},
             "generators": envs["generators"],
             "seen": envs["seen"],
         },
@@ -435,8 +436,8 @@ def restore_model(model: Any, state: dict[str, Any]) -> None:
     monitor.episode_returns = state["monitored"]["returns"]
     monitor.episode_lengths = state["monitored"]["lengths"]
     envs, saved = wrapped(model.env, Sb3VecEnv).env, state["environments"]
-    arrays = envs.get_state()["fleet"] | saved["arrays"]
-    envs.set_state({"fleet": arrays, "generators": saved["generators"], "seen": saved["seen"]})
+    arrays = envs.get_state()["batch"] | saved["arrays"]
+    envs.set_state({"batch": arrays, "generators": saved["generators"], "seen": saved["seen"]})
     generators = state["generators"]
     torch.set_rng_state(generators["torch"])
     np.random.set_state(generators["numpy"])  # noqa: NPY002

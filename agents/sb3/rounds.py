@@ -25,7 +25,7 @@ from agents.sb3.wrappers import ScaledReward, StartUpPhase
 from trajopt.feedback.law import Floats
 
 
-class Round(NamedTuple):
+class PpoRound(NamedTuple):
     """How PPO improves each candidate, for some time, before they are compared.
 
     Attributes:
@@ -48,10 +48,10 @@ class Round(NamedTuple):
 
 #: A trial of all candidates, two rounds of the best, and the best of all to the end.
 ROUNDS = (
-    Round(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
-    Round(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
-    Round(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
-    Round(None, 12, (0.06, 0.02), 0.2, finalists=0),
+    PpoRound(1_000_000, 4, (0.1, 0.1), 1.0, finalists=5),
+    PpoRound(2_000_000, 8, (0.1, 0.1), 1.0, finalists=2),
+    PpoRound(5_000_000, 8, (0.1, 0.06), 1.0, finalists=1),
+    PpoRound(None, 12, (0.06, 0.02), 0.2, finalists=0),
 )
 
 #: Candidates of one family that may go on to the next round.
@@ -88,7 +88,7 @@ def best_of(scores: list[float], families: list[int], most: int) -> list[int]:
 
 
 @dataclasses.dataclass
-class Race:
+class Tournament:
     """Candidates that are improved one after the other, round after round, until one is left.
 
     Attributes:
@@ -105,12 +105,12 @@ class Race:
     gaits: list[CleanWalking] = dataclasses.field(default_factory=list)
 
     @classmethod
-    def last_round(cls, weights: Floats) -> Race:
+    def last_round(cls, weights: Floats) -> Tournament:
         """One in which a single policy (size,) is left."""
         return cls(weights[None], np.zeros(1, dtype=np.int64), len(ROUNDS) - 1)
 
     @property
-    def rules(self) -> Round:
+    def rules(self) -> PpoRound:
         """How policies are improved in this round."""
         return ROUNDS[self.round]
 
@@ -137,7 +137,7 @@ class Race:
         self.round, self.gaits = self.round + 1, []
 
     @classmethod
-    def read(cls, state: Mapping[str, Any]) -> Race:
+    def read(cls, state: Mapping[str, Any]) -> Tournament:
         """The race of which `dataclasses.asdict` made this."""
         gaits = [CleanWalking(*gait) for gait in state["gaits"]]
         return cls(**{**state, "gaits": gaits})
@@ -241,62 +241,52 @@ def normalized(advantages: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any
     return (centred - centred.mean()) / (centred.std() + 1e-8)
 
 
-class InMetres(BaseCallback):
-    """Divides rewards by the weight of distance: so they keep their size while the weight falls.
+class Improve(BaseCallback):
+    """Improves a candidate: what changes between two roll-outs of a round.
+
+    Rewards are divided by the weight of distance, so that they keep their size while it falls. The
+    actor stays as it is until the critic has learned what it is worth. Then the noise falls
+    geometrically and the learning rate linearly, until the end of the round.
 
     Args:
+        actor: of the model that learns.
+        rules: of the round.
+        rate: of learning, at first.
+        steps: time steps at which the round begins, its actor begins to learn, and it ends.
         env: what scales the rewards.
-        adaptive: the weight.
+        adaptive: the weight of distance.
     """
 
-    def __init__(self, env: ScaledReward, adaptive: AdaptiveRewardWeight) -> None:
+    def __init__(
+        self,
+        actor: Actor,
+        rules: PpoRound,
+        rate: float,
+        steps: tuple[int, int, int],
+        env: ScaledReward,
+        adaptive: AdaptiveRewardWeight,
+    ) -> None:
         super().__init__()
-        self._env, self._adaptive, self._scale = env, adaptive, env.scale
+        self._actor, self._rules, self._rate = actor, rules, rate
+        self._begin, self._actor_begins, self._end = steps
+        self._env, self._scale, self._adaptive = env, env.scale, adaptive
 
     def _on_rollout_start(self) -> None:
         assert self._adaptive.weight is not None
         self._env.scale = self._scale / self._adaptive.weight
+        self._actor.freeze(self.num_timesteps < self._actor_begins)
+        lasting = max(1, self._end - self._begin)
+        share = min(1.0, (self.num_timesteps - self._begin) / lasting)
+        loud, quiet = self._rules.noise
+        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
+        rate = (1.0 - share) * self._rate + share * self._rules.last_rate * self._rate
+        self.model.lr_schedule = lambda _: rate
 
     def _on_step(self) -> bool:
         return True
 
     def _on_training_end(self) -> None:
         self._env.scale = self._scale
-
-
-class Anneal(BaseCallback):
-    """Lets noise and learning rate fall between two counts of time steps.
-
-    The noise falls geometrically, the learning rate linearly.
-
-    Args:
-        actor: of the model that learns.
-        noise: standard deviation at first and in the end, in units of the limit.
-        rates: of learning, at first and in the end.
-        begin, end: the time steps.
-    """
-
-    def __init__(
-        self,
-        actor: Actor,
-        noise: tuple[float, float],
-        rates: tuple[float, float],
-        begin: int,
-        end: int,
-    ) -> None:
-        super().__init__()
-        self._actor, self._noise, self._rates = actor, noise, rates
-        self._begin, self._lasting = begin, max(1, end - begin)
-
-    def _on_rollout_start(self) -> None:
-        share = min(1.0, (self.num_timesteps - self._begin) / self._lasting)
-        (loud, quiet), (fast, slow) = self._noise, self._rates
-        self._actor.set_noise((1.0 - share) * math.log(loud) + share * math.log(quiet))
-        rate = (1.0 - share) * fast + share * slow
-        self.model.lr_schedule = lambda _: rate
-
-    def _on_step(self) -> bool:
-        return True
 
 
 class KeepBest(BaseCallback):

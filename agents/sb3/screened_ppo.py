@@ -20,26 +20,32 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import learner
 from agents.conditions import Conditions, require_usual
 from agents.evolution.search import EvolutionSettings, answered, screen
-from agents.evolution.walks import SIZE, Duration, Objective, Simulator, act, families
-from agents.learner import LAST, NO_CHANGES, SCRATCH, Callback, PolicyParts, Settings, Training
+from agents.evolution.walks import SIZE, Duration, PolicySimulator, WalkReward, act, families
+from agents.learner import (
+    LAST,
+    NO_CHANGES,
+    SCRATCH,
+    Callback,
+    LearnerSettings,
+    PolicyParts,
+    Training,
+)
 from agents.policies import Act, learned_policy
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.rollout import Rollout, draw_starts
 from agents.sb3.hyperparameters import Hyperparameters
-from agents.sb3.learner import Actor, FreezeActor, Sb3Learner, model_state, restore_model
+from agents.sb3.learner import Actor, Sb3Learner, model_state, restore_model
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule
 from agents.sb3.rounds import (
-    Anneal,
-    InMetres,
+    Improve,
     KeepBest,
     NormalizeByPhase,
     Products,
-    Race,
+    Tournament,
     policy_of,
     put_policy,
     score,
@@ -100,19 +106,19 @@ class ScreenedPpo(Sb3Learner):
             )
         self._schedule: WeightSchedule = schedule
         self._backward_penalty = wrapped(self._env, BackwardSteps).penalty
-        self._simulator = Simulator(conditions.params)
-        self._objective = Objective(conditions.params, training.task, SCREENING.rewarded_speed)
-        self._race, self._begun = Race(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
+        self._simulator = PolicySimulator(conditions.params)
+        self._objective = WalkReward(conditions.params, training.task, SCREENING.rewarded_speed)
+        self._race, self._begun = Tournament(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
         self._adaptive = self._new_weight(schedule.first_weight)
         self._kept = KeepBest(self._checked, CHECK_EVERY)
         put_policy(self.model.policy, np.zeros(SIZE))
         if start is not None:
             weights = start.weights["weights"].astype(np.float64).reshape(SIZE)
-            self._race = Race.last_round(weights)
+            self._race = Tournament.last_round(weights)
             self._begin()
 
     @classmethod
-    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> Settings:
+    def settings(cls, init: str, changes: Mapping[str, Any] = NO_CHANGES) -> LearnerSettings:
         """The entry of the file, for every start."""
         settings = super().settings(SCRATCH, changes)
         assert isinstance(settings, Hyperparameters)
@@ -177,7 +183,7 @@ class ScreenedPpo(Sb3Learner):
                 self._race.advance(weights, self._compared(weights))
                 self._begin()
 
-    def _screened(self, callback: Callback) -> Race:
+    def _screened(self, callback: Callback) -> Tournament:
         """A race of the best random policies of each family."""
         callback.on_phase(f"screening {SCREENING.screened} random policies")
         search = screen(SCREENING, self.training.seed)
@@ -196,7 +202,7 @@ class ScreenedPpo(Sb3Learner):
             candidates += [policies[k] for k in order[:CANDIDATES]]
             of_families += [family] * len(order[:CANDIDATES])
         callback.on_phase("")
-        return Race(np.array(candidates), np.array(of_families))
+        return Tournament(np.array(candidates), np.array(of_families))
 
     def _begin(self) -> None:
         """Begin to improve the next candidate, with a new critic."""
@@ -233,20 +239,18 @@ class ScreenedPpo(Sb3Learner):
 
     def _improve(self, until: int, ends: int, callback: Callback) -> None:
         model, rules, decided = self.model, self._race.rules, self._race.decided
-        critic_first = self._begun + rules.critic_first * model.n_steps * model.n_envs
-        actor, rate = self.actor(model), float(self._arguments["learning_rate"])
-        rates = rate, rules.last_rate * rate
         wrapped(self._env, BackwardSteps).penalty = self._backward_penalty if decided else 0.0
         assert self._adaptive is not None
-        callbacks: list[BaseCallback] = [
+        improve = Improve(
+            self.actor(model),
+            rules,
+            float(self._arguments["learning_rate"]),
+            (self._begun, self._begun + rules.critic_first * model.n_steps * model.n_envs, ends),
+            wrapped(self._env, ScaledReward),
             self._adaptive,
-            InMetres(wrapped(self._env, ScaledReward), self._adaptive),
-            NormalizeByPhase(wrapped(self._env, StartUpPhase)),
-            FreezeActor(actor, critic_first),
-            Anneal(actor, rules.noise, rates, self._begun, ends),
-        ]
-        if decided:
-            callbacks.append(self._kept)
+        )
+        normalize = NormalizeByPhase(wrapped(self._env, StartUpPhase))
+        callbacks = [self._adaptive, improve, normalize, *([self._kept] if decided else [])]
         self._learn(until, callback, callbacks)
 
     def _compared(self, weights: Floats) -> CleanWalking:
@@ -281,7 +285,7 @@ class ScreenedPpo(Sb3Learner):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
-        self._race = Race.read(state["race"])
+        self._race = Tournament.read(state["race"])
         self._begun = int(state["begun"])
         restore_model(self.model, state)
         # Before the first time step, the callback begins at the first weight whatever it restored.

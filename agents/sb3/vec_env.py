@@ -21,8 +21,7 @@ from rimless_gym import (
     RimlessWheelVectorEnv,
 )
 from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.info import begun, row_of
-from rimless_gym.envs.lazy_info import LazyInfo
+from rimless_gym.envs.layout import NO_INFO, info_of_row
 
 #: The native environment of each single one.
 NATIVE: dict[type, type[RimlessWheelVectorEnv]] = {
@@ -53,10 +52,9 @@ class Sb3VecEnv(VecEnv):
 
     Gives what `DummyVecEnv` gives with as many single environments, bit for bit: observations
     (N, 6) float32 or with a commanded speed (N, 8), rewards (N,) float32, dones (N,), and a list of
-    N dictionaries. These hold the single environment's `info` and `TimeLimit.truncated`; at the end
-    of an episode also `terminal_observation`, a copy, and `episode` where the environments are
-    monitored. Until a dictionary is read, its entries are not made; see
-    `rimless_gym.envs.lazy_info`.
+    N dictionaries. Those of rows that go on hold only `TimeLimit.truncated`; `last_info` has the
+    measurements of all rows as arrays. At the end of an episode they hold the single environment's
+    `info`, `terminal_observation`, a copy, and `episode` where the environments are monitored.
 
     Either of::
 
@@ -75,8 +73,8 @@ class Sb3VecEnv(VecEnv):
 
     Attributes:
         env: the native vector environment.
-        last_info: its `info` of the last step: arrays (N,) of what the dictionaries hold, those of
-            rows that ended in it included.
+        last_info: its `info` of the last step: the measurements as arrays (N,), those of rows that
+            ended in it included.
 
     Raises:
         TypeError: `envs` is neither, or not of rimless wheels.
@@ -130,7 +128,7 @@ class Sb3VecEnv(VecEnv):
             observations, columns = self.env.reset(
                 seed=self._seeds, options={**options, "reset_mask": mask}
             )
-        self.reset_infos = [row_of(columns, i) for i in range(self.num_envs)]
+        self.reset_infos = [info_of_row(columns, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -153,7 +151,7 @@ class Sb3VecEnv(VecEnv):
         """
         seen, columns = self.env.reset(options={**(options or {}), "reset_mask": rows})
         for i in np.flatnonzero(rows).tolist():
-            self.reset_infos[i] = row_of(columns, i)
+            self.reset_infos[i] = info_of_row(columns, i)
         self._returns[rows], self._lengths[rows] = 0.0, 0
         return seen
 
@@ -170,11 +168,7 @@ class Sb3VecEnv(VecEnv):
         observations, rewards, terminated, truncated, columns = self.env.step(self._actions)
         final = {name: columns.pop(name) for name in _FINAL if name in columns}
         self.last_info = columns
-        infos: list[dict[str, Any]] = []
-        for i in range(self.num_envs):
-            running = LazyInfo()
-            running["TimeLimit.truncated"], running.source = False, (row_of, columns, i)
-            infos.append(running)
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         if self._monitored:
             self._returns += rewards
             self._lengths += 1
@@ -182,11 +176,11 @@ class Sb3VecEnv(VecEnv):
         if final:
             last = {name: final["final_info"][name] for name in columns}
             for i in dones.nonzero()[0].tolist():
-                info = row_of(last, i)
+                info = info_of_row(last, i)
                 info["TimeLimit.truncated"] = not terminated[i]
                 info["terminal_observation"] = final["final_obs"][i].copy()
                 self._end_episode(i, info)
-                self.reset_infos[i] = begun(columns["mode"].item(i))
+                self.reset_infos[i] = NO_INFO | {"mode": columns["mode"].item(i)}
                 infos[i] = info
         return observations, rewards.astype(np.float32), dones, infos
 
@@ -353,15 +347,15 @@ def _arguments_of(env: gym.Env[Any, Any]) -> dict[str, Any]:
             f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
             "use DummyVecEnv"
         )
-    fleet = single.get_state()["fleet"]  # the parameters before anything was drawn
+    batch = single.get_state()["batch"]  # the parameters before anything was drawn
     commanded = {} if single.control.speeds is None else {"speeds": single.control.speeds}
     return {
         "native": NATIVE[type(single)],
-        "params": fleet["params"][0],
+        "params": batch["params"][0],
         "task": single.task,
-        "ranges": fleet["ranges"],
-        "disturbances": fleet["disturbances"],
-        "starts": fleet["starts"],
+        "ranges": batch["ranges"],
+        "disturbances": batch["disturbances"],
+        "starts": batch["starts"],
         "control_period": single.control.period,
         "actions": single.control.actions,
         "max_episode_steps": min(limits, default=None),

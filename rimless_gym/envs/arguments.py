@@ -1,21 +1,133 @@
-"""Validation of the constructor arguments of both environments."""
+"""Arguments of the environments' constructors and of `reset(options=...)`, checked once."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import enum
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rimless_gym.envs.control import Control
+import numpy as np
+from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import ArrayLike, NDArray
+
+from rimless_gym.checks import as_instance, real, real_array
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
-from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.orders import NO_LIMIT
-from rimless_gym.envs.plain import made_of
-from rimless_gym.envs.start_shares import Starts, as_starts
+from rimless_gym.envs.layout import (
+    COMMANDED_BOUND,
+    COMMANDED_SIZE,
+    MOST_SPEED,
+    OBSERVATION_BOUND,
+    OBSERVATION_SIZE,
+)
+from rimless_gym.envs.starts import DRAWN, GIVEN, HANGING, USUAL_STARTS, Starts, normal_force
 from rimless_gym.envs.task import USUAL_TASK, Task
-from rimless_gym.kernel.stepping import require_steppable
+from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.kernel.stepping import MODE, STATE_SIZE, require_steppable
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import as_params
+from rimless_gym.trajectory import validated_start
+
+if TYPE_CHECKING:
+    from rimless_gym.envs.batch import Batch
+
+#: What an action may be: a voltage, or the motor's current.
+ACTIONS = ("voltage", "current")
+
+#: Most ticks of 10 ms in a control interval.
+MOST_TICKS = 10
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """How an agent acts on a wheel. It cannot be changed between episodes.
+
+    Attributes:
+        period: length of a control interval (s), a whole multiple of 10 ms up to 100 ms.
+        actions: what an action commands, one of `ACTIONS`.
+        speeds: least and greatest speed (m/s) between which each episode draws the one that is
+            commanded; None where none is.
+
+    Raises:
+        TypeError: a value has the wrong type.
+        ValueError: the period is no such multiple, the actions are unknown, or the speeds are not
+            in order or out of their range.
+    """
+
+    period: float = CONTROL_PERIOD
+    actions: str = "voltage"
+    speeds: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        period = real("control_period", self.period)
+        ticks = round(period / CONTROL_PERIOD)
+        if not (1 <= ticks <= MOST_TICKS and abs(period - ticks * CONTROL_PERIOD) < 1e-9):
+            raise ValueError(
+                f"control_period = {period:g} s: must be a whole multiple of {CONTROL_PERIOD:g} s, "
+                f"from {CONTROL_PERIOD:g} to {MOST_TICKS * CONTROL_PERIOD:g}"
+            )
+        if self.actions not in ACTIONS:
+            raise ValueError(f"actions = {self.actions!r}: choose from {ACTIONS}")
+        object.__setattr__(self, "period", ticks * CONTROL_PERIOD)
+        if self.speeds is not None:
+            least, greatest = as_speeds("speeds", self.speeds, 2).tolist()
+            if least > greatest:
+                raise ValueError(f"speeds = {self.speeds}: must be in order, the least first")
+            object.__setattr__(self, "speeds", (least, greatest))
+
+    @property
+    def ticks(self) -> int:
+        """Length of a control interval, in units of 10 ms."""
+        return round(self.period / CONTROL_PERIOD)
+
+    @property
+    def by_current(self) -> bool:
+        """Whether an action is the motor's current."""
+        return self.actions == "current"
+
+    @property
+    def width(self) -> int:
+        """Size of an observation."""
+        return OBSERVATION_SIZE if self.speeds is None else COMMANDED_SIZE
+
+    def action_space(self) -> spaces.Space[NDArray[np.float32]]:
+        """The space of one action."""
+        return spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
+        """The space of one observation."""
+        bound = OBSERVATION_BOUND if self.speeds is None else COMMANDED_BOUND
+        return spaces.Box(-bound, bound)
+
+    @property
+    def episode_steps(self) -> int:
+        """The number of intervals that make 20 s, rounded up."""
+        return -(-EPISODE_STEPS // self.ticks)
+
+
+#: A voltage, held for 10 ms.
+USUAL = Control()
+
+
+def as_speeds(name: str, speeds: Any, n: int) -> NDArray[np.float64]:
+    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,).
+
+    Raises:
+        TypeError: they are not real numbers.
+        ValueError: there is not one for each, or one is out of its range.
+    """
+    given = real_array(name, speeds)
+    if given.shape not in ((), (n,)):
+        raise ValueError(f"{name} = {speeds!r}: give one number, or {n}, not {given.shape}")
+    each = np.zeros(n) + given
+    if not ((each > 0.0) & (each <= MOST_SPEED)).all():
+        raise ValueError(
+            f"{name} = {speeds!r}: must be greater than 0 and at most {MOST_SPEED:g} m/s"
+        )
+    return each
 
 
 def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
@@ -28,23 +140,36 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
         ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
-        return made_of(Task, "task", dataclasses.asdict(present) | dict(task))
-    if not isinstance(task, Task | None):
-        raise TypeError(f"task = {task!r}: give a rimless_gym.Task or a dictionary of its fields")
-    return task or present
+        task = dataclasses.asdict(present) | dict(task)
+    checked: Task = as_instance(Task, "task", task, present)
+    return checked
 
 
-def tasks_of(task: Any, present: Sequence[Task]) -> list[Task]:
-    """`task`, one for all rows or one per row, as a list; mappings change the present tasks.
+def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
+    """Shares, given as such or as a mapping of their fields; None for the usual ones.
 
     Raises:
-        TypeError: a task has the wrong type.
-        ValueError: there is not one task per row, or a field is unknown or out of its range.
+        TypeError: it is neither.
+        ValueError: a share is unknown or out of range.
     """
-    each = list(task) if isinstance(task, (list, tuple)) else [task] * len(present)
-    if len(each) != len(present):
-        raise ValueError(f"task: {len(each)} tasks for {len(present)} rows, must be one per row")
-    return [as_task(*one) for one in zip(each, present, strict=True)]
+    checked: Starts = as_instance(Starts, "starts", starts, USUAL_STARTS)
+    return checked
+
+
+def as_params_list(params: Any, n: int) -> list[WheelParams]:
+    """`params`, one for all rows or one per row, as a list of N.
+
+    Raises:
+        TypeError: a machine has the wrong type.
+        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
+    """
+    many = isinstance(params, (list, tuple))
+    each = [as_params(one) for one in params] if many else [as_params(params)] * n
+    if len(each) != n:
+        raise ValueError(f"params: {len(each)} machines for {n} rows, must be one per row")
+    for one in dict.fromkeys(each):
+        require_steppable(one)
+    return each
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
@@ -57,51 +182,161 @@ def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
 
 
-def machines_of(params: Any, n: int) -> list[WheelParams]:
-    """`params`, one for all or one per row, as a list of N.
+@dataclasses.dataclass(frozen=True)
+class ResetOptions:
+    """How the next episodes of some rows begin.
+
+    Attributes:
+        rows: the rows that begin an episode, K of N.
+        params: the machines of all rows, or None to keep them and the ranges.
+        ranges: the ranges of all rows.
+        tasks: the tasks of all rows, or None to keep them.
+        starts: the shares of the kinds of start in all rows.
+        disturbances: the disturbances of all rows, or None to keep them.
+        kind: kind of start; see `rimless_gym.envs.starts`.
+        speeds: commanded speed of each of `rows` (m/s), (K,); None to draw them.
+        given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
+    """
+
+    rows: NDArray[np.int64]
+    params: list[WheelParams] | None
+    ranges: Ranges
+    tasks: list[Task] | None
+    starts: Starts
+    disturbances: Disturbances | None
+    kind: int
+    speeds: NDArray[np.float64] | None
+    given: NDArray[np.float64]
+
+
+OPTION_NAMES = ("state", "mode", "params", "task", "starts", "ranges", "disturbances")
+_FOR_ALL = ("starts", "ranges", "disturbances")
+
+
+def read_options(
+    options: Mapping[str, Any] | None, batch: Batch, rows: NDArray[np.int64]
+) -> ResetOptions:
+    """The options for `rows` of a batch, checked; the batch is not changed.
 
     Raises:
-        TypeError: a machine has the wrong type.
-        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
+        TypeError: a value has the wrong type.
+        ValueError: an option is unknown or its value out of range, or starts, ranges or
+            disturbances, which hold for all rows, are given for some.
     """
-    each = list(map(as_params, params)) if isinstance(params, (list, tuple)) else None
-    if each is None:
-        each = [as_params(params)] * n
-    if len(each) != n:
-        raise ValueError(f"params: {len(each)} machines for {n} rows, must be one per row")
-    for machine in dict.fromkeys(each):
-        require_steppable(machine)
-    return each
+    options = options or {}
+    names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
+    for name in options:
+        if name not in names:
+            raise ValueError(f"unknown reset option {name!r}: choose from {names}")
+        if name in _FOR_ALL and len(rows) < len(batch):
+            raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
+    params, n = list(batch.params), len(rows)
+    if "params" in options:
+        for i, one in zip(rows, as_params_list(options["params"], n), strict=True):
+            params[i] = one
+    tasks = list(batch.tasks) if "task" in options else None
+    if tasks is not None:
+        task = options["task"]
+        each = list(task) if isinstance(task, (list, tuple)) else [task] * n
+        if len(each) != n:
+            raise ValueError(f"task: {len(each)} tasks for {n} rows, must be one per row")
+        for i, one in zip(rows, each, strict=True):
+            tasks[i] = as_task(one, tasks[i])
+        batch.require_no_target(tasks)
+    starts = as_starts(options["starts"]) if "starts" in options else batch.starts
+    ranges = as_ranges(options["ranges"]) if "ranges" in options else batch.ranges
+    same = "params" not in options and "ranges" not in options
+    if not same:
+        ranges.require_valid(params)
+    disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
+    speeds = as_speeds("speed", options["speed"], n) if "speed" in options else None
+    kind, given = DRAWN, np.empty((0, STATE_SIZE - 1))
+    if "state" in options:
+        modes = options.get("mode", "single_stance")
+        kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
+    elif "mode" in options:
+        if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
+            raise ValueError(
+                f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
+                "'double_stance'"
+            )
+        kind = HANGING
+    changed = None if same else params
+    return ResetOptions(rows, changed, ranges, tasks, starts, disturbances, kind, speeds, given)
 
 
-def require_valid(ranges: Ranges, params: Sequence[WheelParams]) -> None:
-    """Refuse ranges whose ends are not valid for one of the machines.
+def masked_rows(mask: Any, n: int, name: str = "reset_mask") -> NDArray[np.int64]:
+    """Indices of the rows, out of N, that the mask `name` marks; of all without a mask.
 
     Raises:
-        ValueError: see `WheelParams`.
+        TypeError: it is not an array of bool.
+        ValueError: it has the wrong shape, or marks no row.
     """
-    if ranges.bounds:
-        for machine in dict.fromkeys(params):
-            ranges.require_valid(machine)
+    if mask is None:
+        return np.arange(n)
+    if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
+        raise TypeError(f"{name} = {mask!r}: must be a NumPy array of bool")
+    if mask.shape != (n,) or not mask.any():
+        raise ValueError(f"{name} = {mask}: must have shape ({n},) and mark a row")
+    return np.flatnonzero(mask)
 
 
-def fleet_of(
-    params: Sequence[WheelParams],
-    task: Task,
-    ranges: Ranges | Mapping[str, Any] | None,
-    disturbances: Disturbances | Mapping[str, Any] | None,
-    control: Control,
-    starts: Starts | Mapping[str, Any] | None,
-    num_threads: int = 1,
-    limit: int = NO_LIMIT,
-) -> Fleet:
-    """The rows of an environment.
+def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[np.float64]:
+    """Given states, one for all rows or one per row, with their modes: (N, 5)."""
+    n = len(params)
+    many = real_array("state", states).ndim == 2
+    if not isinstance(modes, str) and np.ndim(modes) != 1:
+        raise TypeError(f"mode = {modes!r}: give a name, or one per row")
+    each = list(states) if many else [states] * n
+    named = [modes] * n if isinstance(modes, str) else list(modes)
+    for name, values in (("state", each), ("mode", named)):
+        if len(values) != n:
+            raise ValueError(f"{name}: {len(values)} for {n} rows, must be one per row")
+    if many or not isinstance(modes, str):
+        return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
+    starts = {one: _start(one, states, modes) for one in dict.fromkeys(params)}
+    return np.array([starts[one] for one in params])
 
-    Raises:
-        TypeError: an argument has the wrong type.
-        ValueError: the machines cannot be stepped with the ends of the ranges.
-    """
-    drawn = as_ranges(ranges)
-    require_valid(drawn, params)
-    disturbed = as_disturbances(disturbances)
-    return Fleet(params, task, drawn, disturbed, control, as_starts(starts), num_threads, limit)
+
+def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:
+    start = np.empty(STATE_SIZE - 1)
+    start[:4], start[MODE] = validated_start(params, x, mode, "state")
+    limit = params.voltage_limit
+    force = normal_force(params, start, limit)
+    if force <= 0:
+        raise ValueError(
+            f"state = {x!r}: no voltage from {-limit:g} to {limit:g} V presses the foot on the "
+            f"ground; the largest force is {force:.3g} N and must be greater than 0: give a slower "
+            "state"
+        )
+    return start
+
+
+def plain(value: Any) -> Any:
+    """The value in JSON's types; a value that has no such form is returned unchanged."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return plain(dataclasses.asdict(value))
+    if isinstance(value, enum.Enum):
+        return plain(value.value)
+    if isinstance(value, (np.generic, np.ndarray)):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        return [plain(each) for each in value]
+    return value
+
+
+def _spec(env: Any) -> EnvSpec | None:
+    return getattr(env, "_spec", None)
+
+
+def _set_spec(env: Any, spec: EnvSpec | None) -> None:
+    if spec is not None:
+        spec = copy.copy(spec)
+        spec.kwargs = plain(spec.kwargs)
+    env._spec = spec  # as an attribute: using __dict__ would slow down every other attribute
+
+
+#: A property for environments: the `spec` that Gymnasium sets, with arguments as JSON values.
+plain_spec = property(_spec, _set_spec)

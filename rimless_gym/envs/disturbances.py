@@ -1,19 +1,26 @@
 """Disturbances for training robust policies: pushes, sensor noise, delay, and varied machines.
 
-Each is drawn from the row's own random stream (`rimless_gym.envs.randomness`). A disturbance that
-is not used costs no time.
+Each is drawn from the row's own random stream. A disturbance that is not used costs no time.
+
+An episode takes a single 64-bit key from its row's NumPy generator. Everything random in it
+(machine, start, pushes, sensor noise, delay) comes from the splitmix64 stream that begins at that
+key. So a row draws the same numbers whether it is stepped alone or among others.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from rimless_gym.checks import integer, not_negative, real
-from rimless_gym.envs.perturbation import Settings
-from rimless_gym.envs.plain import made_of
+import numpy as np
+
+from rimless_gym.checks import as_instance, integer, not_negative, real
+from rimless_gym.envs.layout import MEMORY, observe_row, params_at
+from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.hybrid import kinetic_energy, push
+from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import require_steppable
 from rimless_gym.params import CHOICES, WheelParams
 
@@ -33,10 +40,10 @@ DRAWABLE = tuple(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Pushes:
-    """Blows on the hub along the ground, forward or backward, at random times.
+    """Impulses on the hub along the ground, forward or backward, at random times.
 
-    They come at the start of a control interval. The stance foot does not slip during a blow; it
-    never does in this model. In double stance the wheel tips over the foot it is pushed towards.
+    They come at the beginning of a control interval. The stance foot does not slip during a push,
+    as never in this model. In double stance the wheel tips over the foot it is pushed towards.
 
     Args:
         rate: pushes per second, on average.
@@ -48,7 +55,7 @@ class Pushes:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rate", not_negative("rate", self.rate))
-        object.__setattr__(self, "impulse", _interval("impulse", self.impulse))
+        object.__setattr__(self, "impulse", _ordered("impulse", self.impulse))
         not_negative("impulse", self.impulse[0])
 
 
@@ -102,15 +109,8 @@ class Disturbances:
 
     def __post_init__(self) -> None:
         for name, kind in (("pushes", Pushes), ("sensor_noise", SensorNoise)):
-            value = getattr(self, name)
-            if isinstance(value, Mapping):
-                object.__setattr__(self, name, made_of(kind, name, value))
-            elif value is not None and not isinstance(value, kind):
-                raise TypeError(
-                    f"{name} = {value!r}: give a rimless_gym.{kind.__name__}, a dictionary of its "
-                    "fields, or None"
-                )
-        object.__setattr__(self, "actuator_delay", _delay(self.actuator_delay))
+            object.__setattr__(self, name, as_instance(kind, name, getattr(self, name), None))
+        object.__setattr__(self, "actuator_delay", _checked_delay(self.actuator_delay))
 
     @property
     def delays(self) -> tuple[int, int]:
@@ -143,23 +143,27 @@ class Ranges:
         for name in self.bounds:
             if name not in DRAWABLE:
                 raise ValueError(f"{name!r} cannot be drawn: choose from {', '.join(DRAWABLE)}")
-        ordered = {n: _interval(n, self.bounds[n]) for n in DRAWABLE if n in self.bounds}
+        ordered = {n: _ordered(n, self.bounds[n]) for n in DRAWABLE if n in self.bounds}
         object.__setattr__(self, "bounds", ordered)
 
-    def require_valid(self, params: WheelParams) -> None:
+    def require_valid(self, machines: Iterable[WheelParams]) -> None:
         """Refuse ranges from which a machine may be drawn that is not valid.
 
         Tried are all fields at their low ends and all at their high ends, and each of these with
         one field at its other end.
 
+        Args:
+            machines: those whose other parameters are not drawn.
+
         Raises:
             ValueError: see `WheelParams` and `require_steppable`.
         """
-        for end in (0, 1):
-            corner = {name: bounds[end] for name, bounds in self.bounds.items()}
-            require_steppable(params.replace(**corner))
-            for name, bounds in self.bounds.items():
-                require_steppable(params.replace(**corner | {name: bounds[1 - end]}))
+        for params in dict.fromkeys(machines) if self.bounds else ():
+            for end in (0, 1):
+                corner = {name: bounds[end] for name, bounds in self.bounds.items()}
+                require_steppable(params.replace(**corner))
+                for name, bounds in self.bounds.items():
+                    require_steppable(params.replace(**corner | {name: bounds[1 - end]}))
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
@@ -185,17 +189,10 @@ def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Di
         TypeError: it is neither.
         ValueError: a field is unknown or its value out of range.
     """
-    if isinstance(disturbances, Mapping):
-        return made_of(Disturbances, "disturbances", disturbances)
-    if not isinstance(disturbances, Disturbances | None):
-        raise TypeError(
-            f"disturbances = {disturbances!r}: give a rimless_gym.Disturbances or a dictionary of "
-            "its fields"
-        )
-    return disturbances or Disturbances()
+    return as_instance(Disturbances, "disturbances", disturbances, Disturbances())
 
 
-def _delay(delay: Any) -> int | tuple[int, int]:
+def _checked_delay(delay: Any) -> int | tuple[int, int]:
     """The delay (intervals), or the least and the greatest, as plain integers."""
     if not isinstance(delay, Sequence):
         return integer("actuator_delay", delay, 0, MAX_DELAY)
@@ -207,7 +204,7 @@ def _delay(delay: Any) -> int | tuple[int, int]:
     return each[0], each[1]
 
 
-def _interval(name: str, bounds: Any) -> tuple[float, float]:
+def _ordered(name: str, bounds: Any) -> tuple[float, float]:
     try:
         low, high = bounds
     except (TypeError, ValueError):
@@ -216,3 +213,120 @@ def _interval(name: str, bounds: Any) -> tuple[float, float]:
     if low > high:
         raise ValueError(f"{name} = {bounds}: must be in order, the least first")
     return low, high
+
+
+# The random streams of rows
+
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)
+_MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_S27, _S30, _S31, _S11 = np.uint64(27), np.uint64(30), np.uint64(31), np.uint64(11)
+
+
+@inner
+def next_uniform(streams, i):
+    """The next number in [0, 1) of stream i; `streams` is uint64 (N,)."""
+    streams[i] += _GAMMA
+    z = streams[i]
+    z = (z ^ (z >> _S30)) * _MIX1
+    z = (z ^ (z >> _S27)) * _MIX2
+    return np.float64((z ^ (z >> _S31)) >> _S11) * 2.0**-53
+
+
+@inner
+def between(low, high, streams, i):
+    """The next number of stream i, uniformly distributed over [low, high)."""
+    return low + (high - low) * next_uniform(streams, i)
+
+
+@inner
+def normal(streams, i):
+    """The next standard normal number of stream i (Box and Muller)."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(streams, i)))
+    return radius * math.cos(2 * math.pi * next_uniform(streams, i))
+
+
+# What compiled code does with them, before and after a control interval
+
+
+class Settings(NamedTuple):
+    """The numbers of a `Disturbances`.
+
+    Attributes:
+        push_chance: probability of a push in an interval.
+        least_impulse: smallest impulse of a push (N s).
+        greatest_impulse: largest impulse of a push (N s).
+        least_delay: shortest delay from action to voltage (intervals).
+        greatest_delay: longest delay from action to voltage (intervals).
+        noise: standard deviations of phi (rad), theta (rad), phi' (rad/s) and theta' (rad/s).
+    """
+
+    push_chance: float
+    least_impulse: float
+    greatest_impulse: float
+    least_delay: int
+    greatest_delay: int
+    noise: tuple[float, float, float, float]
+
+    @property
+    def noisy(self) -> bool:
+        """Whether any sensor is noisy."""
+        return any(self.noise)
+
+
+@inner
+def errors(noise, streams, i):
+    """The next errors of the sensors, from stream i."""
+    return (
+        noise[0] * normal(streams, i),
+        noise[1] * normal(streams, i),
+        noise[2] * normal(streams, i),
+        noise[3] * normal(streams, i),
+    )
+
+
+@inner
+def _delay_action(memory, held, i):
+    """Replace the action given now by the one given `delay` intervals ago."""
+    length, now = held.shape[0], int(memory[MEMORY.count, i])
+    held[now % length, i] = memory[MEMORY.action, i]
+    memory[MEMORY.action, i] = held[(now + length - int(memory[MEMORY.delay, i])) % length, i]
+
+
+@inner
+def _push(memory, impulse, p, i):
+    """Push row i's hub along the ground; in double stance it tips over one of the feet."""
+    phi, shift = memory[MEMORY.phi, i], 0
+    theta, dphi, dtheta = memory[MEMORY.theta, i], memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i]
+    if memory[MEMORY.mode, i] == DOUBLE and impulse < 0.0:
+        phi, shift = p.b, -1
+    before = kinetic_energy(phi, theta, dphi, dtheta, p)
+    dphi, dtheta = push(phi, theta, dphi, dtheta, impulse, 0.0, p)
+    memory[MEMORY.mode, i], memory[MEMORY.phi, i] = SINGLE, phi
+    memory[MEMORY.foot, i] += shift
+    memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i] = dphi, dtheta
+    memory[MEMORY.push_work, i] = kinetic_energy(phi, theta, dphi, dtheta, p) - before
+    memory[MEMORY.push_shift, i] = shift
+
+
+@cached(nogil=True)
+def disturb_rows(memory, constants, streams, held, settings, first, last):
+    """Before the interval: delay the actions, and push.
+
+    `held` (longest delay + 1, N) keeps actions until they take effect.
+    """
+    for i in range(first, last):
+        _delay_action(memory, held, i)
+        memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
+        if settings.push_chance > 0.0 and next_uniform(streams, i) < settings.push_chance:
+            impulse = between(settings.least_impulse, settings.greatest_impulse, streams, i)
+            if next_uniform(streams, i) < 0.5:
+                impulse = -impulse
+            if impulse != 0.0:
+                _push(memory, impulse, params_at(constants, i), i)
+
+
+@cached(nogil=True)
+def observe_noisily(observations, width, memory, streams, noise, first, last):
+    """After the interval: observe again with the sensors' errors, still within bounds."""
+    for i in range(first, last):
+        observe_row(memory, errors(noise, streams, i), observations, np.uint64(width), np.uint64(i))

@@ -2,46 +2,72 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
 import numpy as np
-from numpy import ndarray
 from numpy.typing import NDArray
 
 from rimless_gym.checks import integer, real_array
-from rimless_gym.envs import options as reset_options
+from rimless_gym.energy import CHANNELS
 from rimless_gym.envs.arguments import (
+    Control,
+    as_params_list,
     as_task,
-    fleet_of,
-    machines_of,
+    plain_spec,
+    read_options,
     require_render_mode,
 )
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.batch import Batch, require_snapshot, restore
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.generators import restore
-from rimless_gym.envs.info import begun, entries
-from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, Mark, marks
-from rimless_gym.envs.lazy_info import LazyInfo, serves_all
-from rimless_gym.envs.orders import NO_LIMIT
-from rimless_gym.envs.page import completed
-from rimless_gym.envs.plain import plain_spec
-from rimless_gym.envs.snapshots import require_snapshot
-from rimless_gym.envs.start_shares import Starts
-from rimless_gym.envs.task import USUAL_TASK, Task
+from rimless_gym.envs.interval import NO_LIMIT
+from rimless_gym.envs.layout import (
+    FLAG,
+    MEMORY,
+    NO_INFO,
+    RESULT,
+    Flags,
+    flags_of,
+    measurements_of,
+    step_result,
+)
+from rimless_gym.envs.starts import Starts
+from rimless_gym.envs.task import TERM_NAMES, TERMS, USUAL_TASK, Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
 from rimless_gym.symbolic import HybridModel
 
+T = TypeVar("T", bound=type[Any])
+
 _ROW = np.zeros(1, dtype=np.int64)
-_REWARD = BLOCK.reward
-_BOUND = ("_advance", "_action", "_values")
-_PARTS = ("fleet", "generators")  # of a snapshot
-_NO_FAILURE = {"failure": 0}
+_BOUND = ("_advance", "_action", "_results")  # to the batch's arrays
+_PARTS = ("batch", "generators")  # of a snapshot
+
+
+def completed(environment: T) -> T:
+    """Put the terms of the reward and the energy balance into the class's docstring."""
+    into, out_of = ([c.name for c in CHANNELS if c.sign == sign] for sign in (1, -1))
+    terms = [
+        f"- `{name}`: {' '.join((inspect.getdoc(term) or '').split())}"
+        for name, term in zip(TERM_NAMES, TERMS, strict=True)
+    ]
+    usual = Control(environment.default_period)
+    page = inspect.cleandoc(environment.__doc__ or "")  # Python 3.13 does so itself
+    for name, text in {
+        "task": repr(environment.default_task),
+        "steps": str(usual.episode_steps),
+        "period": f"{usual.period:g}",
+        "balance": f"{' + '.join(into)} = {' + '.join(out_of)}",
+        "terms": "\n".join(terms),
+    }.items():
+        page = page.replace(f"{{{name}}}", text)
+    environment.__doc__ = page
+    return environment
 
 
 @completed
@@ -74,9 +100,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 5 | 1 while resting on two feet, else 0 | 1 |
 
     ## Rewards
-    In metres: `r = distance_weight * dx - E+ / ((m1+m2) g)`, less charges for slipping and for an
-    early end. A `target_speed` limits the travel dx that is paid. The prices are fields of `task`.
-    The terms are in `info`; summed in this order they give the reward exactly.
+    In metres: `r = distance_weight * dx - E+ / ((m1+m2) g)`, less penalties for slipping and for an
+    early end. A `target_speed` limits the travel dx that is rewarded. The weights are fields of
+    `task`. The terms are in `info`; added from left to right in this order they give the reward to
+    the last bit (Python's `sum` does not add so: since 3.12 it compensates rounding):
 
     {terms}
 
@@ -84,13 +111,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     The foot does not slip in the model: it holds, whatever friction that takes. So that no policy
     gains by what the ground would not bear, every interval in which the demand exceeds
-    `params.friction` is charged. It does not end the episode, because most starts need more
+    `params.friction` has a penalty. It does not end the episode, because most starts need more
     friction for a moment before they walk. A policy's evaluation is stricter: a walk that slips
     in its measured window does not count (`rimless_gym.rules`).
 
     Mean returns of 100 default episodes: random voltages -13, resting -0.3, an LQR 4.2, and
     the front's best gait 5.8 if it were walked for all 20 s. The registered
-    `reward_threshold` is 3.9, two thirds of the last. docs/environment.md has everybody.
+    `reward_threshold` is 3.9, two thirds of the last. docs/environment.md has the table.
 
     ## Starting State
     There are three kinds of start, each drawn uniformly from its ranges, and kept if the feet press
@@ -142,8 +169,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `disturbances`: a `rimless_gym.Disturbances` of `pushes=Pushes(rate, impulse)`,
       `sensor_noise=SensorNoise(leg_angle, pendulum_angle, leg_rate, pendulum_rate)` and
       `actuator_delay`, in steps or a range of them; or dictionaries of their fields.
-    - `starts`: a `rimless_gym.Starts(rest, moving, whirling)`, shares that count by their size to
-      each other, or a dictionary of its fields.
+    - `starts`: a `rimless_gym.Starts(rest, moving, whirling)`, shares of which only the ratios
+      count, or a dictionary of its fields.
     - `control_period`: the length of a step (s), a whole multiple of 10 ms up to 100 ms. The
       voltage is held for all of it, so that two steps of 10 ms at one voltage are one of 20 ms.
       Rewards and `info` are of a step, whatever its length.
@@ -155,29 +182,32 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     `gym.make(EnvSpec.from_json(env.spec.to_json()))` makes the same environment again.
 
     ## Info
-    For the step:
+    For the step, each of the same type in every step:
+
+    - `distance`: the hub's travel (m);
+    - `electrical_positive` and `idle`: the energy drawn, without regeneration (J);
+    - the terms of the reward;
+    - `mode`: 0 on one foot, 1 on two;
+    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
+      exceeded.
+
+    `reset` gives the same entries, all 0 except the mode. `env.unwrapped.measurements` is a
+    dictionary of these and of all else that was measured in the last step:
 
     - the terms of the energy ledger (J), which balance:
       `{balance}`;
       and outside the balance `electrical_positive`, `shaft` and `idle`.
       `rimless_gym.energy.CHANNELS` describes each;
-    - `elapsed`: the step's duration (s), `distance`: the hub's travel (m), and `paid`: the travel
-      that is paid (m), which differs only where the task has a `target_speed`;
-    - `steps` and `touchdowns`: net forward and total touchdowns; `touchdown_time`: the time of the
-      last one since the step began (s), or -1;
+    - `rewarded_travel`: the travel that is rewarded (m), which differs from `distance` only where
+      the task has a `target_speed`;
+    - `elapsed`: the step's duration (s); `steps` and `touchdowns`: net forward and total
+      touchdowns; `touchdown_time`: the time of the last one since the step began (s), or -1;
+    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers,
+      by more than a thousandth (in the model the foot holds all the same);
     - `force_x` and `force_y`: the ground reaction at the step's end (N); `min_normal_force`,
       `friction_demand` and `impulse_friction_demand`: the extremes. A wheel that touches down on a
       second foot and lifts the first at once never stood on both; such forces do not count;
-    - `clearance`: the least height of the pendulum's end above the ground (m);
-    - `mode`: 0 on one foot, 1 on two;
-    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
-      exceeded;
-    - `slips`: whether a force or an impulse needed more friction than `params.friction` offers,
-      by more than a thousandth (in the model the foot holds all the same);
-    - the terms of the reward.
-
-    Each entry has the same type in every step. `reset` gives the same entries, all 0 except the
-    mode. The dictionary that `step` returns makes its entries when they are first read.
+    - `clearance`: the least height of the pendulum's end above the ground (m).
 
     ## Snapshots
     `get_state` and `set_state` save and restore everything, including the random generator, so that
@@ -212,26 +242,18 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         starts: Starts | Mapping[str, float] | None = None,
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
-        self.control = Control(control_period, actions, self._speeds)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.control.period)}
+        control = self.control = Control(control_period, actions, self._speeds)
+        self.metadata = {**self.metadata, "render_fps": round(1 / control.period)}
         self.render_mode = render_mode
-        self.action_space = self.control.action_space()
-        self.observation_space = self.control.observation_space()
-        machines = machines_of(as_params(params), 1)
-        longer = self.control.period > Control(self.default_period).period
-        self.max_episode_steps = self.control.episode_steps if longer else None
+        self.action_space = control.action_space()
+        self.observation_space = control.observation_space()
+        longer = control.period > Control(self.default_period).period
+        self.max_episode_steps = control.episode_steps if longer else None
         limit = self.max_episode_steps or NO_LIMIT
-        self._fleet = fleet_of(
-            machines,
-            as_task(task, self.default_task),
-            ranges,
-            disturbances,
-            self.control,
-            starts,
-            limit=limit,
-        )
-        self._block = np.zeros((len(BLOCK), 1))
-        self._observation = np.zeros(self.control.width, dtype=np.float32)
+        machines, task = as_params_list(as_params(params), 1), as_task(task, self.default_task)
+        self._batch = Batch(machines, task, ranges, disturbances, control, starts, limit=limit)
+        self._buffer = np.zeros((len(RESULT), 1))
+        self._observation = np.zeros(control.width, dtype=np.float32)
         self._ended = True
         self._watched = render_mode == "human"
         self._window: Any = None
@@ -242,15 +264,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def params(self) -> WheelParams:
         """The machine, as drawn if there are ranges."""
-        return self._fleet.machine(0)
+        return self._batch.params_of(0)
 
     @property
     def task(self) -> Task:
-        """What is paid for."""
-        return self._fleet.tasks[0]
+        """The weights of the reward."""
+        return self._batch.tasks[0]
 
     def set_task(self, task: Task | Mapping[str, float]) -> None:
-        """Pay by other prices from the next step on, while the episode goes on.
+        """Change the reward from the next step on, while the episode goes on.
 
         Args:
             task: as in the constructor; what a mapping leaves out stays as it is.
@@ -259,7 +281,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             TypeError: it is neither a task nor a mapping.
             ValueError: a field is unknown or out of range.
         """
-        self._fleet.set_tasks([as_task(task, self.task)], np.arange(1))
+        self._batch.set_tasks([as_task(task, self.task)], np.arange(1))
 
     @cached_property
     def model(self) -> HybridModel:
@@ -269,9 +291,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def state(self) -> NDArray[np.float64]:
         """A copy of the hybrid state: phi, theta, phi', theta', mode, foot."""
-        if not self._fleet.begun:
-            raise RuntimeError("no episode has begun: call reset() first")
-        return self._fleet.states[0]
+        self._batch.require_begun()
+        return self._batch.states[0]
+
+    @property
+    def measurements(self) -> dict[str, Any]:
+        """All that was measured in the last step; see "Info". After a reset, 0 except the mode."""
+        measured = measurements_of(self._results.tobytes())
+        return measured | {"mode": int(self._batch.memory[MEMORY.mode, 0])}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -285,23 +312,23 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError: an option is unknown or a value out of range.
             RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
-        fleet = self._fleet
+        batch = self._batch
         seed = None if seed is None else integer("seed", seed, 0)
-        chosen = reset_options.read(options, fleet, _ROW)
+        chosen = read_options(options, batch, _ROW)
         super().reset(seed=seed)
-        chosen.apply(fleet)
+        batch.apply(chosen)
         self._bind()
-        if chosen.params is not None or fleet.ranges.bounds:
+        if chosen.params is not None or batch.ranges.bounds:
             self.__dict__.pop("model", None)
         observation = np.empty(self.control.width, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
-        fleet.begin(_ROW, key, chosen.kind, chosen.given, observation, chosen.speeds)
+        batch.begin(_ROW, key, chosen.kind, chosen.given, observation, chosen.speeds)
         self._ended = False
-        self._watched = self.render_mode == "human" or not serves_all()
-        if self.render_mode == "human":
+        self._buffer[:] = 0.0
+        if self._watched:
             self.render()
-        return observation, begun(int(fleet.memory[MEMORY.mode, 0]))
+        return observation, NO_INFO | {"mode": int(batch.memory[MEMORY.mode, 0])}
 
     def step(
         self, action: NDArray[np.float32]
@@ -315,55 +342,44 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._ended:
             raise RuntimeError("no episode is running: call reset() first")
-        usual = action.__class__ is ndarray and action.shape == (1,)
-        number = action.item() if usual else None
+        try:  # the usual array (1,) of floats, at least cost
+            (number,) = action.tolist()
+        except (AttributeError, TypeError, ValueError):
+            number = None
         if number.__class__ is not float or number != number:
             number = _as_number(action)
-        info = LazyInfo(_NO_FAILURE)
         self._action[0] = number
-        truncated = bool(self._advance()) and self._end(info)
-        info.source = entries, self._values.tobytes()
+        truncated = self._end() if self._advance() else False
         if self._watched:
-            info = self._show(info)
-        return self._observation.copy(), self._values[_REWARD], self._ended, truncated, info
-
-    def _show(self, info: LazyInfo) -> Any:
-        """Draw the step if there is a window; return info in a form that every reader accepts."""
-        if self.render_mode == "human":
             self.render()
-        return info if serves_all() else info.copy()
+        return step_result(self._results, self._observation.copy(), self._ended, truncated)
 
-    def _end(self, info: LazyInfo) -> bool:
+    def _end(self) -> bool:
         """End the episode if the motion failed; returns whether the time is up.
 
         Raises:
             RuntimeError: the motion left the model's range.
         """
-        mark = Mark(*marks(self._block)[: len(MARK), 0].tolist())
-        if mark.failure:
-            self._ended = True
-            if not mark.terminated:
-                raise self._fleet.range_left(0, mark.failure)
-            info["failure"] = mark.failure
-        return bool(mark.truncated)
+        flags = Flags(*flags_of(self._buffer)[: len(FLAG), 0].tolist())
+        self._ended = bool(flags.failure)
+        if flags.failure and not flags.terminated:
+            raise self._batch.diverged(0, flags.failure)
+        return bool(flags.truncated)
 
     def _bind(self) -> None:
-        """Look up what `step` needs from the fleet; call this after every change of the fleet."""
-        self._advance = self._fleet.stepper(self._block, self._observation)
-        self._action: Any = memoryview(self._fleet.memory[MEMORY.action].data)
-        self._values: Any = memoryview(self._block[:, 0].data)
+        """Look up what `step` needs from the batch; call this after every change of the batch."""
+        self._advance = self._batch.stepper(self._buffer, self._observation)
+        self._action: Any = memoryview(self._batch.memory[MEMORY.action].data)
+        self._results: Any = memoryview(self._buffer[:, 0].data)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The current frame (H, W, 3) in mode "rgb_array"; drawn to a window in mode "human"."""
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make()")
             return None
-        from rimless_gym.envs.views import frame_of
         from rimless_gym.rendering.display import Window  # pygame only when it is needed
 
-        if not self._fleet.begun:
-            raise RuntimeError("no episode has begun: call reset() first")
-        frame = frame_of(self._fleet, 0)
+        frame = self._batch.frame(0)
         if self.render_mode == "rgb_array":
             return frame
         if self._window is None:
@@ -389,9 +405,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         It can be pickled, and restored in another environment with the same control period and
         kind of action. A `TimeLimit` wrapper keeps its own count of steps.
         """
-        self._fleet.ended[0] = self._ended
+        self._batch.ended[0] = self._ended
         generator = self.np_random.bit_generator.state
-        return {"fleet": self._fleet.get_state(), "generators": [generator]}
+        return {"batch": self._batch.get_state(), "generators": [generator]}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to a snapshot from `get_state`, even one from before the first episode.
@@ -399,14 +415,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         The snapshot is checked before anything changes.
 
         Raises:
-            TypeError: it is not a snapshot.
-            ValueError: it is from a vector environment, or has another control period or kind of
-                action.
+            ValueError: it is not a snapshot of a single environment with this control period and
+                kind of action.
         """
         require_snapshot(state, _PARTS, 1, self.control, "RimlessWheelEnv")
         restore([self.np_random], state["generators"])
-        self._fleet.set_state(state["fleet"])
-        self._ended = bool(self._fleet.ended[0])
+        self._batch.set_state(state["batch"])
+        self._ended = bool(self._batch.ended[0])
+        self._buffer[:] = 0.0
         self._bind()
         self.__dict__.pop("model", None)
 

@@ -1,7 +1,8 @@
-"""One control interval of many rows: the stepping kernel between actions and rewards.
+"""One control interval of many rows: the compiled function between actions and rewards.
 
-A row's results are the same however many rows there are and however they are divided among calls:
-the single environment is one row.
+It is called with a single number, the address of its arguments: unpacking arrays in a call from
+Python would take as long as stepping a row. A row's results are the same however many rows there
+are and however they are divided among calls: the single environment is one row.
 """
 
 from __future__ import annotations
@@ -11,30 +12,121 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import carray, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from rimless_gym.envs.layout import (
-    BLOCK,
-    MARK,
+    FLAG,
     MEMORY,
+    NO_ERRORS,
+    RESULT,
     ends_episode,
+    flags_of,
     interval_of,
-    machine_of,
-    marks,
-    prices_of,
+    observe_row,
+    params_at,
+    task_params_of,
+    weights_of,
 )
-from rimless_gym.envs.observation import NO_ERRORS, observe_row
-from rimless_gym.envs.perturbation import machine_at
-from rimless_gym.envs.task import TERM_NAMES, TERMS, settled
-from rimless_gym.hybrid import motor_current, motor_voltage, relative_rate
-from rimless_gym.jit import cached, inner
-from rimless_gym.kernel.stepping import advance_batch
+from rimless_gym.envs.task import TERM_NAMES, TERMS, rewarded
+from rimless_gym.equations import places, record
+from rimless_gym.hybrid import CONTROL_PERIOD, motor_current, motor_voltage, relative_rate
+from rimless_gym.jit import ENVIRONMENT, cached, inner
+from rimless_gym.kernel.stepping import SCRATCH_SIZE, advance_batch
+from rimless_gym.params import N_CONSTANTS
 from rimless_gym.rules import exceeds
 
-_marks, _settled = inner(marks), inner(settled)
+#: Addresses of arrays; number of columns of memory and results; number of machines, 1 or one per
+#: row; greatest number of intervals; length of an interval in units of 10 ms, whether an action is
+#: a current, and the width of an observation; and the rows to step, the first and one after the
+#: last.
+Arguments = record(
+    "Arguments",
+    [
+        *("results", "observations", "memory", "constants", "poles", "work"),
+        *("columns", "machines", "limit", "ticks", "by_current", "width", "begin", "end"),
+    ],
+    __name__,
+)
+ARGUMENT = places(Arguments)
+
+#: A limit of intervals that no episode reaches.
+NO_LIMIT = 2**62
 
 
-class Course(NamedTuple):
-    """What all intervals of a fleet have in common.
+def step_arguments(
+    arrays: tuple[NDArray[np.float64], ...],
+    limit: int,
+    ticks: int,
+    by_current: bool,
+    width: int,
+    rows: tuple[int, int],
+) -> NDArray[np.int64]:
+    """Arguments of `step_rows`, in which the addresses of results and observations are still 0.
+
+    They are valid as long as these arrays live.
+
+    Args:
+        arrays: memory (len(MEMORY), columns), constants (N_CONSTANTS, 1 or N) and poles (1 or N,)
+            as in `advance_batch`, and the work space `rimless_gym.kernel.stepping.scratch()`, one
+            per thread.
+        limit: greatest number of intervals in an episode, or `NO_LIMIT`.
+        ticks: length of an interval in units of 10 ms.
+        by_current: whether an action is the motor's current.
+        width: size of an observation.
+        rows: the first, and one after the last.
+    """
+    addresses = [array.ctypes.data for array in arrays]
+    sizes = arrays[0].shape[1], arrays[1].shape[1]
+    numbers = 0, 0, *addresses, *sizes, limit, ticks, by_current, width, *rows
+    return np.array(Arguments(*numbers), dtype=np.int64)
+
+
+@intrinsic
+def _pointer(typing_context, address):
+    """An address as a pointer."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), codegen
+
+
+@cached(ENVIRONMENT, nogil=True)
+def step_rows(address):
+    """Hold the actions in a memory for one interval, with the `Arguments` at that address.
+
+    It advances the memory, and overwrites results and observations (float32). It returns how many
+    rows failed in any way or reached the limit. The same compiled function steps one row or many:
+    two functions, compiled separately, would differ in the last bit.
+    """
+    a = carray(_pointer(address), len(ARGUMENT), np.int64)
+    wide, machines, end = a[ARGUMENT.columns], a[ARGUMENT.machines], a[ARGUMENT.end]
+    results = carray(_pointer(a[ARGUMENT.results]), (len(RESULT), wide), np.float64)
+    memory = carray(_pointer(a[ARGUMENT.memory]), (len(MEMORY), wide), np.float64)
+    constants = carray(_pointer(a[ARGUMENT.constants]), (N_CONSTANTS, machines), np.float64)
+    poles = carray(_pointer(a[ARGUMENT.poles]), machines, np.float64)
+    work = carray(_pointer(a[ARGUMENT.work]), SCRATCH_SIZE, np.float64)
+    width, period = a[ARGUMENT.width], a[ARGUMENT.ticks] * CONTROL_PERIOD
+    common = Common(float(a[ARGUMENT.limit]), period, a[ARGUMENT.by_current] != 0, width)
+    observations = carray(_pointer(a[ARGUMENT.observations]), width * end, np.float32)
+    begin = a[ARGUMENT.begin]
+    return step(memory, constants, poles, common, begin, end, results, observations, work)
+
+
+@functools.cache
+def compiled_step() -> Callable[[int], int]:
+    """`step_rows`, called without numba's choice by types, which takes 3 % of a step's time."""
+    step_rows.compile("int64(int64)")
+    (compiled,) = step_rows.overloads.values()
+    entry: Callable[[int], int] = compiled.entry_point
+    return entry
+
+
+class Common(NamedTuple):
+    """What all intervals of a batch have in common.
 
     Attributes:
         limit: greatest number of intervals in an episode.
@@ -50,6 +142,28 @@ class Course(NamedTuple):
 
 
 @inner
+def step(memory, constants, poles, common, begin, end, results, observations, work):
+    """Hold the actions in `memory` for one interval, in rows `begin` to `end`; see `step_rows`."""
+    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+    if common.by_current:
+        _drive(memory, constants, first, last)
+    else:
+        _hold(memory, first, last)
+    advance_batch(
+        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
+        *(common.period, 0.0, results, work),
+    )
+    _accumulate(results, memory, first, last)
+    _use_allowance(results, memory, first, last)
+    _reward(results, memory, first, last)
+    unusual = _set_flags(results, memory, common.limit, first, last)
+    width = np.uint64(common.width)
+    for i in range(first, last):
+        observe_row(memory, NO_ERRORS, observations, width, i)
+    return unusual
+
+
+@inner
 def _hold(memory, first, last):
     """Set the voltages from the actions."""
     for i in range(first, last):
@@ -61,7 +175,7 @@ def _hold(memory, first, last):
 def _drive(memory, constants, first, last):
     """Set the voltages to what drives the actions' currents now, as far as the limit allows."""
     for i in range(first, last):
-        p, limit = machine_at(constants, i), memory[MEMORY.voltage_limit, i]
+        p, limit = params_at(constants, i), memory[MEMORY.voltage_limit, i]
         share = min(max(memory[MEMORY.action, i], -1.0), 1.0)
         current = share * motor_current(0.0, limit, p)
         dpsi = relative_rate(memory[MEMORY.dphi, i], memory[MEMORY.dtheta, i], p)
@@ -70,101 +184,80 @@ def _drive(memory, constants, first, last):
 
 
 @inner
-def _account(block, memory, first, last):
-    """Add what the environment books: idle energy, and the work and steps of pushes."""
+def _accumulate(results, memory, first, last):
+    """Add what the kernel does not know: idle energy, and the work and steps of pushes."""
     for i in range(first, last):
-        block[BLOCK.idle, i] = memory[MEMORY.idle_power, i] * block[BLOCK.elapsed, i]
-        block[BLOCK.push, i] = memory[MEMORY.push_work, i]
-        block[BLOCK.mechanical_change, i] += memory[MEMORY.push_work, i]
-        block[BLOCK.steps, i] += memory[MEMORY.push_shift, i]
-        block[BLOCK.reward, i] = 0.0
+        results[RESULT.idle, i] = memory[MEMORY.idle_power, i] * results[RESULT.elapsed, i]
+        results[RESULT.push, i] = memory[MEMORY.push_work, i]
+        results[RESULT.mechanical_change, i] += memory[MEMORY.push_work, i]
+        results[RESULT.steps, i] += memory[MEMORY.push_shift, i]
+        results[RESULT.reward, i] = 0.0
+
+
+_rewarded = inner(rewarded)
 
 
 @inner
-def _settle(block, memory, first, last):
-    """Pay for travel as far as the credit goes, and let the credit grow."""
+def _use_allowance(results, memory, first, last):
+    """Reward travel as far as the allowance goes, and let the allowance grow."""
     for i in range(first, last):
-        block[BLOCK.paid, i], memory[MEMORY.credit, i] = _settled(
-            *(block[BLOCK.distance, i], block[BLOCK.elapsed, i], memory[MEMORY.credit, i]),
-            *(memory[MEMORY.credit_limit, i], memory[MEMORY.target_speed, i]),
+        results[RESULT.rewarded_travel, i], memory[MEMORY.allowance, i] = _rewarded(
+            *(results[RESULT.distance, i], results[RESULT.elapsed, i]),
+            *(memory[MEMORY.allowance, i], memory[MEMORY.allowance_limit, i]),
+            memory[MEMORY.target_speed, i],
         )
 
 
-def _paying(name: str, term: Callable[..., Any]) -> Callable[..., None]:
-    """Compiled: pay a term of the reward in all rows."""
-    place, term = getattr(BLOCK, name), inner(term)
+def _adding(name: str, term: Callable[..., Any]) -> Callable[..., None]:
+    """Compiled: add a term to the reward in all rows."""
+    place, term = getattr(RESULT, name), inner(term)
 
-    def pay(block, memory, first, last):
+    def add(results, memory, first, last):
         for i in range(first, last):
-            machine, prices = machine_of(memory, i), prices_of(memory, i)
-            block[place, i] = term(interval_of(block, i), machine, prices)
-            block[BLOCK.reward, i] += block[place, i]
+            params, weights = task_params_of(memory, i), weights_of(memory, i)
+            results[place, i] = term(interval_of(results, i), params, weights)
+            results[RESULT.reward, i] += results[place, i]
 
-    pay.__qualname__ = f"pay_{name}"  # machine code finds functions by name
-    return inner(pay)
+    add.__qualname__ = f"add_{name}"  # machine code finds functions by name
+    return inner(add)
 
 
 def _in_turn(first_part: Callable[..., None], second_part: Callable[..., None]) -> Any:
-    """Compiled: pay the first part, then the second."""
+    """Compiled: add the first part, then the second."""
 
-    def pay(block, memory, first, last):
-        first_part(block, memory, first, last)
-        second_part(block, memory, first, last)
+    def add(results, memory, first, last):
+        first_part(results, memory, first, last)
+        second_part(results, memory, first, last)
 
-    pay.__qualname__ = f"pay_{first_part.__qualname__}_{second_part.__qualname__}"
-    return inner(pay)
+    add.__qualname__ = f"add_{first_part.__qualname__}_{second_part.__qualname__}"
+    return inner(add)
 
 
-_pay = functools.reduce(_in_turn, [_paying(*one) for one in zip(TERM_NAMES, TERMS, strict=True)])
+_reward = functools.reduce(_in_turn, [_adding(*one) for one in zip(TERM_NAMES, TERMS, strict=True)])
+
+_flags_of = inner(flags_of)
 
 
 @inner
-def _mark(block, memory, limit, first, last):
-    """Write the marks; returns how many rows failed in any way or reached the limit."""
-    bits, unusual = _marks(block), 0
+def _set_flags(results, memory, limit, first, last):
+    """Write the flags; returns how many rows failed in any way or reached the limit."""
+    bits, unusual = _flags_of(results), 0
     for i in range(first, last):
-        memory[MEMORY.time, i] += block[BLOCK.elapsed, i]
+        memory[MEMORY.time, i] += results[RESULT.elapsed, i]
     for i in range(first, last):
         memory[MEMORY.count, i] += 1.0
-        bits[MARK.truncated, i] = memory[MEMORY.count, i] >= limit
+        bits[FLAG.truncated, i] = memory[MEMORY.count, i] >= limit
     for i in range(first, last):
-        failure = block[BLOCK.failure, i]
-        bits[MARK.failure, i] = int(failure)
-        bits[MARK.terminated, i] = ends_episode(failure)
+        failure = results[RESULT.failure, i]
+        bits[FLAG.failure, i] = int(failure)
+        bits[FLAG.terminated, i] = ends_episode(failure)
     for i in range(first, last):
-        demand = max(block[BLOCK.friction_demand, i], block[BLOCK.impulse_friction_demand, i])
-        bits[MARK.slips, i] = exceeds(demand, memory[MEMORY.friction, i])
+        demand = max(results[RESULT.friction_demand, i], results[RESULT.impulse_friction_demand, i])
+        bits[FLAG.slips, i] = exceeds(demand, memory[MEMORY.friction, i])
     for i in range(first, last):
-        bits[MARK.mode, i] = int(memory[MEMORY.mode, i])
+        bits[FLAG.mode, i] = int(memory[MEMORY.mode, i])
     for i in range(first, last):
-        unusual += (bits[MARK.failure, i] | bits[MARK.truncated, i]) != 0
-    return unusual
-
-
-@inner
-def step(memory, constants, poles, course, begin, end, block, observations, work):
-    """Hold the actions in `memory` for one interval, in rows `begin` to `end`.
-
-    It advances `memory` (len(MEMORY), columns), and overwrites `block` (len(BLOCK), columns) and
-    the flat `observations` (float32). It returns how many rows failed in any way or reached the
-    limit of the `course`.
-    """
-    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-    if course.by_current:
-        _drive(memory, constants, first, last)
-    else:
-        _hold(memory, first, last)
-    advance_batch(
-        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
-        *(course.period, 0.0, block, work),
-    )
-    _account(block, memory, first, last)
-    _settle(block, memory, first, last)
-    _pay(block, memory, first, last)
-    unusual = _mark(block, memory, course.limit, first, last)
-    width = np.uint64(course.width)
-    for i in range(first, last):
-        observe_row(memory, NO_ERRORS, observations, width, i)
+        unusual += (bits[FLAG.failure, i] | bits[FLAG.truncated, i]) != 0
     return unusual
 
 

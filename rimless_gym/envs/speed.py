@@ -1,4 +1,4 @@
-"""Walking at a commanded speed as cheaply as possible: the wheel's environments with a command."""
+"""Walking at a commanded speed on little energy: the environments with a command."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.envs.control import as_speeds
-from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.fleet import Fleet
+from rimless_gym.envs.arguments import as_speeds, masked_rows
+from rimless_gym.envs.batch import Batch
+from rimless_gym.envs.env import RimlessWheelEnv, completed
 from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.options import masked
-from rimless_gym.envs.page import completed
 from rimless_gym.envs.task import Task
 from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
 from rimless_gym.presets import BUILDABLE, Machine
@@ -24,8 +22,9 @@ SPEEDS = (0.3, 0.62)
 #: Length of a step (s); noise that changes faster moves the pendulum too little to learn from.
 PERIOD = 0.04
 
-#: Distance is worth more than what a first clumsy walk costs, about 1: at a lower price, standing
-#: still is the optimum of every policy that has not learned yet. Falls are cheap, so that it dares.
+#: The weight of distance is more than what a first clumsy walk costs, about 1: with a lower one,
+#: standing still is the optimum of every policy that has not learned yet. The penalty for a fall is
+#: low, so that policies explore.
 TASK = Task(distance_weight=5.0, fall_penalty=0.5, slip_penalty=1.0)
 
 
@@ -34,9 +33,9 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     """An actuated rimless wheel that should walk at a commanded speed on little energy.
 
     ## Description
-    The machine and the ground are those of `RimlessWheelEnv`, whose page says more about all that
-    is only named here. What differs: a speed is commanded and observed, distance is paid up to that
-    speed, and a step takes 40 ms. `gym.make("RimlessWheelSpeed-v0")` makes it.
+    `gym.make("RimlessWheelSpeed-v0")` makes the machine and the ground of `RimlessWheelEnv`, whose
+    page describes all that is the same. What differs: a speed is commanded and observed, distance
+    is rewarded up to that speed, and a step takes 40 ms.
 
     ## Action Space
     `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 40 ms.
@@ -47,28 +46,28 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     | # | quantity | bound |
     |---|---|---|
     | 6 | (commanded speed - 0.45 m/s) / (0.2 m/s) | 7.75 |
-    | 7 | credit: the travel that may still be paid, in step lengths | 1 |
+    | 7 | allowance: the travel that may still be rewarded, in step lengths | 1 |
 
     Sensor noise does not change these two.
 
     ## Rewards
-    In metres: `r = distance_weight * paid - E+ / ((m1+m2) g)`, less charges for slipping and for
-    an early end.
+    In metres: `r = distance_weight * rewarded_travel - E+ / ((m1+m2) g)`, less penalties for
+    slipping and for an early end.
 
     {terms}
 
-    `paid` is the hub's travel, but never more than the credit. The credit is one step length when
-    an episode begins. Travel uses it up, and it grows at the commanded speed, up to one step
-    length again. So going faster than commanded earns nothing more, while a walk may vary
-    its speed within a step. Distance is worth more than it costs: the optimum is the cheapest walk
-    at the commanded speed.
+    `rewarded_travel` is the hub's travel, but never more than the allowance. The allowance is one
+    step length when an episode begins. Travel uses it up, and it grows at the commanded speed, up
+    to one step length again. So going faster than commanded is not rewarded, while a walk may vary
+    its speed within a step. Distance weighs more than it costs: the optimum is the most efficient
+    walk at the commanded speed.
 
-    The default prices are `{task}`.
-    They have been chosen for learning, not for a battery: at the price of `RimlessWheel-v0`, 0.5,
-    standing still is the optimum of every policy that has not learned yet.
+    The default weights are `{task}`.
+    They have been chosen for learning, not for a battery: with the weight of `RimlessWheel-v0`,
+    0.5, standing still is the optimum of every policy that has not learned yet.
 
-    The registered `reward_threshold` is 32, two thirds of what the front, 48 m, would
-    earn on average if it were walked at the commanded speed for all 20 s.
+    The registered `reward_threshold` is 32, two thirds of what the front would return on average
+    if it were walked at the commanded speed for all 20 s, 48 m.
 
     ## Starting State
     As in `RimlessWheelEnv`. The command is drawn uniformly from `speeds`. `reset(options=...)` also
@@ -94,7 +93,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     once, and the next observation has it. `env.unwrapped.command` is the present one (m/s).
 
     ## Info
-    That of `RimlessWheelEnv`; `paid` is the travel that is paid (m).
+    That of `RimlessWheelEnv`.
 
     ## Vectorized environment
     `gym.make_vec("RimlessWheelSpeed-v0", num_envs=N)` makes a
@@ -123,7 +122,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     @property
     def command(self) -> float:
         """The commanded speed (m/s); 0 before the first episode."""
-        return float(_commands(self._fleet)[0])
+        return float(self._batch.commands[0])
 
     def set_command(self, speed: float) -> None:
         """Command another speed (m/s) for the rest of the episode.
@@ -133,7 +132,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
             ValueError: it is not greater than 0, or more than 2.
             RuntimeError: no episode has begun.
         """
-        _command(self._fleet, speed, np.arange(1))
+        _command(self._batch, speed, np.arange(1))
 
 
 @completed
@@ -168,7 +167,7 @@ class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
     @property
     def commands(self) -> NDArray[np.float64]:
         """The commanded speed of each row (m/s), (num_envs,); 0 before the first episode."""
-        return _commands(self._fleet)
+        return self._batch.commands
 
     def set_command(self, speed: Any, mask: NDArray[np.bool_] | None = None) -> None:
         """Command another speed for the rest of the episodes, in all rows or those of a mask.
@@ -182,7 +181,7 @@ class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
             ValueError: a speed is not greater than 0, or more than 2, or a shape is wrong.
             RuntimeError: no episode has begun.
         """
-        _command(self._fleet, speed, masked(mask, self.num_envs, "mask"))
+        _command(self._batch, speed, masked_rows(mask, self.num_envs, "mask"))
 
 
 def _range(speeds: Any) -> tuple[float, float]:
@@ -191,13 +190,7 @@ def _range(speeds: Any) -> tuple[float, float]:
     return speeds
 
 
-def _commands(fleet: Fleet) -> NDArray[np.float64]:
-    speeds = fleet.memory[MEMORY.target_speed, : len(fleet)]
-    return speeds.copy() if fleet.begun else np.zeros(len(fleet))
-
-
-def _command(fleet: Fleet, speed: Any, rows: NDArray[np.int64]) -> None:
+def _command(batch: Batch, speed: Any, rows: NDArray[np.int64]) -> None:
     speeds = as_speeds("speed", speed, len(rows))
-    if not fleet.begun:
-        raise RuntimeError("no episode has begun: call reset() first")
-    fleet.memory[MEMORY.target_speed, rows] = speeds
+    batch.require_begun()
+    batch.memory[MEMORY.target_speed, rows] = speeds

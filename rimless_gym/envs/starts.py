@@ -1,10 +1,11 @@
-"""Where episodes start: random states in which the feet press, or given states.
+"""How episodes begin: states in which the feet press, and machines drawn from ranges.
 
-All of an episode's randomness comes from one key per row; see `rimless_gym.envs.randomness`.
+All of an episode's randomness comes from one key per row; see `rimless_gym.envs.disturbances`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,15 +13,74 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from rimless_gym import hybrid
-from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.observation import COMMANDED_SIZE, NO_ERRORS, OBSERVATION_SIZE, observe_row
-from rimless_gym.envs.perturbation import errors, machine_at
-from rimless_gym.envs.randomness import between, next_uniform
-from rimless_gym.envs.start_shares import USUAL_STARTS, Starts
-from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.checks import not_negative
+from rimless_gym.envs.disturbances import between, errors, next_uniform
+from rimless_gym.envs.layout import (
+    COMMANDED_SIZE,
+    MEMORY,
+    NO_ERRORS,
+    OBSERVATION_SIZE,
+    TaskParams,
+    observe_row,
+    params_at,
+    reader,
+    set_task_params,
+)
+from rimless_gym.equations import DOUBLE, SINGLE, record
+from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.jit import cached, inner
-from rimless_gym.kernel.stepping import DPHI, DTHETA, MODE, PHI, STATE_SIZE, THETA
-from rimless_gym.params import N_CONSTANTS, Constants, WheelParams
+from rimless_gym.kernel.stepping import DPHI, DTHETA, MAX_POLE, MODE, PHI, STATE_SIZE, THETA
+from rimless_gym.params import (
+    CHOICES,
+    LEAST_REGULARITY,
+    N_CONSTANTS,
+    Constants,
+    WheelParams,
+    constants_of,
+    leg_angle_of,
+    reach_of,
+    rod_reach,
+    step_length_of,
+    weight_of,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Starts:
+    """Shares of the kinds of start that are drawn; what counts is their size to each other.
+
+    Attributes:
+        rest: at rest on two feet, the pendulum near hanging.
+        moving: in single stance, the pendulum anywhere and slow.
+        whirling: in single stance, the pendulum anywhere and turning at 6 to 16 rad/s, in either
+            sense. Efficient gaits whirl; an untrained policy hardly ever gets there from the other
+            starts.
+
+    Raises:
+        TypeError: a share is not a number.
+        ValueError: a share is negative or not finite, or all are 0.
+    """
+
+    rest: float = 0.25
+    moving: float = 0.75
+    whirling: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in dataclasses.asdict(self).items():
+            object.__setattr__(self, name, not_negative(name, value))
+        if not self.rest + self.moving + self.whirling > 0.0:
+            raise ValueError(f"{self}: one of the shares must be greater than 0")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """What a number in [0, 1) must be below for rest, and at least for whirling."""
+        total = self.rest + self.moving + self.whirling
+        return self.rest / total, 1.0 - self.whirling / total
+
+
+#: One start in four at rest, none whirling.
+USUAL_STARTS = Starts()
+
 
 DRAWN, GIVEN, HANGING = range(3)  # kinds of start; the last is at rest on two feet
 
@@ -93,8 +153,8 @@ def draw_start(
     """
     streams = np.array([rng.bit_generator.random_raw()], dtype=np.uint64)
     state = np.zeros(STATE_SIZE)
-    machine = params.constants_array, params.slope, params.weight, params.voltage_limit
-    if not _draw(*machine, starts.bounds, streams, state):
+    known = params.constants_array, params.slope, params.weight, params.voltage_limit
+    if not _draw(*known, starts.bounds, streams, state):
         raise RuntimeError(NO_START)
     return state
 
@@ -150,7 +210,7 @@ def start_rows(
     """Begin the episodes of `rows` at starts of `kind`; returns a row that found none, or -1.
 
     For GIVEN starts, `given` has one state per row: phi, theta, phi', theta', mode. `bounds` are
-    those of `Starts`, and `settings` are `rimless_gym.envs.perturbation.Settings`. `commands` has
+    those of `Starts`, and `settings` are `rimless_gym.envs.disturbances.Settings`. `commands` has
     the least and the greatest target speed (m/s) per row, between which one is drawn; it is empty
     where none is commanded.
     """
@@ -158,11 +218,11 @@ def start_rows(
     width = np.uint64(COMMANDED_SIZE if commanded else OBSERVATION_SIZE)
     for k in range(len(rows)):
         i = rows[k]
-        if not _set_state(kind, given, k, bounds, machine_at(constants, i), memory, streams, i):
+        if not _set_state(kind, given, k, bounds, params_at(constants, i), memory, streams, i):
             failed = i
             continue
         memory[MEMORY.action, i] = memory[MEMORY.voltage, i] = 0.0
-        memory[MEMORY.credit, i] = memory[MEMORY.credit_limit, i]
+        memory[MEMORY.allowance, i] = memory[MEMORY.allowance_limit, i]
         memory[MEMORY.time, i] = memory[MEMORY.count, i] = 0.0
         memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
         memory[MEMORY.delay, i], held[:, i] = settings.least_delay, 0.0
@@ -175,3 +235,88 @@ def start_rows(
         wrong = errors(settings.noise, streams, i) if noisy else NO_ERRORS
         observe_row(memory, wrong, observations, width, np.uint64(i))
     return failed
+
+
+# Machines, whose parameters are drawn when an episode begins
+
+#: The parameters that are numbers, in the order of the arrays `numbers` (len(NUMBERS), N).
+Numbers = record(
+    "Numbers",
+    [field.name for field in dataclasses.fields(WheelParams) if field.name not in CHOICES],
+    __name__,
+)
+NUMBERS = Numbers._fields
+
+#: It stands in `Numbers` for a `pendulum_reach` of None.
+UNSET_REACH = -1.0
+
+_D1, _LAW, _REACH = (Constants._fields.index(name) for name in ("d1", "law", "reach"))
+_numbers_of = reader(Numbers, 0)
+for _function in (weight_of, leg_angle_of, step_length_of, rod_reach, reach_of, constants_of):
+    inner(_function)
+
+
+def numbers_of(params: WheelParams) -> list[float]:
+    """A machine's values of `NUMBERS`."""
+    values = (getattr(params, name) for name in NUMBERS)
+    return [UNSET_REACH if value is None else float(value) for value in values]
+
+
+@inner
+def _set_task_constants(numbers, memory, i):
+    """Write what the task needs to know about row i's machine."""
+    f = _numbers_of(numbers, i)
+    known = TaskParams(
+        voltage_limit=f.voltage_limit,
+        idle_power=f.idle_power,
+        friction=f.friction,
+        weight=weight_of(f),
+        slope=f.slope,
+        leg_scale=2 / leg_angle_of(f),
+        allowance_limit=step_length_of(f),
+    )
+    set_task_params(memory, i, known)
+
+
+@inner
+def _pole(limit, p):
+    """The motor's pole (1/s); beyond `MAX_POLE` where the machine cannot be stepped.
+
+    See `rimless_gym.kernel.stepping.require_steppable`.
+    """
+    regular = hybrid.least_regularity(p) > LEAST_REGULARITY
+    stall = hybrid.motor_torque(0.0, limit, p)
+    stiffest = max(hybrid.drag_pole(MAX_RATE, p), hybrid.friction_pole(0.0, stall, p))
+    if regular and stiffest <= MAX_POLE:
+        return hybrid.hub_pole(p)
+    return 2 * MAX_POLE
+
+
+@cached()
+def draw_params(rows, ranged, bounds, numbers, constants, poles, memory, streams):
+    """Draw the parameters `ranged` of each machine of `rows` between `bounds`.
+
+    It returns a row whose machine cannot be stepped, or -1.
+    """
+    failed = -1
+    for i in rows:
+        for k in range(len(ranged)):
+            numbers[ranged[k], i] = between(bounds[k, 0], bounds[k, 1], streams, i)
+        f = _numbers_of(numbers, i)
+        p = constants_of(f, constants[_D1, i], constants[_LAW, i], math.sin, math.cos)
+        for k, value in enumerate(p):
+            constants[k, i] = value
+        if f.pendulum_reach == UNSET_REACH:
+            constants[_REACH, i] = rod_reach(f)
+        poles[i] = _pole(f.voltage_limit, p)
+        _set_task_constants(numbers, memory, i)
+        if not poles[i] <= MAX_POLE:
+            failed = i
+    return failed
+
+
+@cached()
+def set_task_constants(numbers, memory):
+    """Write what the task needs to know about each row's machine into `memory`."""
+    for i in range(numbers.shape[1]):
+        _set_task_constants(numbers, memory, i)

@@ -1,7 +1,8 @@
-"""The walking task: what is paid for, each term a function of a few lines.
+"""The walking task: the reward, each of its terms a function of a few lines.
 
-A new term is a function here and its place in `TERMS`; a new price is a field of `Task`. The
-environment pays it, `info` and the logs report it by its name, and the documentation lists it.
+A new term is a function here and its place in `TERMS`; a new weight is a field of `Task`. The
+environment adds the term to the reward, measurements and logs report it by its name, and the
+documentation lists it.
 """
 
 from __future__ import annotations
@@ -20,24 +21,25 @@ from rimless_gym.rules import exceeds
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """The prices of distance, slipping and an early end; every reward is in metres.
+    """The weight of distance, and the penalties for slipping and falling; rewards are in metres.
 
     Attributes:
         distance_weight: reward per metre of travel; it selects the speed on the CoT front.
         fall_penalty: travel forfeited when an episode ends early (m). It is more than a wheel
-            gains by the lunge that makes it fall, so that such a lunge does not pay.
+            gains by the lunge that makes it fall, so that such a lunge is never rewarded.
         slip_penalty: travel forfeited per second of control intervals in which the foot would slip
-            (m/s), as though it slid back at this speed. The travel of such an interval is not paid
-            for either, so that a moment that slips is worth less than one at rest.
-        horizon: time whose idle energy is charged for an early end (s): the episodes' time limit.
-        target_speed: the speed up to which travel is paid (m/s), greater than 0; by default there
-            is no limit. Going faster than the target earns nothing more, so that at a high price
-            the optimum is the cheapest walk at the target speed.
+            (m/s), as though it slid back at this speed. The travel of such an interval is not
+            rewarded either, so that a moment that slips is worth less than one at rest.
+        horizon: time whose idle energy is part of the penalty for an early end (s): the episodes'
+            time limit.
+        target_speed: the speed up to which travel is rewarded (m/s), greater than 0; by default
+            there is no limit. Going faster than the target is not rewarded, so that with a large
+            weight the optimum is the most efficient walk at the target speed.
 
-    With a target speed, there is a credit: the travel that may still be paid. It is a step length
-    of the machine when an episode begins, and never more, so that the speed may vary within a step.
-    Travel uses it up, and the target speed makes it grow all the time. Backward travel is charged
-    in full, and gives back as much credit.
+    With a target speed, there is an allowance: the travel that may still be rewarded. It is a step
+    length of the machine when an episode begins, and never more, so that the speed may vary within
+    a step. Travel uses it up, and it grows at the target speed. Backward travel counts in full, and
+    increases the allowance by as much.
 
     Raises:
         TypeError: a value is not a number.
@@ -53,68 +55,64 @@ class Task:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            checked = _target if name == "target_speed" else not_negative
-            object.__setattr__(self, name, checked(name, value))
+            checked = positive if name == "target_speed" else not_negative
+            endless = name == "target_speed" and value == math.inf
+            object.__setattr__(self, name, math.inf if endless else checked(name, value))
 
 
-def _target(name: str, value: Any) -> float:
-    """A target speed: greater than 0, or infinite."""
-    return math.inf if value == math.inf else positive(name, value)
-
-
-#: The default prices.
+#: The default weight and penalties.
 USUAL_TASK = Task()
 
 
-def settled(distance: Any, elapsed: Any, credit: Any, limit: Any, target_speed: Any) -> Any:
-    """The travel that is paid in an interval, and the credit afterwards (m); see `Task`."""
+def rewarded(distance: Any, elapsed: Any, allowance: Any, limit: Any, target_speed: Any) -> Any:
+    """The travel that is rewarded in an interval, and the allowance after it (m); see `Task`."""
     if target_speed == math.inf:
         return distance, limit
-    paid = min(distance, credit)
-    return paid, min(credit - paid + target_speed * elapsed, limit)
+    travel = min(distance, allowance)
+    return travel, min(allowance - travel + target_speed * elapsed, limit)
 
 
-# The terms. Each takes an interval (`layout.Interval`), what the task knows about the machine
-# (`layout.Machine`) and the `Task`, of numbers or arrays. numba compiles these same lines.
+# The terms. Each takes an interval (`layout.Interval`), what the task needs to know of the machine
+# (`layout.TaskParams`) and the `Task`, of numbers or arrays. numba compiles these same lines.
 
 
-def distance(interval: Any, machine: Any, task: Any) -> Any:
-    """`distance_weight * paid`: the hub's travel dx along the ground, downhill positive.
+def distance(interval: Any, params: Any, task: Any) -> Any:
+    """`distance_weight * rewarded_travel`: the hub's travel along the ground, downhill positive.
 
-    With a `target_speed`, no more is paid than the credit that is left.
+    With a `target_speed`, no more is rewarded than the allowance that is left.
     """
-    return task.distance_weight * interval.paid
+    return task.distance_weight * interval.rewarded_travel
 
 
-def energy(interval: Any, machine: Any, task: Any) -> Any:
+def energy(interval: Any, params: Any, task: Any) -> Any:
     """`-E+ / ((m1+m2) g)`, with E+ the energy drawn without regeneration, idle energy included."""
-    return -(interval.electrical_positive + interval.idle) / machine.weight
+    return -(interval.electrical_positive + interval.idle) / params.weight
 
 
-def slip(interval: Any, machine: Any, task: Any) -> Any:
-    """`-distance_weight * (max(paid, 0) + slip_penalty * elapsed)`, where the foot would slip.
+def slip(interval: Any, params: Any, task: Any) -> Any:
+    """`-distance_weight * (max(rewarded_travel, 0) + slip_penalty * elapsed)` if the foot slips.
 
     That is where a force in stance or a touchdown's impulse needs more friction than there is.
-    The charge is for the time, not for the excess: where the demand only just exceeds the limit, a
-    charge in proportion to the excess would be less than what the excess saves.
+    The penalty is for the time, not for the excess: where the demand only just exceeds the limit, a
+    penalty in proportion to the excess would be less than what the excess saves.
     """
-    slips = exceeds(interval.friction_demand, machine.friction)
-    slips = slips | exceeds(interval.impulse_friction_demand, machine.friction)
-    back = np.maximum(interval.paid, 0.0) + task.slip_penalty * interval.elapsed
+    slips = exceeds(interval.friction_demand, params.friction)
+    slips = slips | exceeds(interval.impulse_friction_demand, params.friction)
+    back = np.maximum(interval.rewarded_travel, 0.0) + task.slip_penalty * interval.elapsed
     return 0.0 - slips * (task.distance_weight * back)
 
 
-def end(interval: Any, machine: Any, task: Any) -> Any:
+def end(interval: Any, params: Any, task: Any) -> Any:
     """`-(distance_weight * fall_penalty + horizon * idle_power / ((m1+m2) g))` at an early end.
 
     Resting costs only idle power. Where the wheel can rest, ending early is never better.
     """
-    idle = machine.idle_power * task.horizon / machine.weight
+    idle = params.idle_power * task.horizon / params.weight
     return 0.0 - interval.failed * (task.distance_weight * task.fall_penalty + idle)
 
 
-#: The terms in the order in which they are summed.
+#: The terms in the order in which they are added, from left to right.
 TERMS = (distance, energy, slip, end)
 
-#: What `info` calls them.
+#: Their names in `info`.
 TERM_NAMES = tuple(f"reward_{term.__name__}" for term in TERMS)

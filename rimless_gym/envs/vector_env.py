@@ -7,33 +7,28 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import EPISODE_STEPS
-from rimless_gym.envs import options as reset_options
 from rimless_gym.envs.arguments import (
+    Control,
+    as_params_list,
     as_task,
-    fleet_of,
-    machines_of,
+    masked_rows,
+    plain_spec,
+    read_options,
     require_render_mode,
 )
-from rimless_gym.envs.control import Control
+from rimless_gym.envs.batch import Batch, require_snapshot, restore
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.env import RimlessWheelEnv
-from rimless_gym.envs.generators import Generators, Seeds
-from rimless_gym.envs.info import dense_info, final_info
-from rimless_gym.envs.interval import take_actions
-from rimless_gym.envs.layout import BLOCK, MARK, MEMORY, columns
-from rimless_gym.envs.layout import marks as marks_of
-from rimless_gym.envs.orders import NO_LIMIT
-from rimless_gym.envs.page import completed
-from rimless_gym.envs.plain import plain_spec
-from rimless_gym.envs.snapshots import require_snapshot
-from rimless_gym.envs.start_shares import Starts
-from rimless_gym.envs.starts import DRAWN
+from rimless_gym.envs.env import RimlessWheelEnv, completed
+from rimless_gym.envs.interval import NO_LIMIT, take_actions
+from rimless_gym.envs.layout import FLAG, MEMORY, RESULT, columns, dense_measurements, flags_of
+from rimless_gym.envs.starts import DRAWN, Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import MODE
@@ -43,8 +38,9 @@ from rimless_gym.presets import BUILDABLE, Machine
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Observations = NDArray[np.float32]
+Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
-_PARTS = ("fleet", "generators", "seen")  # of a snapshot
+_PARTS = ("batch", "generators", "seen")  # of a snapshot
 _NO_STATES = np.empty((0, MODE + 1))
 
 
@@ -106,9 +102,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
     ## Info
-    The single environment's entries as arrays (num_envs,), new ones in every step. For
-    a row whose episode ends in this step they describe that last step, except that `mode` belongs
-    to the observed state.
+    All of the single environment's `measurements` as arrays (num_envs,), new ones in every step.
+    For a row whose episode ends in this step they describe that last step, except that `mode`
+    belongs to the observed state.
 
     ## Version History
     - v0: first version, unreleased.
@@ -158,20 +154,14 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.single_observation_space = control.observation_space()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        machines = machines_of(params, num_envs)
+        machines, task = as_params_list(params, num_envs), as_task(task, self.default_task)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
-        self._fleet = fleet_of(
-            machines,
-            as_task(task, self.default_task),
-            ranges,
-            disturbances,
-            control,
-            starts,
-            num_threads,
-            limit,
+        self._batch = Batch(
+            machines, task, ranges, disturbances, control, starts, num_threads, limit
         )
-        self._seen = np.zeros((num_envs, self.control.width), dtype=np.float32)
-        self._generators = Generators(num_envs)
+        self._seen = np.zeros((num_envs, control.width), dtype=np.float32)
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
         self.closed = False
 
     spec = plain_spec
@@ -179,34 +169,34 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     @property
     def params(self) -> tuple[WheelParams, ...]:
         """The machine of each row, as drawn if there are ranges."""
-        return tuple(self._fleet.machine(i) for i in range(self.num_envs))
+        return tuple(self._batch.params_of(i) for i in range(self.num_envs))
 
     @property
     def ranges(self) -> Ranges:
         """Ranges of the parameters that are drawn when an episode begins; empty if none is."""
-        return self._fleet.ranges
+        return self._batch.ranges
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """What is paid for in each row."""
-        return tuple(self._fleet.tasks)
+        """The weights of the reward in each row."""
+        return tuple(self._batch.tasks)
 
     @property
     def states(self) -> Floats:
         """A copy of the hybrid states (num_envs, 6): phi, theta, phi', theta', mode, foot."""
-        return self._fleet.states
+        return self._batch.states
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each row."""
-        self._generators.seed(None, np.arange(self.num_envs))
-        return tuple(self._generators.each)
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each row."""
-        self._generators.seed(None, np.arange(self.num_envs))
-        return tuple(self._generators.seeds)
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._seeds)
 
     def reset(
         self,
@@ -227,18 +217,18 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             ValueError: a seed or option is unknown or out of range.
             RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
-        fleet = self._fleet
+        batch = self._batch
         options = dict(options or {})
-        rows = reset_options.masked(options.pop("reset_mask", None), self.num_envs)
-        chosen = reset_options.read(options, fleet, rows)
-        self._generators.seed(seed, rows)
-        chosen.apply(fleet)
+        rows = masked_rows(options.pop("reset_mask", None), self.num_envs)
+        chosen = read_options(options, batch, rows)
+        self._seed(seed, rows)
+        batch.apply(chosen)
         observations = self._seen.copy()
         self._begin(rows, observations, chosen.kind, chosen.given, chosen.speeds)
         self._seen[:] = observations
-        block = np.zeros((len(BLOCK), self.num_envs))
-        info = dense_info(block, marks_of(block))
-        info["mode"][:] = fleet.memory[MEMORY.mode, : self.num_envs]
+        results = np.zeros((len(RESULT), self.num_envs))
+        info: dict[str, Any] = dense_measurements(results, flags_of(results))
+        info["mode"][:] = batch.memory[MEMORY.mode, : self.num_envs]
         return observations, info
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
@@ -250,52 +240,52 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             RuntimeError: a row has ended and autoreset is disabled, or no episode has begun, or a
                 motion left the model's range.
         """
-        fleet = self._fleet
-        again = fleet.ended.nonzero()[0]
-        if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not fleet.begun):
+        batch = self._batch
+        again = batch.ended.nonzero()[0]
+        if len(again) and (self.autoreset_mode is AutoresetMode.DISABLED or not batch.begun):
             raise RuntimeError(f"rows {again.tolist()} have no episode running: reset them first")
-        self._take(actions, fleet.ended)
-        block = np.empty((len(BLOCK), columns(self.num_envs)))
+        self._take(actions, batch.ended)
+        results = np.empty((len(RESULT), columns(self.num_envs)))
         observations = np.empty((self.num_envs, self.control.width), dtype=np.float32)
-        unusual = fleet.stepper(block, observations.reshape(-1))()
-        block, marks = block[:, : self.num_envs], marks_of(block)[:, : self.num_envs]
+        unusual = batch.stepper(results, observations.reshape(-1))()
+        results, flags = results[:, : self.num_envs], flags_of(results)[:, : self.num_envs]
         if len(again):
-            block[: BLOCK.marks, again] = 0.0
-            marks[:, again] = 0
-        terminated = marks[MARK.terminated].view(np.bool_)
-        truncated = marks[MARK.truncated].view(np.bool_)
-        info = dense_info(block, marks)
+            results[: RESULT.flags, again] = 0.0
+            flags[:, again] = 0
+        terminated = flags[FLAG.terminated].view(np.bool_)
+        truncated = flags[FLAG.truncated].view(np.bool_)
+        info: dict[str, Any] = dense_measurements(results, flags)
         if unusual:
             ended = terminated | truncated
-            fleet.ended |= ended
-            self._require_range(marks)
+            batch.ended |= ended
+            self._require_range(flags)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                info |= final_info(ended, observations, block, marks)
+                info |= _final_info(ended, observations, results, flags)
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
             self._begin(again, observations, DRAWN, _NO_STATES)
-            info["mode"][again] = fleet.memory[MEMORY.mode, again]
+            info["mode"][again] = batch.memory[MEMORY.mode, again]
         self._seen[:] = observations
-        return observations, block[BLOCK.reward], terminated, truncated, info
+        return observations, results[RESULT.reward], terminated, truncated, info
 
     def set_task(
         self, task: Task | Mapping[str, float], mask: NDArray[np.bool_] | None = None
     ) -> None:
-        """Pay by other prices from the next step on, while the episodes go on.
+        """Change the reward from the next step on, while the episodes go on.
 
         Args:
             task: as in the single environment; what a mapping leaves out stays as it is.
-            mask: bool (num_envs,), as `reset_mask`: the rows that pay so.
+            mask: bool (num_envs,), as `reset_mask`: the rows whose reward changes.
 
         Raises:
             TypeError: it is neither a task nor a mapping, or the mask is not an array of bool.
             ValueError: a field is unknown or out of range, or the mask's shape is wrong.
         """
-        rows = reset_options.masked(mask, self.num_envs, "mask")
+        rows = masked_rows(mask, self.num_envs, "mask")
         tasks = list(self.tasks)
         for i in rows.tolist():
             tasks[i] = as_task(task, tasks[i])
-        self._fleet.set_tasks(tasks, rows)
+        self._batch.set_tasks(tasks, rows)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """The current frame (H, W, 3) of each row, in mode "rgb_array".
@@ -306,11 +296,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: give one to gym.make_vec()")
             return None
-        from rimless_gym.envs.views import frame_of  # pygame only when it is needed
-
-        if not self._fleet.begun:
-            raise RuntimeError("no episode has begun: call reset() first")
-        return tuple(frame_of(self._fleet, i) for i in range(self.num_envs))
+        return tuple(self._batch.frame(i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
@@ -318,11 +304,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         It can be pickled, and restored in another environment with as many rows, and the same
         control period and kind of action.
         """
-        return {
-            "fleet": self._fleet.get_state(),
-            "generators": self._generators.get_state(),
-            "seen": self._seen.copy(),
-        }
+        states = [generator.bit_generator.state for generator in self.np_random]
+        batch = self._batch.get_state()
+        return {"batch": batch, "generators": states, "seen": self._seen.copy()}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to a snapshot from `get_state`, even one from before the first episodes.
@@ -330,18 +314,17 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         The snapshot is checked before anything changes.
 
         Raises:
-            TypeError: it is not a snapshot.
-            ValueError: it is from a single environment, or its number of rows, control
-                period or kind of action differs.
+            ValueError: it is not a snapshot of a vector environment with as many rows, and this
+                control period and kind of action.
         """
         require_snapshot(state, _PARTS, self.num_envs, self.control, "RimlessWheelVectorEnv")
-        self._generators.set_state(state["generators"])
-        self._fleet.set_state(state["fleet"])
+        restore(self.np_random, state["generators"])
+        self._batch.set_state(state["batch"])
         self._seen[:] = state["seen"]
 
     def close_extras(self, **kwargs: Any) -> None:
         """Shut down the threads."""
-        self._fleet.close()
+        self._batch.close()
 
     def _begin(
         self,
@@ -351,8 +334,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         given: Floats,
         speeds: Floats | None = None,
     ) -> None:
-        keys = self._generators.keys(rows)
-        self._fleet.begin(rows, keys, kind, given, observations.reshape(-1), speeds)
+        draws = [self._generators[i].bit_generator.random_raw() for i in rows.tolist()]
+        keys = np.array(draws, dtype=np.uint64)
+        self._batch.begin(rows, keys, kind, given, observations.reshape(-1), speeds)
 
     def _take(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)
@@ -360,15 +344,64 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
             given = real_array("actions", given).astype(np.float64)
         if given.shape != (self.num_envs, 1):
             raise ValueError(f"actions: must have shape ({self.num_envs}, 1), not {given.shape}")
-        if take_actions(given, ignored, self._fleet.memory):
+        if take_actions(given, ignored, self._batch.memory):
             wrong = np.isnan(given[:, 0]) & ~ignored
             raise ValueError(
                 f"actions of rows {np.flatnonzero(wrong).tolist()} are NaN: must be numbers in "
                 "[-1, 1]; check the policy's output"
             )
 
-    def _require_range(self, marks: NDArray[np.int8]) -> None:
-        lost = np.flatnonzero((marks[MARK.failure] != 0) & (marks[MARK.terminated] == 0))
+    def _require_range(self, flags: NDArray[np.int8]) -> None:
+        lost = np.flatnonzero((flags[FLAG.failure] != 0) & (flags[FLAG.terminated] == 0))
         if len(lost):
-            self._fleet.ended[lost] = True
-            raise self._fleet.range_left(int(lost[0]), int(marks[MARK.failure, lost[0]]))
+            self._batch.ended[lost] = True
+            raise self._batch.diverged(int(lost[0]), int(flags[FLAG.failure, lost[0]]))
+
+    def _seed(self, seed: Seeds, rows: NDArray[np.int64]) -> None:
+        """Seed `rows` by one number, counted up over all rows, or by one number or None per row.
+
+        A generator without a seed gets one from the system's entropy. Seeds are checked before
+        anything changes.
+
+        Raises:
+            TypeError: a seed is not an integer.
+            ValueError: there is not one seed per row, or one is negative.
+        """
+        seeds = _one_seed_per_row(seed, self.num_envs)
+        chosen = np.arange(self.num_envs)
+        if self._generators:
+            chosen = np.array([i for i in rows if seeds[i] is not None], dtype=np.int64)
+        else:
+            self._generators = [np.random.default_rng(0)] * self.num_envs
+            self._seeds = [0] * self.num_envs
+        for i in chosen.tolist():
+            self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+
+
+def _one_seed_per_row(seed: Any, n: int) -> list[int | None]:
+    if seed is None:
+        return [None] * n
+    if np.ndim(seed) == 0:
+        first = integer("seed", seed, 0)
+        return [first + i for i in range(n)]
+    if len(seed) != n:
+        raise ValueError(f"seed: {len(seed)} seeds for {n} rows, must be one per row")
+    return [None if each is None else integer("seed", each, 0) for each in seed]
+
+
+def _final_info(
+    ended: Bools, observations: Observations, results: Floats, flags: NDArray[np.int8]
+) -> dict[str, Any]:
+    """The last observations and info of the episodes that ended, in Gymnasium's form."""
+    rows = ended.nonzero()[0]
+    if not len(rows):
+        return {}
+    seen, last = np.zeros_like(observations), np.zeros(results.shape)
+    seen[rows], last[: RESULT.flags, rows] = observations[rows], results[: RESULT.flags, rows]
+    flags_of(last)[:, rows] = flags[:, rows]
+    return {
+        "final_obs": seen,
+        "_final_obs": ended.copy(),
+        "final_info": dense_measurements(last, flags_of(last)),
+        "_final_info": ended.copy(),
+    }

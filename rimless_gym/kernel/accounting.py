@@ -38,8 +38,8 @@ from rimless_gym.kernel.integration import derivative, quintic, slope, value
 from rimless_gym.kernel.tile import (
     LANES,
     adder,
+    constants,
     get_acc,
-    get_constants,
     get_losses,
     get_state,
     put_acc,
@@ -62,7 +62,7 @@ _mechanical_energy, _hub_position = turned.mechanical_energy, turned.hub_positio
 @inlined
 def _evaluate(tile, lane, angles, dphi, dtheta):
     """A state's accelerations, contact (Fx, Fy, friction demand, clearance), energy and hub's x."""
-    (phi, theta), p = angles, get_constants(tile, lane)
+    (phi, theta), p = angles, constants(tile, lane)
     mode, u = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane]
     acc = accelerations_turned(mode, phi, theta, dphi, dtheta, u, p)
     fx, fy = _ground_reaction(phi, theta, dphi, dtheta, acc[0], acc[1], p)
@@ -129,7 +129,7 @@ def open_interval(tile, duration, pull):
 @inlined
 def close(tile, lane, duration):
     """Complete the totals of the interval so far."""
-    p = get_constants(tile, lane)
+    p = constants(tile, lane)
     steps = tile[slot.FOOT + lane] - tile[slot.FOOT_BEFORE + lane]
     travel = tile[slot.HUB + lane] - tile[slot.HUB_BEFORE + lane] + steps * p.chord
     change = tile[slot.ENERGY + lane] - tile[slot.ENERGY_BEFORE + lane]
@@ -160,7 +160,7 @@ def measure(tile, pull):
     for lane in range(LANES):
         y, end = get_state(tile, slot.STATE, lane), get_state(tile, slot.NEXT, lane)
         mode, u, h = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], tile[slot.STEP + lane]
-        p, acc = get_constants(tile, lane), get_acc(tile, slot.ACC, lane)
+        p, acc = constants(tile, lane), get_acc(tile, slot.ACC, lane)
         there = turned_angles(tile, lane, end.phi - y.phi, end.theta - y.theta)
         acc_end, contact, energy, hub = _evaluate(tile, lane, there, end.dphi, end.dtheta)
         fx, fy, demand, clearance = contact
@@ -269,7 +269,7 @@ def restart(tile, lane, mode, foot, y, pull):
     tile[slot.MODE + lane] = mode
     tile[slot.FOOT + lane] = foot
     put_state(tile, slot.STATE, lane, y)
-    here, p = unturned_angles(tile, lane), get_constants(tile, lane)
+    here, p = unturned_angles(tile, lane), constants(tile, lane)
     acc, contact, energy, hub = _evaluate(tile, lane, here, y.dphi, y.dtheta)
     fx, fy, demand, clearance = contact
     put_acc(tile, slot.ACC, lane, acc)
@@ -290,7 +290,7 @@ def restart(tile, lane, mode, foot, y, pull):
 @inner
 def add_touchdown(tile, lane, y0, y1, shift, time):
     """Add a touchdown's loss, and the friction that its impulse demands."""
-    p = get_constants(tile, lane)
+    p = constants(tile, lane)
     before = mechanical_energy(y0.phi, y0.theta, y0.dphi, y0.dtheta, p)
     after = mechanical_energy(y1.phi, y1.theta, y1.dphi, y1.dtheta, p) - shift * descent(p)
     accumulate(tile, ROW.collision, lane, before - after)
@@ -379,7 +379,7 @@ def split_at_current(tile):
     There the integrand is zero: two Newton steps from the secant leave an error below rounding.
     """
     for lane in range(LANES):
-        u, h, p = tile[slot.VOLTAGE + lane], tile[slot.STEP + lane], get_constants(tile, lane)
+        u, h, p = tile[slot.VOLTAGE + lane], tile[slot.STEP + lane], constants(tile, lane)
         course = _course(tile, lane, u, h, p)
         rate, start, end = derivative(course.turn), course.rate * h, course.rate_end * h
         level = u / p.K * h
@@ -395,7 +395,7 @@ def split_at_current(tile):
 def split_work(tile):
     """Split the work of a step wherever V i or T psi' changes sign: each at most twice."""
     for lane in range(LANES):
-        u, h, p = tile[slot.VOLTAGE + lane], tile[slot.STEP + lane], get_constants(tile, lane)
+        u, h, p = tile[slot.VOLTAGE + lane], tile[slot.STEP + lane], constants(tile, lane)
         course = _course(tile, lane, u, h, p)
         current0, current1 = _crossings(course, u / p.K if p.K > 0.0 else np.inf, h)
         rate0, rate1 = _crossings(course, 0.0, h)

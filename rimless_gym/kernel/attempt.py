@@ -53,7 +53,7 @@ from rimless_gym.kernel.integration import (
     upward_root,
     value,
 )
-from rimless_gym.kernel.tile import LANES, get_acc, get_constants, get_state, one_copy, put_state
+from rimless_gym.kernel.tile import LANES, constants, get_acc, get_state, one_copy, put_state
 from rimless_gym.trigonometry import MAX_TURN
 
 #: Steps are so short that pole * h and turning * h stay below these (see `plan`). Energy then
@@ -123,7 +123,7 @@ def plan(tile):
     """
     unusual = 0
     for lane in range(LANES):
-        p, acc = get_constants(tile, lane), get_acc(tile, slot.ACC, lane)
+        p, acc = constants(tile, lane), get_acc(tile, slot.ACC, lane)
         y = get_state(tile, slot.STATE, lane)
         left, attempt = tile[slot.LEFT + lane], tile[slot.ATTEMPT + lane]
         rolling = abs(y.dphi) + 0.5 * left * abs(acc.ddphi)
@@ -147,11 +147,7 @@ def prepare(tile, lane, pull):
     """Before a new step of a lane on two feet: lift off if a foot would have to be pulled down."""
     if not runs(tile, lane) or tile[slot.ATTEMPT + lane] >= 0.0:
         return
-    y, u, p = (
-        get_state(tile, slot.STATE, lane),
-        tile[slot.VOLTAGE + lane],
-        get_constants(tile, lane),
-    )
+    y, u, p = get_state(tile, slot.STATE, lane), tile[slot.VOLTAGE + lane], constants(tile, lane)
     if too_fast(tile, lane) or tile[slot.MODE + lane] == SINGLE:
         return
     if force_guard(LIFT_OFF, float(DOUBLE), y, u, pull, p) > 0.0:
@@ -174,11 +170,7 @@ def too_fast(tile, lane):
 @inner
 def lift_off(tile, lane, pull):
     """From two feet to one, or to none."""
-    y, u, p = (
-        get_state(tile, slot.STATE, lane),
-        tile[slot.VOLTAGE + lane],
-        get_constants(tile, lane),
-    )
+    y, u, p = get_state(tile, slot.STATE, lane), tile[slot.VOLTAGE + lane], constants(tile, lane)
     phi, shift = after_lift_off(y.theta, y.dtheta, u, p)
     after = State(phi, y.theta, 0.0, y.dtheta)
     fy = restart(tile, lane, float(SINGLE), tile[slot.FOOT + lane] + shift, after, pull)
@@ -198,7 +190,7 @@ def arrive(tile, lane, event, duration, pull):
         y, u, p = (
             get_state(tile, slot.STATE, lane),
             tile[slot.VOLTAGE + lane],
-            get_constants(tile, lane),
+            constants(tile, lane),
         )
         landing = after_touchdown(event, y.theta, y.dphi, y.dtheta, u, p)
         if not landing.legal:
@@ -358,11 +350,7 @@ def check_attempt(tile, lane, pull):
     y, acc = get_state(tile, slot.STATE, lane), get_acc(tile, slot.ACC, lane)
     end, acc_end = get_state(tile, slot.NEXT, lane), get_acc(tile, slot.NEXT_ACC, lane)
     mode, u, h = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], tile[slot.STEP + lane]
-    goal, cut, p = (
-        int(tile[slot.GOAL + lane]),
-        int(tile[slot.CUT + lane]),
-        get_constants(tile, lane),
-    )
+    goal, cut, p = int(tile[slot.GOAL + lane]), int(tile[slot.CUT + lane]), constants(tile, lane)
     if not max(abs(end.dphi), abs(end.dtheta)) < 10 * MAX_RATE:
         tile[slot.FAILURE + lane] = DIVERGED  # so fast, or NaN, that the step cannot be trusted
         return False
@@ -410,7 +398,7 @@ def _lands(tile, lane, direction, tau):
 
     That is a step of Newton's method along phi', or of bisection if Newton leaves the bracket.
     """
-    p = get_constants(tile, lane)
+    p = constants(tile, lane)
     end = get_state(tile, slot.NEXT, lane)
     low, high, tries = tile[slot.LOW + lane], tile[slot.HIGH + lane], tile[slot.TRIES + lane]
     miss = touchdown_guard(direction, end.phi, p)
@@ -437,7 +425,7 @@ def _aim_at_force(tile, lane, kind, end, h, pull):
     Bisection on the quintics gives the first attempt.
     """
     y, acc = get_state(tile, slot.STATE, lane), get_acc(tile, slot.ACC, lane)
-    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], get_constants(tile, lane)
+    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], constants(tile, lane)
     acc_end = accelerations(mode, end.phi, end.theta, end.dphi, end.dtheta, u, p)
     low, high = 0.0, 1.0
     while high - low > 1e-15:
@@ -461,7 +449,7 @@ def _lets_go(tile, lane, kind, pull):
     There are at most two, both steps of the secant method.
     """
     end, tau = get_state(tile, slot.NEXT, lane), tile[slot.STEP + lane]
-    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], get_constants(tile, lane)
+    mode, u, p = tile[slot.MODE + lane], tile[slot.VOLTAGE + lane], constants(tile, lane)
     miss, tries = force_guard(kind, mode, end, u, pull, p), tile[slot.TRIES + lane]
     before, miss_before = tile[slot.BEFORE + lane], tile[slot.MISS_BEFORE + lane]
     if tries >= 2 or miss in (0.0, miss_before):

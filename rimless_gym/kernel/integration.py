@@ -24,8 +24,8 @@ from rimless_gym.kernel.tile import (
     STAGES,
     TILE_SIZE,
     adder,
+    constants,
     get_acc,
-    get_constants,
     get_state,
     put_acc,
     put_losses,
@@ -41,7 +41,7 @@ _A, _B = DOP853.A, DOP853.B
 @inlined
 def _lose(tile, lane, time, dphi, dtheta, acc):
     """Add the losses of a stage, weighted by a time (s)."""
-    p = get_constants(tile, lane)
+    p = constants(tile, lane)
     dpsi, ddpsi = relative_rate(dphi, dtheta, p), relative_rate(acc.ddphi, acc.ddtheta, p)
     powers = losses(dphi, dpsi, ddpsi, tile[slot.VOLTAGE + lane], p)
     _add_losses(tile, slot.LOST, lane, time, powers)
@@ -88,7 +88,7 @@ def _stage(i: int) -> Callable[..., None]:
                 mode, u, p = (
                     tile[slot.MODE + lane],
                     tile[slot.VOLTAGE + lane],
-                    get_constants(tile, lane),
+                    constants(tile, lane),
                 )
                 there = turned_angles(tile, lane, x0, x1)
                 here = accelerations_turned(mode, *there, v0, v1, u, p)
@@ -153,11 +153,7 @@ def rk8(tile):
 def _smooth_step(tile):
     """Step on from NEXT in single stance, without guards."""
     for lane in range(LANES):
-        y, u, p = (
-            get_state(tile, slot.NEXT, lane),
-            tile[slot.VOLTAGE + lane],
-            get_constants(tile, lane),
-        )
+        y, u, p = get_state(tile, slot.NEXT, lane), tile[slot.VOLTAGE + lane], constants(tile, lane)
         put_state(tile, slot.STATE, lane, y)
         acc = accelerations(float(SINGLE), y.phi, y.theta, y.dphi, y.dtheta, u, p)
         put_acc(tile, slot.ACC, lane, acc)

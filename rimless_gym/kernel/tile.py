@@ -170,7 +170,7 @@ _read_constants = reader(Constants)
 
 
 @inlined
-def get_constants(tile, lane):
+def constants(tile, lane):
     """The lane's `Constants`."""
     return _read_constants(tile, CONSTANTS, lane)
 

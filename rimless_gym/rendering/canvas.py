@@ -40,8 +40,8 @@ PAPER = (217, 223, 231)
 #: On it: lines and empty bars, and text beside the main thing.
 RULE, MUTED = (186, 196, 208), (84, 97, 115)
 
-#: Walkers in one picture: the first, the optimum's ghost, others. Blue and vermilion are told apart
-#: by everyone; all are named in the picture.
+#: Walkers in one picture: the first, the optimum's ghost, others. Everybody distinguishes blue
+#: from vermilion; all are named in the picture.
 FIRST, OPTIMUM, OTHERS = (196, 62, 22), (0, 92, 171), ((116, 52, 138), (120, 88, 0))
 
 _SUPERSAMPLING = 3

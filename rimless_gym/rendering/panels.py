@@ -124,7 +124,7 @@ def _draw_figures(canvas: Canvas, walkers: Sequence[Shown], averaged: str) -> No
         canvas.text(f"{time:.1f} s", (left, y), line, MUTED, "topleft")
         y += 1.2 * line
     column = left + max(text_width(walker.name, line) for walker in walkers)
-    told = False
+    written = False
     for walker in walkers:
         scene = walker.scene
         if scene.speed is None or scene.cot is None:
@@ -134,8 +134,8 @@ def _draw_figures(canvas: Canvas, walkers: Sequence[Shown], averaged: str) -> No
         canvas.text(f"{scene.speed:.2f} m/s", (right, y), line, TEXT, "topright")
         canvas.text(f"CoT {scene.cot:.3f}", (right + 0.8 * line, y), line, TEXT, "topleft")
         y += 1.05 * line
-        told = True
-    if told and averaged:
+        written = True
+    if written and averaged:
         canvas.text(averaged, (left, y), 0.85 * line, MUTED, "topleft")
 
 

@@ -26,7 +26,7 @@ from agents.policy_files import load_policy, read_record
 from agents.reports import NONE, value_text
 from rimless_gym import Task
 from rimless_gym.envs import speed
-from rimless_gym.envs.control import USUAL
+from rimless_gym.envs.arguments import USUAL
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import machine_name
 from scripts.studies.documents import markdown

@@ -25,7 +25,7 @@ from agents.policies import Policy
 from agents.policy_files import BASELINES, PRETRAINED, named_policy
 from agents.rollout import episodes
 from rimless_gym import BUILDABLE
-from rimless_gym.envs.observation import MIDDLE_SPEED, SPEED_SCALE
+from rimless_gym.envs.layout import MIDDLE_SPEED, SPEED_SCALE
 from rimless_gym.envs.speed import SPEEDS, TASK
 from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.film import AHEAD, MOST, Race, drawn_between, film, ghost, parts, spent_between, times
+from agents.film import AHEAD, MOST, Race, drawn_between, ghost, parts, spent_between
 from agents.policy_files import NamedPolicy, named_policy
 from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
@@ -131,20 +131,6 @@ def test_a_recorded_gait_is_its_solution_and_costs_what_was_verified(gait: Solut
 
 
 # -- pictures --------------------------------------------------------------------------------------
-
-
-def test_a_film_lasts_as_long_as_its_walk_and_shows_figures_once_there_are_any(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frames = list(film(walk, fps=4, size=(120, 80)))
-    assert len(frames) == 24
-    assert all(frame.shape == (80, 120, 3) and frame.dtype == np.uint8 for frame in frames)
-    scenes: list[Any] = []
-    monkeypatch.setattr("agents.film.draw", lambda params, scene, **_: scenes.append(scene))
-    list(film(walk, fps=10))
-    assert all(scene.cot is None and scene.speed is None for scene in scenes[:20])
-    assert 0.03 < scenes[-1].cot < 1.0
-    assert times(0.01, 25) == [0.0]
 
 
 def coloured(frame: Any, colour: Any) -> int:

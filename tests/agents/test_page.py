@@ -16,7 +16,7 @@ import pytest
 from agents.page import COLUMNS, front_data, network_data, page, write_page
 from agents.policy_files import load_policy
 from rimless_gym import BUILDABLE, PROTOTYPE
-from rimless_gym.envs.observation import observe
+from rimless_gym.envs.layout import observe
 from rimless_gym.javascript import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
 from trajopt.gaits.fronts import NoFrontError, shipped_front

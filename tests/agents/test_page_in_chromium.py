@@ -127,7 +127,7 @@ def test_the_pages_trajectory_agrees_with_the_kernel(tmp_path: Path) -> None:
         const walked = {json.dumps(volts.tolist())}.map((u) => {{
           const next = wheel.advance(state, u, 0.01, p);
           state = next.state;
-          return {{ state: Object.values(state), touchdowns: next.book.touchdowns }};
+          return {{ state: Object.values(state), touchdowns: next.totals.touchdowns }};
         }});
         report({{ walked }});
         """,

@@ -27,7 +27,7 @@ from agents.sb3.learner import architecture
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.training import read_state
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
-from rimless_gym.envs.control import USUAL, Control
+from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.presets import PRESETS
 from trajopt.gaits.library import shipped
 from trajopt.store import DIGEST, HEADER, digest, read_arrays, write_arrays

@@ -16,7 +16,7 @@ import torch
 import agents
 from agents import learner, training
 from agents.evaluate import evaluate
-from agents.learner import LEARNERS, Learner, PolicyParts, Settings, learner_class
+from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts, learner_class
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.sb3 import learner as sb3
 from agents.training import StateError, Trainer, TrainingConfig, read_state, walking_economy
@@ -99,6 +99,7 @@ def test_a_training_in_which_nothing_walks_goes_on_and_logs_no_gait(tmp_path, al
 
 
 def test_the_actor_waits_until_the_critic_has_warmed_up(tmp_path, monkeypatch, swing):
+    assert sb3.CRITIC_WARM_UP == 0.15
     monkeypatch.setattr(sb3, "CRITIC_WARM_UP", 10.0)
     result = run(tmp_path, init="imitation", expert=swing, cloning=QUICK, timesteps=128)
     cloned, trained = (
@@ -271,7 +272,7 @@ def test_the_package_exports_what_users_call():
 class Bandit(Learner):
     """The least that a learner needs: it learns and acts. Constant voltages are its policies."""
 
-    default_settings = Settings(n_timesteps=40)
+    default_settings = LearnerSettings(n_timesteps=40)
 
     def __init__(self, training, start=None):
         self._voltage = 0.0

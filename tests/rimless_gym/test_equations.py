@@ -101,30 +101,6 @@ def test_momentum_changes_by_ground_reaction_gravity_and_drag(params):
     assert np.max(np.abs(np.asarray(residual(*random_states(params, 1000))))) < 1e-8
 
 
-def test_hub_and_clearance_follow_from_the_legs_and_the_rod(params):
-    model = HybridModel(params)
-    x, _ = random_states(params, 100)
-    hub = np.asarray(model.functions["hub_position"](x))
-    assert np.hypot(*hub) == pytest.approx(np.full(100, params.leg_length))
-    clearance = np.asarray(model.functions["pendulum_clearance"](x))[0]
-    assert clearance == pytest.approx(hub[1] - params.constants.reach * np.cos(x[1]))
-
-
-def test_the_mirror_image_of_a_motion_is_a_motion(params):
-    mirrored = params.replace(slope=-params.slope)
-    x, u = random_states(params, 500)
-    image = np.array([[math.pi], [0], [0], [0]]) - x
-    ours, theirs = HybridModel(params), HybridModel(mirrored)
-    np.testing.assert_allclose(theirs.flow(image, -u), -ours.flow(x, u), rtol=1e-9, atol=1e-8)
-    force, image_force = np.asarray(ours.ground_reaction(x, u)), theirs.ground_reaction(image, -u)
-    np.testing.assert_allclose(image_force, [[-1], [1]] * force, rtol=1e-9, atol=1e-8)
-    p = params.constants
-    for theta, dphi, dtheta in x[1:, :50].T:
-        forward = number.impact(p.a, p.b, theta, dphi, dtheta, p)
-        backward = number.impact(p.b, p.a, -theta, -dphi, -dtheta, mirrored.constants)
-        assert backward == pytest.approx([-rate for rate in forward], rel=1e-12, abs=1e-12)
-
-
 @settings(max_examples=100)
 @given(machines, angles, rates, rates, st.sampled_from([1, -1]))
 def test_plastic_touchdown_never_creates_energy(params, theta, dphi, dtheta, direction):
@@ -247,12 +223,6 @@ def test_compiled_and_traced_functions_agree_to_rounding(params):
         np.testing.assert_allclose(np.array(values).T / scale, traced[name] / scale, atol=1e-13)
 
 
-def test_touchdown_relabels_the_leg_and_keeps_the_pendulums_angle(params):
-    p = params.constants
-    after = np.asarray(HybridModel(params).touchdown([p.b, 0.4, 1.2, -0.3])).ravel()
-    assert after[:2] == pytest.approx((p.a, 0.4), rel=1e-15)
-
-
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
 def test_every_function_takes_numbers_and_symbols(preset):
     model = HybridModel(preset)
@@ -261,11 +231,6 @@ def test_every_function_takes_numbers_and_symbols(preset):
         assert np.all(np.isfinite(np.asarray(function(*inputs)))), name
         assert isinstance(function(*(ca.MX(ca.DM(value)) for value in inputs)), ca.MX)
         assert isinstance(function(*(ca.SX(ca.DM(value)) for value in inputs)), ca.SX)
-
-
-def test_an_unknown_mode_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"'flying'.*single_stance.*double_stance"):
-        HybridModel(THESIS_PHYSICAL).flow([1.5, 0, 0, 0], 0.0, "flying")
 
 
 def test_a_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():

@@ -84,22 +84,6 @@ def test_every_foot_it_stands_on_is_at_rest_on_the_ground(params, free_wheel):
         assert rod == pytest.approx(params.pendulum_length * hanging, abs=1e-14)
 
 
-def test_touchdown_moves_no_joint(params):
-    p = params.constants
-    before, after = [p.b, 0.3, 1.0, 2.0], [p.a, 0.3, 1.0, 2.0]
-    (q, _), (q_new, _) = joint_state(params, before, 4), joint_state(params, after, 5)
-    assert q_new == pytest.approx(q, abs=1e-14)
-
-
-def test_many_states_convert_at_once():
-    x = np.random.default_rng(2).uniform(-1, 1, (5, 3, 4))
-    q, v = joint_state(THESIS_PHYSICAL, x, 2)
-    assert q.shape == v.shape == (5, 3, 4)
-    single = joint_state(THESIS_PHYSICAL, x[3, 1], 2)
-    assert (q[3, 1] == single[0]).all()
-    assert (v[3, 1] == single[1]).all()
-
-
 def test_keyframe_stands_on_two_feet_and_stays():
     params = THESIS_PHYSICAL.replace(n_legs=7)
     model = load(to_mjcf(params))
@@ -153,19 +137,6 @@ def test_a_driven_pendulum_with_losses_swings_as_in_mujoco():
     assert np.ptp(ours) > 0.3
     assert friction > 0.01
     assert np.abs(np.subtract(theirs, ours)).max() < 0.003 * np.ptp(ours)
-
-
-def test_volts_reach_the_joint_as_the_motors_torque():
-    params = THESIS_PHYSICAL.replace(hub_damping=0.3)
-    model = load(to_mjcf(params))
-    data = mujoco.MjData(model)
-    for volts, rate in ((12.0, 0.0), (-20.0, 3.0), (35.0, -2.0)):
-        data.ctrl[0], data.qvel[3] = volts, rate
-        mujoco.mj_forward(model, data)
-        limited = min(max(volts, -params.voltage_limit), params.voltage_limit)
-        shaft = params.motor_constant * params.gear_ratio
-        torque = shaft * (limited - shaft * rate) / params.armature_resistance - 0.3 * rate
-        assert data.qfrc_actuator[3] + data.qfrc_passive[3] == pytest.approx(torque, rel=1e-14)
 
 
 def test_urdf_contains_what_mujoco_does_not_read():

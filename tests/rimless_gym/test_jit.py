@@ -80,30 +80,31 @@ def compiled() -> tuple[int, list[Path]]:
 
 
 def files() -> list[Path]:
-    return sorted(Path(numba.config.CACHE_DIR).rglob("*.nbc"))
+    return sorted(Path(numba.config.CACHE_DIR).rglob("*.nb[ic]"))
 
 
 def test_a_function_is_compiled_once_and_then_loaded_unless_its_file_is_damaged(
     folder: Path,
 ) -> None:
-    times, [file] = compiled()
+    times, stored = compiled()
     assert times == 1
     assert compiled()[0] == 0
-    for damaged in (b"", file.read_bytes()[:5000], file.read_bytes() + b"\0"):
-        file.write_bytes(damaged)
-        assert compiled()[0] == 1
-        assert compiled()[0] == 0
+    for file in stored:
+        for size in (0, file.stat().st_size // 2):
+            file.write_bytes(file.read_bytes()[:size])
+            assert compiled()[0] == 1
+            assert compiled()[0] == 0
 
 
 def test_code_compiled_from_other_sources_is_replaced(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, [before] = compiled()
+    _, before = compiled()
     monkeypatch.setattr(jit, "fingerprint", lambda package: "other")
     times, after = compiled()
     assert times == 1
-    assert len(after) == 1
-    assert after != [before]
+    assert len(after) == len(before)
+    assert not set(after) & set(before)
 
 
 def test_the_fingerprint_counts_all_sources(
@@ -119,12 +120,13 @@ def test_the_fingerprint_counts_all_sources(
 
 
 def test_a_file_that_cannot_be_written_costs_only_a_warning(folder: Path) -> None:
-    _, [file] = compiled()
-    file.unlink()
-    file.mkdir()  # so that the file cannot be written
+    _, stored = compiled()
+    for file in stored:
+        file.unlink()
+    stored[0].mkdir()  # so that the file cannot be written
     with pytest.warns(RuntimeWarning, match=r"cannot be stored in .*NUMBA_CACHE_DIR"):
         assert compiled()[0] == 1
-    assert files() == [file]  # no unfinished file is left
+    assert set(files()) <= set(stored)  # no unfinished file is left
 
 
 def test_without_a_writable_folder_functions_are_compiled_in_every_process(

@@ -69,12 +69,6 @@ def test_quadrants_are_distinguished_at_their_borders():
     assert np.abs(c - np.cos(x.ravel())).max() < 2.5e-16
 
 
-def test_nan_and_infinity_give_nan():
-    s, c = both(np.array([np.nan, np.inf]))
-    assert np.all(np.isnan(s))
-    assert np.all(np.isnan(c))
-
-
 def test_angles_a_small_turn_away_from_known_ones_are_as_accurate():
     rng = np.random.default_rng(2)
     start, turn = rng.uniform(-50, 50, 4_000), rng.uniform(-MAX_TURN, MAX_TURN, 4_000)

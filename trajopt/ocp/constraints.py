@@ -31,6 +31,7 @@ REMEDIES = {
     "iterate": "casadi.vertsplit makes a list of a vector",
     "positional argument": "it is called with these arguments",
     "are free": "it may use only symbols of its own arguments",
+    "You have": "it must give real numbers, CasADi expressions, or a sequence of them",
 }
 
 
@@ -125,49 +126,32 @@ def require_constraint(where: str, constraint: Any) -> None:
 # -- bounds and names ---------------------------------------------------------------------------
 
 
-def pair(bounds: float | tuple[float, float]) -> tuple[float, float]:
-    """Bounds as (lower, upper); one number stands for both."""
-    low, high = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
-    return float(low), float(high)
-
-
-def pair_in(where: str, bounds: Any) -> tuple[float, float]:
-    """Like `pair`, for a value that may be of any type.
+def pair(bounds: float | tuple[float, float], where: str = "bounds") -> tuple[float, float]:
+    """Bounds as (lower, upper); one number stands for both.
 
     Args:
+        bounds: of any type.
         where: what is bounded, for messages.
-        bounds: to check.
 
     Raises:
-        TypeError: it is neither a number nor a pair of numbers.
-        ValueError: an integer is too large for a floating-point number.
+        TypeError: they are neither a number nor a pair of numbers.
     """
     both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
-    kinds = (int, float, np.integer, np.floating)
-    valid = [isinstance(bound, kinds) and not isinstance(bound, bool) for bound in both]
-    if valid != [True, True]:
-        raise TypeError(f"{where} = {bounds!r}: must be a real number, or (lower, upper)")
     try:
-        return pair(bounds)
-    except OverflowError:  # an integer of hundreds of digits
-        raise ValueError(f"{where}: must be finite, or math.inf where there is no bound") from None
+        low, high = both
+        if not isinstance(low, str) and not isinstance(high, str):
+            return float(low), float(high)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise TypeError(f"{where} = {bounds!r}: must be a real number, or (lower, upper)")
 
 
 def require_room(where: str, low: float, high: float) -> None:
-    """Refuse bounds that no number satisfies.
-
-    Raises:
-        InfeasibleBoundsError: no number lies between them, or one is NaN.
-    """
-    if math.isnan(low) or math.isnan(high):
-        raise InfeasibleBoundsError(f"{where}: bounds ({low}, {high}): must be numbers, not NaN")
-    if low == math.inf or high == -math.inf:
+    """Refuse bounds that no number satisfies, with an InfeasibleBoundsError."""
+    if not low <= high or low == math.inf or high == -math.inf:
         raise InfeasibleBoundsError(
-            f"{where}: bounds ({low}, {high}): nothing lies between them; make them finite"
-        )
-    if low > high:
-        raise InfeasibleBoundsError(
-            f"{where}: the lower bound {low:g} exceeds the upper bound {high:g}: swap them"
+            f"{where}: bounds ({low:g}, {high:g}): no number lies between them; give the lower "
+            "bound first"
         )
 
 
@@ -185,7 +169,7 @@ def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -
     if unknown:
         raise ValueError(f"{where} names {unknown}, which are not among {known}")
     for name, bounds in table.items():
-        require_room(f"{where} of {name}", *pair_in(f"{where} of {name}", bounds))
+        require_room(f"{where} of {name}", *pair(bounds, f"{where} of {name}"))
 
 
 def names_in(where: str, names: Any, least: int = 0) -> tuple[str, ...]:
@@ -231,10 +215,7 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
         raise TypeError(f"{where} = {function!r}: must be a function")
     symbols = [ca.SX.sym(f"in{i}", n) for i, n in enumerate(sizes)]
     try:
-        column = _column(where, function(*symbols))
-        traced = ca.Function(where.split()[-1], symbols, [column])
-    except _NoNumbersError as error:
-        raise ValueError(str(error)) from None
+        traced = ca.Function(where.split()[-1], symbols, [_column(function(*symbols))])
     except Exception as error:  # a caller's function may raise anything
         raise ValueError(_failure(where, error, sizes)) from error
     tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
@@ -260,38 +241,17 @@ def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> Non
         )
 
 
-class _NoNumbersError(Exception):
-    """A function returned something other than real numbers and expressions."""
-
-
-def _column(where: str, out: Any) -> ca.SX:
+def _column(out: Any) -> ca.SX:
     """What a function returned, as a dense column."""
     if out is None:
-        raise _NoNumbersError(f"{where} gives None: end it with return")
+        raise ValueError("it gives None: end it with return")
     if isinstance(out, np.ndarray):
         out = list(np.atleast_1d(out))
     entries = out if isinstance(out, Sequence) and not isinstance(out, (str, bytes)) else [out]
-    for entry in entries:
-        if isinstance(entry, (str, bytes, complex)) or not _is_numeric(entry):
-            raise _NoNumbersError(
-                f"{where} gives {entry!r}: must be a real number, a CasADi expression, or a "
-                "sequence of them"
-            )
     column = ca.SX(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
     if column.size2() != 1 and column.numel():
-        raise _NoNumbersError(
-            f"{where} gives a matrix of shape {column.shape}: must be one column, which "
-            "casadi.vec makes of it"
-        )
+        raise ValueError(f"it gives a matrix of shape {column.shape}: casadi.vec makes one column")
     return ca.densify(column)
-
-
-def _is_numeric(entry: Any) -> bool:
-    try:
-        ca.SX(entry)
-    except (NotImplementedError, TypeError):
-        return False
-    return True
 
 
 def _failure(where: str, error: Exception, sizes: Sequence[int]) -> str:

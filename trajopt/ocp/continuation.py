@@ -272,13 +272,3 @@ class Curve:
         ends = f"from {self.values[0]:.6g} to {self.values[-1]:.6g}" if self.values else "empty"
         stopped = f", stopped {self.obstacle}" if self.obstacle else ""
         return f"Curve({len(self.values)} solutions, {ends}{stopped})"
-
-    def report(self) -> str:
-        """Value and cost of every solution, and the obstacle, as text; failures in capitals."""
-        lines = [f"Continuation, {len(self.values)} solution(s), goal {self.goal:.9g}"]
-        for value, solution in zip(self.values, self.solutions, strict=True):
-            doubts = "" if solution.converged else "; FAILED: " + "; ".join(solution.failures)
-            lines.append(f"  {value:<15.9g} cost {solution.cost:.9g}{doubts}")
-        if self.obstacle:
-            lines.append(f"  STOPPED {self.obstacle}")
-        return "\n".join(lines)

@@ -28,7 +28,7 @@ from trajopt.ocp.trajectory import (
 )
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
-from trajopt.store import array_of, jsonable, read_arrays, write_arrays
+from trajopt.store import array_of, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -256,22 +256,6 @@ class Extremal:
         lines += [f"  retried              {a.status} with {a.options}" for a in retried]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Figures and provenance as plain JSON values (infinities and NaN as null)."""
-        pairs = zip(self.problem.phases, self.phases, strict=True)
-        values = {
-            "converged": self.converged,
-            "failures": self.failures,
-            "cost": self.cost,
-            "duration": self.duration,
-            "durations": [[phase.name, trajectory.duration] for phase, trajectory in pairs],
-            "parameters": dict(zip(self.problem.parameters, self.parameters, strict=True)),
-            "hamiltonian_spread": self.certificate.hamiltonian_spread,
-            "transversality_error": self.certificate.transversality_error,
-            **_header(self),
-        }
-        return dict(jsonable(values))
-
     def plot(self, path: str | Path | None = None) -> Figure:
         """States, controls and Hamiltonian against time; see `trajopt.ocp.plots.plot`.
 
@@ -310,17 +294,16 @@ class Extremal:
                 or is of another problem.
         """
         header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        try:
+        difference = "it has other names"
+        if header["names"] == _names(problem):
             extremal = _from_file(header, arrays, problem)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
-        difference = "it has other names" if extremal is None else _difference(extremal)
-        if extremal is None or difference:
-            raise ExtremalFileError(
-                f"{path}: the solution of another problem than the one given: {difference}; "
-                "`load_phases` reads it as a guess"
-            )
-        return extremal
+            difference = _difference(extremal)
+            if not difference:
+                return extremal
+        raise ExtremalFileError(
+            f"{path}: the solution of another problem than the one given: {difference}; "
+            "`load_phases` reads it as a guess"
+        )
 
 
 def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
@@ -330,11 +313,7 @@ def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
         FileNotFoundError: there is no such file.
         ExtremalFileError: it is not a solution saved by this version, or was edited or damaged.
     """
-    arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1]
-    try:
-        return phases_from_arrays(arrays)
-    except ValueError as error:
-        raise ExtremalFileError(f"{path}: no valid solution ({error}); {REMEDY}") from error
+    return phases_from_arrays(read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1])
 
 
 #: Attributes that are dataclasses, or tuples of them.
@@ -385,31 +364,24 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
-    extremal = Extremal(
+    return Extremal(
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
         phases=phases,
-        parameters=array_of(arrays, "parameters", (len(problem.parameters),)),
-        certificate=_certificate(arrays, phases),
+        parameters=array_of(arrays, "parameters"),
+        certificate=Certificate(
+            *(
+                tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+                for name in ("costates", "hamiltonian", "mean_hamiltonian")
+            ),
+            array_of(arrays, "duration_price"),
+        ),
         resimulation=simulated,
         attempts=tuple(Attempt(**a) for a in header["attempts"]),
         violations=tuple(Violation(**v) for v in header["violations"]),
         audit=tuple(Violation(**v) for v in header["audit"]),
         **{name: header[name] for name in _PLAIN},
     )
-    return extremal
-
-
-def _certificate(arrays: dict[str, Any], phases: tuple[PhaseTrajectory, ...]) -> Certificate:
-    tables: list[list[Array]] = [[], [], []]
-    for i, phase in enumerate(phases):
-        elements = len(phase.edges) - 1
-        shapes = (elements + 1, phase.states.shape[-1]), (elements, 2), (elements,)
-        names = ("costates", "hamiltonian", "mean_hamiltonian")
-        for table, name, shape in zip(tables, names, shapes, strict=True):
-            table.append(array_of(arrays, f"phase{i}_{name}", shape))
-    costates, values, means = map(tuple, tables)
-    return Certificate(costates, values, means, array_of(arrays, "duration_price", (len(phases),)))
 
 
 def _difference(extremal: Extremal) -> str:

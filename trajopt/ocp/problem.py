@@ -29,7 +29,6 @@ from trajopt.ocp.constraints import (
     InfeasibleBoundsError,
     names_in,
     pair,
-    pair_in,
     require_bounds,
     require_constraint,
     require_room,
@@ -73,7 +72,7 @@ class Problem:
             raise ValueError("phases: a problem has at least one")
         require_bounds("parameters: bounds", self.parameters)
         require_constraint("boundary", self.boundary)
-        require_room("duration", *pair_in("duration", self.duration))
+        require_room("duration", *pair(self.duration, "duration"))
         n = len(self.parameters)
         self._set("phases", _traced(self.phases, n))
         self._set("linkages", tuple(link.traced(self.phases, n) for link in self.linkages))
@@ -211,7 +210,7 @@ class Phase:
         if not (isinstance(self.floor, float) and self.floor == -math.inf):
             real(f"{where}: floor", self.floor)
         self._require_ends_within(where)
-        low, high = pair_in(f"{where}: duration", self.duration)
+        low, high = pair(self.duration, f"{where}: duration")
         if not 0.0 < low <= high or math.isinf(low):
             raise InfeasibleBoundsError(
                 f"{where}: duration = {self.duration} s: must be positive, lower bound first"

@@ -125,11 +125,7 @@ class PhaseTrajectory:
 
 
 def require_side(side: str) -> None:
-    """Refuse a `side` of a jump that is not one.
-
-    Raises:
-        ValueError: it is neither "left" nor "right".
-    """
+    """Refuse a `side` of a jump that is neither "left" nor "right", with a ValueError."""
     if not isinstance(side, str) or side not in ("left", "right"):
         raise ValueError(f"side = {side!r}: choose 'left' or 'right'")
 
@@ -137,39 +133,28 @@ def require_side(side: str) -> None:
 _FIELDS = tuple(field.name for field in dataclasses.fields(PhaseTrajectory))
 
 
-def phases_to_arrays(
-    phases: Sequence[PhaseTrajectory], prefix: str = ""
-) -> dict[str, NDArray[Any]]:
-    """The arrays of a trajectory by name: "phase0_edges" and so on, after the prefix."""
+def phases_to_arrays(phases: Sequence[PhaseTrajectory]) -> dict[str, NDArray[Any]]:
+    """The arrays of a trajectory by name: "phase0_edges" and so on."""
     return {
-        f"{prefix}phase{i}_{name}": getattr(phase, name)
+        f"phase{i}_{name}": getattr(phase, name)
         for i, phase in enumerate(phases)
         for name in _FIELDS
     }
 
 
-def phases_from_arrays(
-    arrays: Mapping[str, NDArray[Any]], prefix: str = ""
-) -> tuple[PhaseTrajectory, ...]:
+def phases_from_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[PhaseTrajectory, ...]:
     """The trajectory in arrays that `phases_to_arrays` named.
 
     Raises:
         ValueError: there is none, or one of its arrays is missing, does not fit the others, or has
             numbers that are not finite floating-point numbers or not in order.
     """
-    count = 0
-    while f"{prefix}phase{count}_edges" in arrays:
-        count += 1
-    if not count:
+    phases: list[PhaseTrajectory] = []
+    while f"phase{len(phases)}_edges" in arrays:
+        name = f"phase{len(phases)}"
+        phase = PhaseTrajectory(*(array_of(arrays, f"{name}_{field}") for field in _FIELDS))
+        phase.require_sound(name)
+        phases.append(phase)
+    if not phases:
         raise ValueError("it has no phases")
-    return tuple(_phase_from_arrays(arrays, f"{prefix}phase{i}_") for i in range(count))
-
-
-def _phase_from_arrays(arrays: Mapping[str, NDArray[Any]], prefix: str) -> PhaseTrajectory:
-    fields = [array_of(arrays, prefix + name) for name in _FIELDS]
-    try:
-        trajectory = PhaseTrajectory(*fields)
-    except ValueError as error:
-        raise ValueError(f"{prefix}{error}") from None
-    trajectory.require_sound(prefix.removesuffix("_"))
-    return trajectory
+    return tuple(phases)

@@ -66,7 +66,6 @@ class Result:
         violations: the most violated constraint of each kind, worst first, none below 1e-9.
         unknowns: of the program.
         multipliers: of its constraints; the Lagrangian is cost + multipliers . constraints.
-        bound_multipliers: of the bounds on its unknowns, likewise.
     """
 
     phases: tuple[PhaseTrajectory, ...]
@@ -79,7 +78,6 @@ class Result:
     violations: tuple[Violation, ...]
     unknowns: Array = dataclasses.field(repr=False)
     multipliers: Array = dataclasses.field(repr=False)
-    bound_multipliers: Array = dataclasses.field(repr=False)
 
     @property
     def worst(self) -> str:
@@ -225,7 +223,6 @@ class Transcription:
             violations=self.equations.violations(excess, phases, problem),
             unknowns=w,
             multipliers=np.asarray(solution["lam_g"]).ravel(),
-            bound_multipliers=np.asarray(solution["lam_x"]).ravel(),
         )
 
     def multipliers_of(self, result: Result) -> Iterator[tuple[Rows, Array]]:

@@ -77,17 +77,17 @@ class Walker {
 
   tick() {
     const voltage = this.control(this.state, this.p);
-    const { state, book } = wheel.advance(this.state, voltage, TICK, this.p);
-    const drawn = book.electrical_positive + this.machine.idle_power * TICK;
+    const { state, totals } = wheel.advance(this.state, voltage, TICK, this.p);
+    const drawn = totals.electrical_positive + this.machine.idle_power * TICK;
     this.energy += drawn;
-    this.distance += book.distance;
+    this.distance += totals.distance;
     this.time += TICK;
     this.state = state;
-    if (book.failure !== wheel.OK) this.fall();
+    if (totals.failure !== wheel.OK) this.fall();
     this.before = this.pose;
     this.pose = poseOf(this.state, this.p);
-    if (book.failure !== wheel.OK) this.before = this.pose;
-    this.note(voltage, drawn / TICK, book.touchdowns.length > 0);
+    if (totals.failure !== wheel.OK) this.before = this.pose;
+    this.note(voltage, drawn / TICK, totals.touchdowns.length > 0);
   }
 
   fall() {

@@ -129,7 +129,8 @@ def single(seconds: float, folder: str, read_info: bool = False) -> dict[str, An
             begin = time.perf_counter()
             if read_info:
                 for action in actions:
-                    touchdowns += env.step(action)[4]["touchdowns"]
+                    env.step(action)
+                    touchdowns += env.unwrapped.measurements["touchdowns"]
             else:
                 for action in actions:
                     env.step(action)

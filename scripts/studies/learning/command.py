@@ -30,7 +30,7 @@ from scripts.studies import publish
 from scripts.studies.documents import markdown
 from scripts.studies.learning.rows import ROWS
 from scripts.studies.learning.tables import Gap, Results, tables
-from scripts.studies.learning.trials import Figures, Result, Row
+from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 from trajopt import Solution, pool
 from trajopt.store import Store, jsonable, key
 
@@ -41,7 +41,7 @@ FEWEST = 3
 GAITS = "front"
 
 
-class Task(NamedTuple):
+class SeedTask(NamedTuple):
     """One seed of a row.
 
     Attributes:
@@ -49,7 +49,7 @@ class Task(NamedTuple):
         seed: of everything random in the training.
     """
 
-    row: Row
+    row: StudyRow
     seed: int
 
     @property
@@ -72,14 +72,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if (options.quick and options.docs) or (options.headline and not options.docs):
         parser.error("--docs is not for --quick, and --headline needs --docs")
-    rows: Sequence[Row] = ROWS
+    rows: Sequence[StudyRow] = ROWS
     folder, protocol = options.out, PROTOCOL
     if options.quick:
         rows, folder = [row.brief() for row in ROWS], folder / "quick"
         protocol = SHORT_PROTOCOL
     chosen = [row for row in rows if row.name in options.rows]
     with Store(folder, {"protocol": jsonable(protocol)}) as store:
-        tasks = [Task(row, seed) for row in chosen for seed in range(options.seeds)]
+        tasks = [SeedTask(row, seed) for row in chosen for seed in range(options.seeds)]
         failures = completed(store, tasks, protocol, options.workers)
         results = finished(store, rows, options.seeds)
         sections = tables(results, gaps(results, folder, options.workers))
@@ -97,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def completed(
-    store: Store, tasks: Sequence[Task], protocol: Protocol, workers: int | None
-) -> dict[Task, str]:
+    store: Store, tasks: Sequence[SeedTask], protocol: Protocol, workers: int | None
+) -> dict[SeedTask, str]:
     """Run the tasks that have no result yet.
 
     A task that needs a policy of another row waits until the tasks of that row are finished.
@@ -106,7 +106,7 @@ def completed(
     Returns:
         What went wrong with tasks; the others go on.
     """
-    failures: dict[Task, str] = {}
+    failures: dict[SeedTask, str] = {}
     work = functools.partial(ran, store, protocol)
     for depth in sorted({_depth(task.row) for task in tasks}):
         wave = [t for t in tasks if _depth(t.row) == depth and t.key not in store]
@@ -129,14 +129,14 @@ def completed(
     return failures
 
 
-def _depth(row: Row) -> int:
+def _depth(row: StudyRow) -> int:
     """How many rows have to be trained before, one after the other."""
     return max((1 + _depth(other) for other in row.trial.needs), default=0)
 
 
-def ran(store: Store, protocol: Protocol, task: Task) -> Result | str:
+def ran(store: Store, protocol: Protocol, task: SeedTask) -> SeedResult | str:
     """Train and evaluate a seed; in words what went wrong, if something did."""
-    others = {other.name: Task(other, task.seed) for other in task.row.trial.needs}
+    others = {other.name: SeedTask(other, task.seed) for other in task.row.trial.needs}
     missing = [name for name, other in others.items() if other.key not in store]
     if missing:
         return f"needs a policy of {' and '.join(missing)}: run these rows first"
@@ -149,21 +149,21 @@ def ran(store: Store, protocol: Protocol, task: Task) -> Result | str:
         return f"{type(error).__name__}: {error}"
 
 
-def finished(store: Store, rows: Sequence[Row], seeds: int) -> Results:
+def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     """The results of the first seeds of each row, up to one that is missing; none of too few.
 
     So a row says how many seeds it has, and nobody chose which.
     """
-    results: dict[Row, list[Result]] = {}
+    results: dict[StudyRow, list[SeedResult]] = {}
     for row in rows:
-        found: list[Result] = []
-        while len(found) < seeds and (name := Task(row, len(found)).key) in store:
+        found: list[SeedResult] = []
+        while len(found) < seeds and (name := SeedTask(row, len(found)).key) in store:
             saved = store.load(name)
             policies = {
-                which: Figures(**{k: float("nan") if v is None else v for k, v in each.items()})
+                which: WalkFigures(**{k: float("nan") if v is None else v for k, v in each.items()})
                 for which, each in saved["policies"].items()
             }
-            found.append(Result(policies, saved["steps"], saved["minutes"]))
+            found.append(SeedResult(policies, saved["steps"], saved["minutes"]))
         if len(found) >= min(FEWEST, seeds):
             results[row] = found
     return results
@@ -190,7 +190,7 @@ def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
     with closing(pool.run(solve, list(needed), workers, progress="optimal gaits")) as solved:
         gaits = dict(solved)
 
-    def gap(row: Row, figures: Figures) -> float | None:
+    def gap(row: StudyRow, figures: WalkFigures) -> float | None:
         if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
             return None
         params = preset(row.preset)

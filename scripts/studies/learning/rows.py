@@ -8,7 +8,7 @@ from typing import Any
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH, learner_class
 from rimless_gym.envs.task import USUAL_TASK
 from scripts.studies.feedback_laws.measures import NOISE
-from scripts.studies.learning.trials import Disturbed, Following, Other, PlainPpo, Row, Trained
+from scripts.studies.learning.trials import Disturbed, Following, Other, PlainPpo, StudyRow, Trained
 
 #: The tables of the page: policies for `RimlessWheel-v0`; ablations of PPO's reward weight, of
 #: cloning and of the noise of a fine-tuning; policies for the thesis's wheel; those that follow
@@ -66,25 +66,25 @@ def _noisy(deviation: float) -> Trained:
 
 
 #: Rows whose policies others need.
-IMITATED = Row(
+IMITATED = StudyRow(
     "imitation",
     "imitation of the LQR",
     LEARNED,
     Trained("ppo", IMITATION, 0, CLONED),
 )
-EVOLVED = Row(
+EVOLVED = StudyRow(
     "evolution",
     "evolution from scratch",
     LEARNED,
     Trained("evolution", files=KEPT),
 )
-DISTILLED = Row(
+DISTILLED = StudyRow(
     "distilled",
     "evolution distilled into a network",
     LEARNED,
     Trained("ppo", IMITATION, 0, CLONED, expert=Other(EVOLVED, BEST)),
 )
-WEIGHT_STAYS = Row(
+WEIGHT_STAYS = StudyRow(
     "weight_stays",
     "a reward weight of 5 that never falls",
     ABLATIONS,
@@ -93,19 +93,19 @@ WEIGHT_STAYS = Row(
 
 ROWS = (
     IMITATED,
-    Row(
+    StudyRow(
         "fine_tuned",
         "imitation, fine-tuned by PPO",
         LEARNED,
         Trained("ppo", IMITATION, FINE_TUNING, KEPT, start=Other(IMITATED, CLONE)),
     ),
-    Row(
+    StudyRow(
         "ppo",
         "PPO from scratch",
         LEARNED,
         Trained("ppo", files=KEPT),
     ),
-    Row(
+    StudyRow(
         "screened_ppo",
         "PPO from screened policies",
         LEARNED,
@@ -113,20 +113,20 @@ ROWS = (
     ),
     EVOLVED,
     DISTILLED,
-    Row(
+    StudyRow(
         "distilled_tuned",
         "distilled evolution, fine-tuned by PPO",
         LEARNED,
         Trained("ppo", IMITATION, FINE_TUNING, KEPT, start=Other(DISTILLED, CLONE)),
     ),
-    Row(
+    StudyRow(
         "weight_true",
         "the task's own weight, 0.5, and its penalties",
         ABLATIONS,
         Trained("ppo", files=BEST_ONLY, hyperparameters=_adaptive(**OWN_WEIGHT)),
     ),
     WEIGHT_STAYS,
-    Row(
+    StudyRow(
         "weight_any_speed",
         "a reward weight of 5 that never falls, at any speed",
         ABLATIONS,
@@ -136,7 +136,7 @@ ROWS = (
             hyperparameters=_adaptive(least_weight=5.0, rewarded_speed=100.0),
         ),
     ),
-    Row(
+    StudyRow(
         "weight_drops",
         "a reward weight of 5 that never falls, then the task's own at once",
         ABLATIONS,
@@ -149,43 +149,43 @@ ROWS = (
             hyperparameters=_adaptive(**OWN_WEIGHT),
         ),
     ),
-    Row("noise_small", "fine-tuned with noise of 0.0025", ABLATIONS, _noisy(0.0025)),
-    Row("noise_usual", "fine-tuned with noise of 0.011", ABLATIONS, _noisy(0.011)),
-    Row("noise_large", "fine-tuned with noise of 0.03", ABLATIONS, _noisy(0.03)),
-    Row(
+    StudyRow("noise_small", "fine-tuned with noise of 0.0025", ABLATIONS, _noisy(0.0025)),
+    StudyRow("noise_usual", "fine-tuned with noise of 0.011", ABLATIONS, _noisy(0.011)),
+    StudyRow("noise_large", "fine-tuned with noise of 0.03", ABLATIONS, _noisy(0.03)),
+    StudyRow(
         "clone_few_labels",
         "8,000 labels of start-up states a round instead of 60,000",
         ABLATIONS,
         Trained("ppo", IMITATION, 0, CLONED, cloning={"labels": 8000}),
     ),
-    Row(
+    StudyRow(
         "clone_demonstrations",
         "as many labels, all of the law's own walks",
         ABLATIONS,
         Trained("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
     ),
-    Row(
+    StudyRow(
         "thesis_imitation_slow",
         "imitation of the LQR about 0.5 m/s",
         THESIS,
         Trained("ppo", IMITATION, 0, CLONED, expert=0.5),
         preset="THESIS_PHYSICAL",
     ),
-    Row(
+    StudyRow(
         "thesis_imitation",
         "imitation of the LQR about 0.57 m/s",
         THESIS,
         Trained("ppo", IMITATION, 0, CLONED, expert=0.57),
         preset="THESIS_PHYSICAL",
     ),
-    Row(
+    StudyRow(
         "thesis_evolution",
         "evolution from scratch, distance rewarded up to 0.55 m/s",
         THESIS,
         Trained("evolution", files=KEPT, hyperparameters={"rewarded_speed": 0.55}),
         preset="THESIS_PHYSICAL",
     ),
-    Row(
+    StudyRow(
         "front",
         "imitation of a gain schedule",
         FRONT,
@@ -200,7 +200,7 @@ ROWS = (
             cloning={"gait_starts": 256, "gait_labels": 80_000, "gradient_steps": 4500},
         ),
     ),
-    Row(
+    StudyRow(
         "disturbed",
         "fine-tuned under delay and noise",
         DISTURBED,
@@ -215,7 +215,7 @@ ROWS = (
         ),
         enough=0.9,
     ),
-    Row(
+    StudyRow(
         "first_evening",
         "PPO of stable-baselines3",
         FIRST_EVENING,

@@ -17,13 +17,13 @@ from scripts.studies.learning.rows import (
     SECTIONS,
     THESIS,
 )
-from scripts.studies.learning.trials import Figures, Result, Row
+from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 
 #: The results of each row's seeds.
-Results: TypeAlias = Mapping[Row, Sequence[Result]]
+Results: TypeAlias = Mapping[StudyRow, Sequence[SeedResult]]
 
 #: CoT over the optimum at the same speed, minus 1; None without one.
-Gap: TypeAlias = Callable[[Row, Figures], float | None]
+Gap: TypeAlias = Callable[[StudyRow, WalkFigures], float | None]
 
 NONE = "-"
 
@@ -55,7 +55,9 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
     return found
 
 
-def _lines(row: Row, seeds: Sequence[Result], gap: Gap, commanded: bool) -> list[list[str]]:
+def _lines(
+    row: StudyRow, seeds: Sequence[SeedResult], gap: Gap, commanded: bool
+) -> list[list[str]]:
     """A line for each of a row's policies; where speeds are commanded, one more for all of them."""
     lines = []
     for which in seeds[0].policies:
@@ -68,7 +70,7 @@ def _lines(row: Row, seeds: Sequence[Result], gap: Gap, commanded: bool) -> list
     return lines
 
 
-def _figures(row: Row, which: str, seeds: Sequence[Result], gap: Gap) -> list[str]:
+def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -> list[str]:
     """The same policy (best kept, last, ...) of every seed of a row, in words."""
     policies = [seed.policies[which] for seed in seeds]
     walking = [each for each in policies if row.walks(each)]

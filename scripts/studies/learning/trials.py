@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
-from agents import Sb3VecEnv, protocol
+from agents import Sb3VecEnv
 from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
 from agents.evaluate import Evaluation, evaluate
+from agents.evaluate import Protocol as EvaluationProtocol
 from agents.experts import EXPERT, EXPERT_STEPS
 from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
@@ -40,7 +41,7 @@ BRIEF_STEPS = 4096
 BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
-class Figures(NamedTuple):
+class WalkFigures(NamedTuple):
     """How a policy walks.
 
     Attributes:
@@ -58,7 +59,7 @@ class Figures(NamedTuple):
     speed: float
 
     @classmethod
-    def of(cls, walks: Evaluation | Stretch) -> Figures:
+    def of(cls, walks: Evaluation | Stretch) -> WalkFigures:
         """The figures of an evaluation, or of the part of a walk under one command."""
         if isinstance(walks, Stretch):
             falls, slips = walks.fallen_share, walks.slipping_share
@@ -70,10 +71,10 @@ class Figures(NamedTuple):
 
 
 #: What distinguishes a policy from the others of its seed -> how it walks.
-Policies: TypeAlias = dict[str, Figures]
+Policies: TypeAlias = dict[str, WalkFigures]
 
 
-class Result(NamedTuple):
+class SeedResult(NamedTuple):
     """What became of a seed.
 
     Attributes:
@@ -87,7 +88,7 @@ class Result(NamedTuple):
     minutes: float
 
 
-class Trial(Protocol):
+class SeedTrial(Protocol):
     """How one seed is trained and evaluated. It must be picklable."""
 
     @property
@@ -95,7 +96,7 @@ class Trial(Protocol):
         """How long its policies hold an action (s); gaps are to optima that do the same."""
 
     @property
-    def needs(self) -> tuple[Row, ...]:
+    def needs(self) -> tuple[StudyRow, ...]:
         """Rows whose policies it needs, of the same seed."""
 
     def run(
@@ -104,8 +105,8 @@ class Trial(Protocol):
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
-    ) -> Result:
+        by: EvaluationProtocol,
+    ) -> SeedResult:
         """Train into a folder, or go on there, and evaluate.
 
         Args:
@@ -116,12 +117,12 @@ class Trial(Protocol):
             by: the protocol of the evaluation.
         """
 
-    def brief(self) -> Trial:
+    def brief(self) -> SeedTrial:
         """A trial that learns nothing, but shows that everything runs."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Row:
+class StudyRow:
     """A way to learn, over several seeds.
 
     Attributes:
@@ -136,15 +137,15 @@ class Row:
     name: str
     title: str
     table: str
-    trial: Trial
+    trial: SeedTrial
     enough: float = 0.95
     preset: str = "BUILDABLE"
 
-    def brief(self) -> Row:
+    def brief(self) -> StudyRow:
         """The same with a trial that shows that everything runs."""
         return dataclasses.replace(self, trial=self.trial.brief())
 
-    def walks(self, policy: Figures) -> bool:
+    def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""
         return policy.share >= self.enough - 1e-9
 
@@ -157,7 +158,7 @@ class Other(NamedTuple):
         file: of the policy, in the folder of the same seed.
     """
 
-    row: Row
+    row: StudyRow
     file: str
 
 
@@ -197,7 +198,7 @@ class Trained:
         return CONTROL_PERIOD
 
     @property
-    def needs(self) -> tuple[Row, ...]:
+    def needs(self) -> tuple[StudyRow, ...]:
         """Rows whose policies it needs."""
         return tuple(each.row for each in (self.start, self.expert) if isinstance(each, Other))
 
@@ -207,8 +208,8 @@ class Trained:
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
-    ) -> Result:
+        by: EvaluationProtocol,
+    ) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
         start = self.init
@@ -230,7 +231,7 @@ class Trained:
             config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
         trained = train(config, folder, cache=cache, progress=False)
         policies = self.evaluate(folder, params, by)
-        return Result(policies, trained.timesteps, trained.curve[-1].minutes)
+        return SeedResult(policies, trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
@@ -247,10 +248,10 @@ class Trained:
         front = cot_front(params, [self.expert], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=cache)
         return laws.design(EXPERT, front.envelope[0], cache)
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """Every policy by the protocol."""
         return {
-            name: Figures.of(evaluate(load_policy(folder / file, params).policy, params, by))
+            name: WalkFigures.of(evaluate(load_policy(folder / file, params).policy, params, by))
             for name, file in self.files.items()
         }
 
@@ -283,17 +284,17 @@ class Following(Trained):
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """The policy at every command."""
         (file,) = self.files.values()
         policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
         policies = {
-            f"{each.command:g} m/s": Figures.of(each.evaluation)
+            f"{each.command:g} m/s": WalkFigures.of(each.evaluation)
             for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
         }
         stretches = walk_through(policy, self.changes, params, by, control_period=period)
         for before, stretch in itertools.pairwise(stretches):
-            policies[f"{stretch.command:g} m/s after {before.command:g}"] = Figures.of(stretch)
+            policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
         return policies
 
 
@@ -301,7 +302,7 @@ class Following(Trained):
 class Disturbed(Trained):
     """A training under disturbances, evaluated with them and without."""
 
-    def evaluate(self, folder: Path, params: WheelParams, by: protocol.Protocol) -> Policies:
+    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""
         each = {name.replace("_", " "): {name: value} for name, value in self.disturbances.items()}
         conditions = {"undisturbed": {}, **each, "all disturbances": self.disturbances}
@@ -310,7 +311,7 @@ class Disturbed(Trained):
             policy = load_policy(folder / file, params).policy
             for condition, disturbances in conditions.items():
                 walks = evaluate(policy, params, by, disturbances=disturbances)
-                policies[f"{name}: {condition}"] = Figures.of(walks)
+                policies[f"{name}: {condition}"] = WalkFigures.of(walks)
         return policies
 
 
@@ -329,7 +330,7 @@ class PlainPpo:
     n_envs: int = 8
     timesteps: int = 500_000
     commands: tuple[float, ...] = COMMANDS
-    needs: tuple[Row, ...] = ()
+    needs: tuple[StudyRow, ...] = ()
     period: float = PERIOD
 
     def run(
@@ -338,8 +339,8 @@ class PlainPpo:
         folder: Path,
         others: Mapping[str, Path],
         params: WheelParams,
-        by: protocol.Protocol,
-    ) -> Result:
+        by: EvaluationProtocol,
+    ) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
         envs = make_vec_env(
@@ -353,8 +354,8 @@ class PlainPpo:
         minutes = (time.process_time() - begun) / 60.0
         policy = learned_policy(NetworkPolicy(model))
         walks = evaluate_commanded(policy, self.commands, params, by)
-        policies = {f"{each.command:g} m/s": Figures.of(each.evaluation) for each in walks}
-        return Result(policies, model.num_timesteps, minutes)
+        policies = {f"{each.command:g} m/s": WalkFigures.of(each.evaluation) for each in walks}
+        return SeedResult(policies, model.num_timesteps, minutes)
 
     def brief(self) -> PlainPpo:
         """The same with few steps."""

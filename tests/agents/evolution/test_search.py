@@ -11,11 +11,11 @@ import pytest
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution.search import (
     Answer,
-    Candidate,
     EvolutionSettings,
+    EvolvingPolicy,
+    Generation,
     Groups,
     NothingWalksError,
-    Round,
     Schedule,
     search,
 )
@@ -120,9 +120,9 @@ def test_a_search_that_finds_nothing_ends_with_a_remedy():
 
 
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best():
-    one = Candidate(SETTINGS, -1, WANTED, (0, 0), 0.5)
+    one = EvolvingPolicy(SETTINGS, -1, WANTED, (0, 0), 0.5)
     for intervals, gait in ((100, CleanWalking(1.0, 0.045, 0.6)), (1000, NO_WALK)):
-        schedule = Schedule((Round(4, Duration.second_half(intervals)),), 8)
+        schedule = Schedule((Generation(4, Duration.second_half(intervals)),), 8)
         running = one.evolve(10, schedule, None)
         request = next(running)
         for _ in range(1 if gait is NO_WALK else 10):

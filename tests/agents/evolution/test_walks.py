@@ -9,9 +9,9 @@ from agents.conditions import Conditions
 from agents.evolution.walks import (
     SIZE,
     Duration,
-    Objective,
-    Simulator,
-    Walks,
+    PolicySimulator,
+    PolicyWalks,
+    WalkReward,
     act,
     families,
     members,
@@ -42,7 +42,7 @@ def starts():
 
 @pytest.fixture(scope="module")
 def simulated(weights, starts):
-    return Simulator(BUILDABLE).walk(weights, starts, DURATION)
+    return PolicySimulator(BUILDABLE).walk(weights, starts, DURATION)
 
 
 def test_walks_are_those_of_the_environment(weights, starts, simulated):
@@ -69,14 +69,14 @@ def test_walks_are_those_of_the_environment(weights, starts, simulated):
 
 
 def test_a_walk_depends_neither_on_threads_nor_on_the_others(weights, starts, simulated):
-    alone = Simulator(BUILDABLE, threads=1).walk(weights[2:3], starts[4:5], DURATION)
+    alone = PolicySimulator(BUILDABLE, threads=1).walk(weights[2:3], starts[4:5], DURATION)
     for one, all_of_them in zip(alone, simulated, strict=True):
         assert one[0, 0] == all_of_them[2, 4]
 
 
 def test_under_a_steady_voltage_the_pendulum_leans_forward_and_the_wheel_rolls(weights):
     starts = draw_starts(BUILDABLE, 12, 3)
-    found = Simulator(BUILDABLE).walk(weights[:1], starts, Duration(600, 300))
+    found = PolicySimulator(BUILDABLE).walk(weights[:1], starts, Duration(600, 300))
     rolls = members(found, 0.0)
     assert rolls.any()
     assert found.distance[rolls].min() > 0.9
@@ -107,12 +107,12 @@ def walks(**changes):
         "turned": -20 * np.pi,
         "slipping": 0.0,
     } | changes
-    return Walks(**{name: np.full((1, 2), value) for name, value in values.items()})
+    return PolicyWalks(**{name: np.full((1, 2), value) for name, value in values.items()})
 
 
 @pytest.fixture
 def objective():
-    return Objective(BUILDABLE, Task(), speed=0.62)
+    return WalkReward(BUILDABLE, Task(), speed=0.62)
 
 
 def score(objective, family=-1, weight=1.0, **changes):
@@ -174,7 +174,7 @@ def test_a_gait_is_that_of_the_walks_by_the_rules_in_its_family(objective):
 
 
 def test_families_are_whole_revolutions_per_step_fewest_first():
-    several = Walks(
+    several = PolicyWalks(
         *(
             np.concatenate([a, b, c])
             for a, b, c in zip(walks(), walks(turned=0.3), walks(turned=-30 * np.pi), strict=True)

@@ -20,10 +20,10 @@ from agents.reward_weight import NO_WALK, CleanWalking
 from agents.sb3 import rounds, screened_ppo
 from agents.sb3.rounds import (
     LIMIT,
-    Anneal,
+    Improve,
     NormalizeByPhase,
     Products,
-    Race,
+    Tournament,
     normalized,
     policy_of,
     put_policy,
@@ -148,20 +148,28 @@ def test_killed_in_a_round_and_resumed_it_ends_with_the_same_policy(tmp_path, mo
 
 
 def test_noise_and_learning_rate_reach_their_last_values_at_the_end():
-    deviations = []
-    actor = SimpleNamespace(set_noise=lambda log_std: deviations.append(np.exp(log_std)))
-    anneal = Anneal(actor, (0.06, 0.02), (2e-3, 4e-4), 100, 300)
-    anneal.model = SimpleNamespace(num_timesteps=0, logger=None)
+    deviations, frozen = [], []
+    actor = SimpleNamespace(
+        set_noise=lambda log_std: deviations.append(np.exp(log_std)), freeze=frozen.append
+    )
+    rules = rounds.PpoRound(200, 1, (0.06, 0.02), 0.2, 1)
+    env, adaptive = SimpleNamespace(scale=10.0), SimpleNamespace(weight=0.5)
+    improve = Improve(actor, rules, 2e-3, (100, 150, 300), env, adaptive)
+    improve.model = SimpleNamespace(num_timesteps=0, logger=None)
     rates = []
-    for anneal.num_timesteps in (100, 200, 300, 310):
-        anneal.on_rollout_start()
-        rates.append(anneal.model.lr_schedule(0.0))
+    for improve.num_timesteps in (100, 200, 300, 310):
+        improve._on_rollout_start()
+        rates.append(improve.model.lr_schedule(0.0))
     assert deviations == pytest.approx([0.06, (0.06 * 0.02) ** 0.5, 0.02, 0.02])
     assert rates == pytest.approx([2e-3, 1.2e-3, 4e-4, 4e-4])
+    assert frozen == [True, False, False, False]
+    assert env.scale == 20.0
+    improve.on_training_end()
+    assert env.scale == 10.0
 
 
 def test_resumed_before_the_first_time_step_it_begins_with_the_same_weight(learner):
-    learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
+    learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64))
     learner._begin()
     learner._adaptive.weight = 0.7
     again = ScreenedPpo(learner.training)
@@ -189,7 +197,7 @@ def test_only_the_last_candidate_has_a_penalty_for_steps_backward_and_must_walk_
     shares, penalties = [], []
     learner._schedule = dataclasses.replace(learner._schedule, least_share=0.8)
     for number in range(len(rounds.ROUNDS)):
-        learner._race = Race(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
+        learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
         learner._begin()
         wrapper = wrapped(learner._env, BackwardSteps)
         learner.model.learn = lambda *_, wrapper=wrapper, **__: penalties.append(wrapper.penalty)
@@ -242,16 +250,16 @@ def end_round(race):
 
 
 def test_the_best_two_of_each_family_go_on_and_the_best_of_all_learns_to_the_end():
-    race = Race(np.arange(6.0)[:, None], np.array([0, 0, 0, -1, -1, 1]))
+    race = Tournament(np.arange(6.0)[:, None], np.array([0, 0, 0, -1, -1, 1]))
     assert end_round(race) == ([1, 0, 4, 5, 3], [0, 0, -1, 1, -1])
     assert end_round(race) == ([1, 0], [0, 0])
     race.advance(np.array([11.0]), GAITS[1])  # it goes on as what it has become
-    race = Race.read(dataclasses.asdict(race))
+    race = Tournament.read(dataclasses.asdict(race))
     assert (race.gaits, race.decided) == ([GAITS[1]], False)
     race.advance(np.array([10.0]), GAITS[0])
     assert (race.candidates.tolist(), race.decided) == ([[11.0]], True)
     assert race.rules == rounds.ROUNDS[-1]
-    assert Race.last_round(np.array([3.0])).decided
+    assert Tournament.last_round(np.array([3.0])).decided
 
 
 class Spreads(BaseCallback):

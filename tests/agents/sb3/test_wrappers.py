@@ -35,9 +35,11 @@ def test_rewards_are_scaled_for_the_learner_only():
     for env in (plain, scaled):
         env.reset()
     action = np.full((1, 1), 0.7, dtype=np.float32)
-    (_, small, _, infos), (_, large, _, _) = plain.step(action), scaled.step(action)
+    (_, small, *_), (_, large, *_) = plain.step(action), scaled.step(action)
     assert large[0] == pytest.approx(100 * small[0])
-    assert small[0] == pytest.approx(sum(infos[0][name] for name in TERM_NAMES))
+    assert small[0] == pytest.approx(
+        sum(wrapped(plain, Sb3VecEnv).last_info[name][0] for name in TERM_NAMES)
+    )
 
 
 @pytest.mark.parametrize("voltage", [0.0, 1.0])
@@ -120,19 +122,21 @@ def test_at_first_energy_is_free_and_travel_counts_less_but_falls_and_slips_do_n
     rng = np.random.default_rng(0)
     for _ in range(150):
         actions = rng.choice([-1.0, 1.0], size=(N, 1)).astype(np.float32)
-        (_, rewards, dones, infos), (_, whole, _, _) = free.step(actions), plain.step(actions)
+        (_, rewards, dones, _), (_, whole, _, _) = free.step(actions), plain.step(actions)
+        info = wrapped(free, Sb3VecEnv).last_info
         for i in range(N):
-            penalties = infos[i]["reward_slip"] + infos[i]["reward_end"]
+            penalties = info["reward_slip"][i] + info["reward_end"][i]
             early = ages[i] < START_UP
-            expected = travel * infos[i]["reward_distance"] + penalties if early else whole[i]
+            expected = travel * info["reward_distance"][i] + penalties if early else whole[i]
             assert rewards[i] == pytest.approx(expected, abs=1e-7)
             seen.add((bool(early), penalties < 0.0))
         ages = np.where(dones, 0, ages + 1)
     assert len(seen) == 4
 
 
-def backward(infos):
-    return np.array([(info["touchdowns"] - info["steps"]) / 2 for info in infos])
+def backward(env):
+    info = wrapped(env, Sb3VecEnv).last_info
+    return (info["touchdowns"] - info["steps"]) / 2
 
 
 def test_each_step_backward_has_a_penalty_once_the_start_up_is_over():
@@ -144,12 +148,13 @@ def test_each_step_backward_has_a_penalty_once_the_start_up_is_over():
     for _ in range(150):
         actions = rng.choice([-1.0, 1.0], size=(N, 1)).astype(np.float32)
         walking = ~wrapped(penalised, StartUpPhase).starting
-        _, rewards, _, infos = penalised.step(actions)
-        less, back = plain.step(actions)[1] - rewards, backward(infos)
-        for info, steps in zip(infos, back, strict=True):
-            if (info["touchdowns"], info["steps"]) in ((0, 0), (1, 1), (2, 2)):
+        _, rewards, _, _ = penalised.step(actions)
+        less, back = plain.step(actions)[1] - rewards, backward(penalised)
+        info = wrapped(penalised, Sb3VecEnv).last_info
+        for touchdowns, forward, steps in zip(info["touchdowns"], info["steps"], back, strict=True):
+            if (touchdowns, forward) in ((0, 0), (1, 1), (2, 2)):
                 assert steps == 0
-            if (info["touchdowns"], info["steps"]) == (1, -1):
+            if (touchdowns, forward) == (1, -1):
                 assert steps == 1
         np.testing.assert_allclose(less, 0.3 * walking * back, atol=1e-6)
         counted += back[walking].sum(), back[~walking].sum()
@@ -167,7 +172,7 @@ def test_the_penalty_may_change_and_what_is_monitored_has_none():
         _, rewards, dones, infos = env.step(actions)
         for i in set(range(N)) - set(ended):
             rewarded[i] += rewards[i]
-            back[i] += backward(infos)[i]
+            back[i] += backward(env)[i]
             if dones[i]:
                 ended[i] = infos[i]["episode"]["r"]
     assert back.max() > 0

@@ -1,4 +1,4 @@
-"""Vector environments and actions for the tests in this folder."""
+"""Environments and actions for the tests in this folder."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from gymnasium.vector import AutoresetMode
 
 from rimless_gym import Disturbances, Pushes, RimlessWheelVectorEnv, SensorNoise
 
+ID, SPEED_ID = "RimlessWheel-v0", "RimlessWheelSpeed-v0"
+STILL = np.zeros(1, np.float32)
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 ROUGH: dict[str, Any] = {
     "ranges": {"slope": (-0.03, 0.03), "pendulum_mass": (2.0, 2.4), "idle_power": (0.0, 2.0)},
@@ -21,8 +23,8 @@ ROUGH: dict[str, Any] = {
 }
 
 
-def make(n: int, mode: AutoresetMode = NEXT, **settings: Any) -> RimlessWheelVectorEnv:
-    envs = gym.make_vec("RimlessWheel-v0", num_envs=n, autoreset_mode=mode, **settings)
+def make(n: int, mode: AutoresetMode = NEXT, id: str = ID, **settings: Any) -> Any:
+    envs = gym.make_vec(id, num_envs=n, autoreset_mode=mode, **settings)
     assert isinstance(envs, RimlessWheelVectorEnv)
     return envs
 

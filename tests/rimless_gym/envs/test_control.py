@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from rimless_gym import BUILDABLE, Disturbances, Pushes, RimlessWheelEnv, RimlessWheelVectorEnv
+from rimless_gym import BUILDABLE, Disturbances, Pushes, RimlessWheelEnv
 from rimless_gym.envs.layout import MEMORY
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.kernel.stepping import DPHI, DTHETA
-from tests.rimless_gym.envs.rows import SAME, make, swinging
+from tests.rimless_gym.envs.rows import ID, SAME, STILL, make, swinging
 
-ID = "RimlessWheel-v0"
 ENERGIES = ("electrical", "electrical_positive", "idle", "collision", "mechanical_change", *LOSSES)
 number = equations(math.sin, math.cos)
 
 
 @pytest.mark.parametrize("ticks", [2, 4])
 def test_short_intervals_at_one_voltage_equal_one_long_interval(ticks: int) -> None:
-    n = 3000
+    n = 500
     short, long = make(n, SAME), make(n, SAME, control_period=ticks * 0.01)
     for envs in (short, long):
         envs.reset(seed=0)
@@ -41,47 +39,47 @@ def test_short_intervals_at_one_voltage_equal_one_long_interval(ticks: int) -> N
         total = sum(part[name] for part in parts)
         assert np.abs(total - whole[name])[running].max() < 1e-9
     assert running.sum() > 0.9 * n
-    assert whole["touchdowns"][running].sum() > 0.02 * n
+    assert whole["touchdowns"][running].any()
 
 
 def test_rewards_and_info_are_of_an_interval_whatever_its_length() -> None:
-    env = gym.make(ID, control_period=0.05)
+    env = RimlessWheelEnv(control_period=0.05)
     env.reset(options={"mode": "double_stance"})
-    _, reward, _, _, info = env.step(np.zeros(1, np.float32))
-    assert info["elapsed"] == pytest.approx(0.05, abs=1e-15)
-    assert info["idle"] == pytest.approx(0.05 * BUILDABLE.idle_power)
-    assert reward == sum(info[name] for name in TERM_NAMES)
+    _, reward, _, _, info = env.step(STILL)
+    assert env.measurements["elapsed"] == pytest.approx(0.05, abs=1e-15)
+    assert env.measurements["idle"] == pytest.approx(0.05 * BUILDABLE.idle_power)
+    assert reward == pytest.approx(sum(info[name] for name in TERM_NAMES), rel=1e-15)
 
 
 def test_pushes_come_as_often_and_delays_last_as_many_intervals() -> None:
     pushes = Disturbances(pushes=Pushes(rate=5.0, impulse=(0.01, 0.01)))
     for period in (0.01, 0.1):
-        envs = make(200, SAME, control_period=period, disturbances=pushes)
+        envs = make(100, SAME, control_period=period, disturbances=pushes)
         envs.reset(seed=0, options={"mode": "double_stance"})
         steps = round(1.0 / period)
         pushed = sum(
-            (envs.step(np.zeros((200, 1), np.float32))[-1]["push"] != 0).sum() for _ in range(steps)
+            (envs.step(np.zeros((100, 1), np.float32))[-1]["push"] != 0).sum() for _ in range(steps)
         )
-        least = -math.expm1(-5.0 * period) / period * 200
+        least = -math.expm1(-5.0 * period) / period * 100
         assert pushed == pytest.approx(least, rel=0.15)
     env = gym.make(ID, control_period=0.03, disturbances={"actuator_delay": 2})
     env.reset(options={"mode": "double_stance"})
-    electrical = [env.step(np.ones(1, np.float32))[-1]["electrical"] for _ in range(3)]
+    electrical = [env.step(np.ones(1, np.float32))[-1]["electrical_positive"] for _ in range(3)]
     assert electrical[:2] == [0.0, 0.0]
     assert electrical[2] > 0.0
 
 
-@pytest.mark.parametrize(("period", "steps"), [(0.01, 2000), (0.04, 500), (0.03, 667), (0.1, 200)])
+@pytest.mark.parametrize(("period", "steps"), [(0.01, 2000), (0.03, 667), (0.1, 200)])
 def test_an_episode_is_truncated_after_20_seconds(period: float, steps: int) -> None:
     env, envs = gym.make(ID, control_period=period), make(2, SAME, control_period=period)
     env.reset(options={"mode": "double_stance"})
     envs.reset(options={"mode": "double_stance"})
     assert envs.max_episode_steps == steps
-    still, all_still = np.zeros(1, np.float32), np.zeros((2, 1), np.float32)
+    all_still = np.zeros((2, 1), np.float32)
     for _ in range(steps - 1):
-        assert not env.step(still)[3]
+        assert not env.step(STILL)[3]
         assert not envs.step(all_still)[3].any()
-    assert env.step(still)[2:4] == (False, True)
+    assert env.step(STILL)[2:4] == (False, True)
     assert envs.step(all_still)[3].all()
 
 
@@ -90,9 +88,8 @@ def test_max_episode_steps_still_shortens_episodes() -> None:
     envs = make(1, SAME, control_period=0.04, max_episode_steps=3)
     for each in (env, envs):
         each.reset(options={"mode": "double_stance"})
-    still = np.zeros(1, np.float32)
-    assert [bool(env.step(still)[3]) for _ in range(3)] == [False, False, True]
-    assert [bool(envs.step([still])[3][0]) for _ in range(3)] == [False, False, True]
+    assert [bool(env.step(STILL)[3]) for _ in range(3)] == [False, False, True]
+    assert [bool(envs.step([STILL])[3][0]) for _ in range(3)] == [False, False, True]
     for endless in (None, 3000):
         envs = make(1, control_period=0.04, max_episode_steps=endless)
         assert envs.max_episode_steps == endless
@@ -102,13 +99,13 @@ def test_max_episode_steps_still_shortens_episodes() -> None:
 def test_a_current_is_driven_at_the_beginning_of_the_interval(mount: str) -> None:
     params = BUILDABLE.replace(motor_mount=mount)
     p, limit = params.constants, params.voltage_limit
-    envs = make(100, SAME, params=params, actions="current")
+    envs = make(40, SAME, params=params, actions="current")
     envs.reset(seed=0)
     clipped = 0
-    for actions in swinging(100, 30, hold=3):
+    for actions in swinging(40, 30, hold=3):
         x = envs.states
         ended = envs.step(actions)[2]
-        volts = envs.get_state()["fleet"]["memory"][MEMORY.voltage, :100]
+        volts = envs.get_state()["batch"]["memory"][MEMORY.voltage, :40]
         shares = np.clip(actions[:, 0].astype(float), -1.0, 1.0)
         for row, volt, share in zip(x[~ended], volts[~ended], shares[~ended], strict=True):
             dpsi = number.relative_rate(row[DPHI], row[DTHETA], p)
@@ -126,29 +123,13 @@ def test_a_current_is_driven_at_the_beginning_of_the_interval(mount: str) -> Non
 def test_no_current_costs_no_energy_at_the_beginning_and_any_current_as_much_as_it_takes() -> None:
     env = RimlessWheelEnv(actions="current")
     env.reset(options={"mode": "double_stance"})
-    info = env.step(np.zeros(1, np.float32))[-1]
-    assert info["electrical"] == 0.0
+    env.step(STILL)
+    assert env.measurements["electrical"] == 0.0
     stall = BUILDABLE.voltage_limit / BUILDABLE.armature_resistance
-    info = env.step(np.full(1, 0.1, np.float32))[-1]
-    assert info["copper"] == pytest.approx(
+    env.step(np.full(1, 0.1, np.float32))
+    assert env.measurements["copper"] == pytest.approx(
         (0.1 * stall) ** 2 * BUILDABLE.armature_resistance * 0.01, rel=0.2
     )
-
-
-@pytest.mark.parametrize("settings", [{"control_period": 0.04}, {"actions": "current"}], ids=str)
-def test_rows_are_single_environments_with_any_control(settings: dict) -> None:
-    envs = make(12, SAME, **settings)
-    singles = [gym.make(ID, **settings) for _ in range(12)]
-    seen = envs.reset(seed=5)[0]
-    assert np.array_equal(seen, [one.reset(seed=5 + i)[0] for i, one in enumerate(singles)])
-    for actions in swinging(12, 700, hold=10):
-        seen, rewards, ended, truncated, _ = envs.step(actions)
-        for i, one in enumerate(singles):
-            first, reward, *over, _ = one.step(actions[i])
-            assert (rewards[i], [ended[i], truncated[i]]) == (reward, over)
-            if any(over):
-                first = one.reset()[0]
-            assert np.array_equal(seen[i], first)
 
 
 def test_gymnasiums_checker_is_silent_and_frames_come_at_the_control_period() -> None:
@@ -158,27 +139,6 @@ def test_gymnasiums_checker_is_silent_and_frames_come_at_the_control_period() ->
         check_env(env.unwrapped)
     assert env.metadata["render_fps"] == make(1, control_period=0.04).metadata["render_fps"] == 25
     assert RimlessWheelEnv.metadata["render_fps"] == 100
-
-
-@pytest.mark.parametrize("make_one", [RimlessWheelEnv, RimlessWheelVectorEnv])
-@pytest.mark.parametrize(
-    ("settings", "error", "message"),
-    [
-        ({"control_period": 0.0}, ValueError, "control_period = 0 s: .* multiple of 0.01 s"),
-        ({"control_period": 0.015}, ValueError, "control_period = 0.015 s: .* from 0.01 to 0.1"),
-        ({"control_period": 0.11}, ValueError, "control_period = 0.11 s"),
-        ({"control_period": -0.01}, ValueError, "control_period = -0.01 s"),
-        ({"control_period": math.nan}, ValueError, "control_period = nan: must be finite"),
-        ({"control_period": "0.01"}, TypeError, "control_period = '0.01': must be a real number"),
-        ({"actions": "torque"}, ValueError, r"actions = 'torque': choose from \('voltage', 'curr"),
-        ({"actions": None}, ValueError, "actions = None: choose from"),
-    ],
-)
-def test_invalid_controls_are_refused_with_the_limits(
-    make_one: Any, settings: dict, error: type, message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        make_one(**settings)
 
 
 def test_a_snapshot_of_another_control_is_refused() -> None:

@@ -20,15 +20,16 @@ from rimless_gym import (
     Task,
     WheelParams,
 )
-from rimless_gym.envs.fleet import Fleet
-from rimless_gym.envs.layout import MEMORY
-from rimless_gym.envs.observation import OBSERVATION_BOUND, OBSERVATION_SIZE
-from rimless_gym.envs.perturbation import disturb_rows
+from rimless_gym.envs.batch import Batch
+from rimless_gym.envs.disturbances import disturb_rows
+from rimless_gym.envs.layout import MEMORY, OBSERVATION_BOUND, OBSERVATION_SIZE
 from rimless_gym.envs.starts import GIVEN, HANGING
 from rimless_gym.equations import LOSSES, equations
 from rimless_gym.export import joint_state
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import DPHI, DTHETA, FOOT, MODE, PHI, THETA
+from rimless_gym.rules import LIMIT_TOLERANCE
+from tests.rimless_gym.envs import rows
 
 number = equations(math.sin, math.cos)
 MACHINES = {
@@ -38,6 +39,7 @@ MACHINES = {
     "frame mount": THESIS_PHYSICAL.replace(motor_mount="frame", rotor_inertia=3e-7),
 }
 ALWAYS = 1e9  # pushes per second: one in every interval
+DEMANDS, LIMIT = ("friction_demand", "impulse_friction_demand"), 1 + LIMIT_TOLERANCE
 
 
 def make(**settings: Any) -> Any:
@@ -46,19 +48,18 @@ def make(**settings: Any) -> Any:
 
 def swinging(steps: int, seed: int = 0) -> np.ndarray:
     """Random actions (steps, 1), each held for 0.2 s."""
-    levels = np.random.default_rng(seed).uniform(-1, 1, (-(-steps // 20), 1)).astype(np.float32)
-    return np.repeat(levels, 20, axis=0)[:steps]
+    return rows.swinging(1, steps, seed)[:, 0] / 1.2
 
 
-def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Fleet:
+def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -> Batch:
     """64 rows that started in the same state and were pushed, each in a random direction."""
     pushes = Pushes(rate=ALWAYS, impulse=(impulse, impulse))
-    fleet = Fleet([params] * 64, Task(), Ranges({}), Disturbances(pushes=pushes))
-    rows, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
-    fleet.begin(rows, rows.astype(np.uint64), kind, np.array([given] * 64), seen)
-    settings = fleet.disturbances.settings(CONTROL_PERIOD)
-    disturb_rows(fleet.memory, fleet.constants, fleet.streams, fleet.held, settings, 0, 64)
-    return fleet
+    batch = Batch([params] * 64, Task(), disturbances=Disturbances(pushes=pushes))
+    each, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
+    batch.begin(each, each.astype(np.uint64), kind, np.array([given] * 64), seen)
+    settings = batch.disturbances.settings(CONTROL_PERIOD)
+    disturb_rows(batch.memory, batch.constants, batch.streams, batch.held, settings, 0, 64)
+    return batch
 
 
 @pytest.mark.parametrize("params", MACHINES.values(), ids=MACHINES)
@@ -77,39 +78,40 @@ def test_a_push_changes_the_rates_as_in_mujoco_with_the_foot_pinned(params, free
 
 def test_the_work_of_a_push_is_its_impulse_times_the_mean_hub_speed():
     p, start = THESIS_PHYSICAL.constants, [1.3, 0.7, 1.1, -2.0, 0]
-    fleet = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
-    ways = fleet.memory[DPHI] > start[2]
+    batch = pushed(THESIS_PHYSICAL, 0.8, GIVEN, start)
+    ways = batch.memory[DPHI] > start[2]
     assert 16 < ways.sum() < 48
-    speeds = p.L1 * math.sin(start[0]) * (start[2] + fleet.memory[DPHI]) / 2
-    assert fleet.memory[MEMORY.push_work] == pytest.approx(
+    speeds = p.L1 * math.sin(start[0]) * (start[2] + batch.memory[DPHI]) / 2
+    assert batch.memory[MEMORY.push_work] == pytest.approx(
         np.where(ways, 0.8, -0.8) * speeds, rel=1e-9
     )
-    assert not fleet.memory[MEMORY.push_shift].any()
-    assert np.all(fleet.memory[[PHI, THETA]] == np.array([start[:2]]).T)
+    assert not batch.memory[MEMORY.push_shift].any()
+    assert np.all(batch.memory[[PHI, THETA]] == np.array([start[:2]]).T)
 
 
 def test_a_push_tips_a_wheel_at_rest_over_the_foot_it_is_pushed_towards():
-    fleet, p = pushed(THESIS_PHYSICAL, 0.8, HANGING, [0.0] * 5), THESIS_PHYSICAL.constants
-    forward = fleet.memory[FOOT] == 0
+    batch, p = pushed(THESIS_PHYSICAL, 0.8, HANGING, [0.0] * 5), THESIS_PHYSICAL.constants
+    forward = batch.memory[FOOT] == 0
     assert 16 < forward.sum() < 48
     for ways, phi, foot, j in ((forward, p.a, 0, 0.8), (~forward, p.b, -1, -0.8)):
         expected = number.push(phi, 0.0, 0.0, 0.0, j, 0.0, p)
         for row, value in ((PHI, phi), (FOOT, foot), (MODE, 0), (MEMORY.push_shift, foot)):
-            assert np.all(fleet.memory[row, ways] == value)
-        assert fleet.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
-        assert fleet.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
-        assert np.sign(fleet.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
-    assert np.all(fleet.memory[MEMORY.push_work] > 0)
+            assert np.all(batch.memory[row, ways] == value)
+        assert batch.memory[DPHI, ways] == pytest.approx(expected[0], rel=1e-12)
+        assert batch.memory[DTHETA, ways] == pytest.approx(expected[1], rel=1e-12)
+        assert np.sign(batch.memory[DPHI, ways]).sum() == np.sign(j) * ways.sum()
+    assert np.all(batch.memory[MEMORY.push_work] > 0)
 
 
 def test_the_ledger_of_a_pushed_episode_balances_and_counts_its_steps():
     env = make(disturbances=Disturbances(pushes=Pushes(rate=20.0, impulse=(0.2, 1.0))))
-    for seed in range(5):
+    for seed in range(3):
         env.reset(seed=seed, options={"mode": "double_stance"})
         start, feet, work, blows, total = env.model.mechanical_energy, 0.0, 0.0, 0, 0.0
         before = float(start(env.state[:4]))
         for action in swinging(200, seed):
-            _, _, terminated, _, info = env.step(0.2 * action)
+            _, _, terminated, _, _ = env.step(0.2 * action)
+            info = env.measurements
             spent = sum(info[name] for name in (*LOSSES, "collision"))
             given = info["electrical"] + info["push"]
             assert given == pytest.approx(spent + info["mechanical_change"], abs=1e-9)
@@ -146,7 +148,7 @@ def test_sensor_noise_has_the_requested_size_and_does_not_change_the_motion():
     noise = SensorNoise(leg_angle=0.01, pendulum_angle=0.05, leg_rate=0.2, pendulum_rate=0.4)
     exact, noisy = make(), make(disturbances=Disturbances(sensor_noise=noise))
     errors = []
-    for seed in range(10):
+    for seed in range(6):
         seen = exact.reset(seed=seed)[0], noisy.reset(seed=seed)[0]
         for action in swinging(150, seed):
             angles = [math.atan2(each[1], each[2]) for each in seen]
@@ -159,26 +161,28 @@ def test_sensor_noise_has_the_requested_size_and_does_not_change_the_motion():
             assert seen[0][5] == seen[1][5]
             results = exact.step(action), noisy.step(action)
             assert results[0][1:4] == results[1][1:4]
-            assert dict(results[0][4]) == dict(results[1][4])
+            assert exact.measurements == noisy.measurements
             seen = results[0][0], results[1][0]
             if results[0][2]:
                 break
         assert np.array_equal(exact.state, noisy.state)
     scales = 0.01, 0.05, 0.2, 0.4
-    assert np.std(errors, axis=0) == pytest.approx(scales, rel=0.1)
-    assert np.all(np.abs(np.mean(errors, axis=0)) < np.array(scales) / 10)
-    assert np.abs(np.corrcoef(np.array(errors).T) - np.eye(4)).max() < 0.1
+    assert np.std(errors, axis=0) == pytest.approx(scales, rel=0.15)
+    assert np.all(np.abs(np.mean(errors, axis=0)) < np.array(scales) / 6)
+    assert np.abs(np.corrcoef(np.array(errors).T) - np.eye(4)).max() < 0.15
 
 
-def test_noisy_observations_stay_within_their_bounds():
-    noise = SensorNoise(leg_angle=9.0, pendulum_angle=9.0, leg_rate=900.0, pendulum_rate=900.0)
+@pytest.mark.parametrize("size", [900.0, 1e3])
+def test_the_largest_noise_keeps_observations_in_their_space(size: float):
+    noise = SensorNoise(leg_angle=size, pendulum_angle=size, leg_rate=size, pendulum_rate=size)
     env = make(disturbances=Disturbances(sensor_noise=noise))
     seen = [env.reset(seed=0)[0]] + [env.step(action)[0] for action in 0.1 * swinging(100)]
     assert all(env.observation_space.contains(each) for each in seen)
+    assert np.hypot(*np.array(seen).T[1:3]) == pytest.approx(1.0, abs=1e-6)
     assert np.all(np.max(np.abs(seen), axis=0)[:5] > 0.9 * OBSERVATION_BOUND[:5])
 
 
-@pytest.mark.parametrize("delay", [1, 2, 7])
+@pytest.mark.parametrize("delay", [1, 7])
 def test_a_delayed_action_takes_effect_that_many_intervals_later(delay: int):
     late, prompt = make(disturbances=Disturbances(actuator_delay=delay)), make()
     for seed in range(3):
@@ -196,28 +200,24 @@ def test_delays_are_drawn_for_each_episode():
     delays = []
     for seed in range(60):
         env.reset(seed=seed, options={"mode": "double_stance"})
-        drawn = [env.step(np.ones(1, np.float32))[-1]["electrical"] != 0 for _ in range(5)]
+        drawn = [env.step(np.ones(1, np.float32))[-1]["electrical_positive"] != 0 for _ in range(5)]
         delays.append(drawn.index(True))
     assert {delay: delays.count(delay) > 8 for delay in set(delays)} == {1: True, 2: True, 3: True}
 
 
 def test_each_episode_draws_a_machine_from_the_whole_range():
     ranges = {"slope": (-0.02, 0.01), "leg_length": (0.36, 0.4), "voltage_limit": (18.0, 18.0)}
-    envs = gym.make_vec(
-        "RimlessWheel-v0", num_envs=50, ranges=ranges, max_episode_steps=1
-    ).unwrapped
+    envs, drawn = rows.make(100, rows.SAME, ranges=ranges, max_episode_steps=1), []
     envs.reset(seed=0)
-    drawn = []
-    for _ in range(20):
+    for _ in range(4):
         drawn += envs.params
-        for _ in range(2):
-            envs.step(np.zeros((50, 1), np.float32))
+        envs.step(np.zeros((100, 1), np.float32))
     assert {machine.voltage_limit for machine in drawn} == {18.0}
     for name, (low, high) in list(ranges.items())[:2]:
         values = np.array([getattr(machine, name) for machine in drawn])
-        assert len(np.unique(values)) == 1000
-        assert low <= values.min() < low + 0.01 * (high - low)
-        assert high - 0.01 * (high - low) < values.max() < high
+        assert len(np.unique(values)) == 400
+        assert low <= values.min() < low + 0.02 * (high - low)
+        assert high - 0.02 * (high - low) < values.max() < high
         assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.05 * (high - low))
     assert {machine.replace(**ranges_of(BUILDABLE, ranges)) for machine in drawn} == {BUILDABLE}
 
@@ -248,9 +248,10 @@ def test_a_drawn_machine_moves_and_pays_like_the_same_machine_given():
         for action in swinging(80, seed):
             one, two = env.step(action), twin.step(action)
             assert one[0] == pytest.approx(two[0], abs=1e-6)
-            assert one[1] == pytest.approx(two[1], abs=1e-9)
-            assert one[4]["idle"] == pytest.approx(two[4]["idle"], rel=1e-12)
-            assert one[4]["slips"] == two[4]["slips"]
+            demand = max(env.measurements[name] for name in DEMANDS) / env.params.friction
+            if abs(demand - LIMIT) > 1e-6:  # there the penalty for a slip sets in
+                assert one[1] == pytest.approx(two[1], abs=1e-9)
+            assert env.measurements["idle"] == pytest.approx(twin.measurements["idle"], rel=1e-12)
             if one[2] or two[2]:
                 break
 
@@ -273,7 +274,8 @@ def test_ranges_and_disturbances_hold_until_they_are_replaced():
         ({"disturbances": None}, False),
     ):
         env.reset(options=options)
-        assert (env.step(np.zeros(1, np.float32))[-1]["push"] != 0.0) is push
+        env.step(np.zeros(1, np.float32))
+        assert (env.measurements["push"] != 0.0) is push
 
 
 def test_empty_disturbances_change_nothing_and_real_ones_keep_the_start():
@@ -281,7 +283,7 @@ def test_empty_disturbances_change_nothing_and_real_ones_keep_the_start():
     rough = make(
         disturbances=Disturbances(actuator_delay=(0, 5), pushes=Pushes(rate=9.0, impulse=(0, 1)))
     )
-    for seed in range(20):
+    for seed in range(6):
         first = plain.reset(seed=seed)[0]
         assert np.array_equal(first, empty.reset(seed=seed)[0])
         assert np.array_equal(first, rough.reset(seed=seed)[0])
@@ -291,63 +293,6 @@ def test_empty_disturbances_change_nothing_and_real_ones_keep_the_start():
             assert one[1:4] == two[1:4]
             if one[2]:
                 break
-
-
-def test_the_largest_noise_keeps_observations_in_their_space():
-    noise = SensorNoise(leg_angle=1e3, pendulum_angle=1e3, leg_rate=1e3, pendulum_rate=1e3)
-    env = make(disturbances=Disturbances(sensor_noise=noise))
-    env.reset(seed=0)
-    for _ in range(2000):
-        seen, _, ended, _, _ = env.step(np.zeros(1, np.float32))
-        assert env.observation_space.contains(seen)
-        assert math.hypot(seen[1], seen[2]) == pytest.approx(1.0, abs=1e-6)
-        if ended:
-            env.reset()
-
-
-def test_a_delay_given_as_a_list_is_copied():
-    delays = [1, 2]
-    disturbances = Disturbances(actuator_delay=delays)
-    delays[1] = 99
-    assert disturbances.actuator_delay == (1, 2)
-    assert hash(disturbances) == hash(Disturbances(actuator_delay=(1, 2)))
-
-
-@pytest.mark.parametrize(
-    ("given", "error", "message"),
-    [
-        (lambda: Pushes(rate=-1.0, impulse=(0, 1)), ValueError, "rate = -1.0"),
-        (lambda: Pushes(rate=1.0, impulse=(-1, 1)), ValueError, "impulse = -1"),
-        (lambda: Pushes(rate=1.0, impulse=(2, 1)), ValueError, "the least first"),
-        (lambda: Pushes(rate=1.0, impulse=(0, 1e300)), ValueError, r"impulse = 1e\+300"),
-        (lambda: Pushes(rate=1.0, impulse=(0, "1")), TypeError, "greatest impulse = '1'"),
-        (lambda: Pushes(rate=1.0, impulse=1.0), TypeError, "least and the greatest"),
-        (lambda: SensorNoise(leg_rate=math.nan), ValueError, "leg_rate = nan"),
-        (lambda: SensorNoise(leg_rate="loud"), TypeError, "leg_rate = 'loud'"),
-        (lambda: SensorNoise(pendulum_angle=1e18), ValueError, r"angle = 1e\+18: must be at most"),
-        (lambda: Disturbances(pushes=3.0), TypeError, "pushes = 3.0"),
-        (lambda: Disturbances(actuator_delay=-1), ValueError, "actuator_delay = -1"),
-        (lambda: Disturbances(actuator_delay=(3, 1)), ValueError, "the least first"),
-        (lambda: Disturbances(actuator_delay=0.5), TypeError, "must be an integer"),
-        (lambda: Disturbances(actuator_delay=(1, 2, 3)), ValueError, "one number, or two"),
-        (lambda: Ranges({"n_legs": (4, 6)}), ValueError, "'n_legs' cannot be drawn"),
-        (lambda: Ranges({"slope": (0.1, -0.1)}), ValueError, "slope = "),
-        (lambda: make(ranges={"wheel_mass": (-1, 1)}), ValueError, "wheel_mass = -1"),
-        (lambda: make(ranges={"armature_resistance": (1e-6, 5)}), ValueError, "motor damps"),
-        (
-            lambda: make(
-                params=BUILDABLE,
-                ranges={"pendulum_length": (0.142, 0.16), "pendulum_reach": (0.15, 0.17)},
-            ),
-            ValueError,
-            "pendulum_reach = 0.15: must be at least pendulum_length = 0.16",
-        ),
-        (lambda: make(disturbances=Pushes(rate=1, impulse=(0, 1))), TypeError, "Disturbances"),
-    ],
-)
-def test_invalid_disturbances_and_ranges_are_refused_by_name(given: Any, error: type, message: str):
-    with pytest.raises(error, match=message):
-        given()
 
 
 @pytest.mark.parametrize(
@@ -360,9 +305,10 @@ def test_invalid_disturbances_and_ranges_are_refused_by_name(given: Any, error: 
     ids=["too stiff", "too much drag", "singular"],
 )
 def test_a_drawn_machine_that_cannot_be_stepped_is_named_in_the_error(ranges: dict):
-    fleet = Fleet([THESIS_PHYSICAL] * 2, Task(), Ranges(ranges), Disturbances())
-    rows, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
+    batch = Batch([THESIS_PHYSICAL] * 2, Task())
+    batch.set_params(batch.params, Ranges(ranges), np.arange(2))  # as no door lets through
+    each, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
     with pytest.raises(RuntimeError, match=rf"row 1: a machine with .*{min(ranges)}"):
-        fleet.begin(rows, rows.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
-    assert fleet.ended.all()
-    assert np.isfinite(fleet.poles).all()  # a snapshot accepts only finite numbers
+        batch.begin(each, each.astype(np.uint64), HANGING, np.empty((0, 5)), seen)
+    assert batch.ended.all()
+    assert np.isfinite(batch.poles).all()  # a snapshot accepts only finite numbers

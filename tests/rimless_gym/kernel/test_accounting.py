@@ -172,28 +172,16 @@ def test_impulses_and_forces_make_a_step_slip_but_not_on_rougher_ground() -> Non
         options = {"state": start[:4], "params": params}
         action = rng.uniform(-1, 1, 1).astype(np.float32)
         env.reset(options=options)
-        info = env.step(action)[4]
+        env.step(action)
+        info = env.measurements
         demands = info["friction_demand"], info["impulse_friction_demand"]
-        if info["failure"] == 0 and abs(demands[0] - demands[1]) > 1e-6:
+        if info["failure"] == 0 and abs(demands[0] - demands[1]) > 0.01 * max(demands):
             seen.add(demands[0] > demands[1])
             for friction, slips in ((np.mean(demands), True), (max(demands) + 1e-9, False)):
                 env.reset(options=options | {"params": params.replace(friction=friction)})
-                assert env.step(action)[4]["slips"] is slips
+                env.step(action)
+                assert env.measurements["slips"] is slips
     assert seen == {True, False}
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_after_every_reset_the_model_is_that_of_the_current_machine(seed: int) -> None:
-    env, rng = RimlessWheelEnv(), np.random.default_rng(seed)
-    machines = list(MACHINES.values())
-    for params in [machines[i] for i in rng.permutation(len(machines))]:
-        env.reset(options={"params": params})
-        x, u = env.state[:4], 3.0
-        expected = hybrid.accelerations(0, *x, u, params.constants)
-        assert env.model.params == env.params == params
-        assert np.allclose(np.asarray(env.model.flow(x, u)).ravel()[2:], expected)
-    env.reset()
-    assert env.model.params == params
 
 
 def imbalance(params: WheelParams, states: np.ndarray, volts: np.ndarray) -> float:

@@ -156,13 +156,6 @@ def test_a_wheel_with_lossless_touchdowns_rocks_until_it_rests(rate, slope) -> N
     assert abs(reference.ledger.residual) < 1e-12
 
 
-def test_slow_rocking_continues_under_the_lossless_impact_law() -> None:
-    params = THESIS_PHYSICAL.replace(impact_law="relabel")
-    state = np.array([params.constants.a + 1e-3, 0.0, 0.0, 0.0, SINGLE, 0])
-    walk(params, state, np.zeros(100), pull=0.0)
-    assert state[MODE] == SINGLE
-
-
 @pytest.mark.parametrize("excess", [1e-3, 1e-7, -1e-7])
 def test_grazing_touchdowns_are_hit_or_missed_as_in_the_reference(excess: float) -> None:
     params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
@@ -201,14 +194,6 @@ def test_two_half_intervals_equal_a_whole_one() -> None:
     assert rows[:, ROW.touchdowns].sum() > 5
     assert np.abs(whole - halves).max() < 1e-9
     assert np.abs(rows[:, : ROW.steps] - parts[:, : ROW.steps]).max() < 1e-6
-
-
-def test_without_voltage_the_wheel_comes_to_rest_on_two_feet() -> None:
-    states = random_states(THESIS_PHYSICAL, np.random.default_rng(2), 40)
-    for _ in range(1500):
-        advance(THESIS_PHYSICAL, states, np.zeros(len(states)), pull=math.inf)
-    assert np.all(states[:, MODE] == DOUBLE)
-    assert np.abs(states[:, 2:4]).max() < 1e-2
 
 
 def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:

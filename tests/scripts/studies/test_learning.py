@@ -14,18 +14,18 @@ from agents.training import TrainingConfig
 from rimless_gym import BUILDABLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning import command, trials
-from scripts.studies.learning.command import Task, completed, finished
+from scripts.studies.learning.command import SeedTask, completed, finished
 from scripts.studies.learning.rows import ROWS, SECTIONS
 from scripts.studies.learning.tables import tables
 from scripts.studies.learning.trials import (
     Disturbed,
-    Figures,
     Following,
     Other,
     PlainPpo,
-    Result,
-    Row,
+    SeedResult,
+    StudyRow,
     Trained,
+    WalkFigures,
 )
 from trajopt.store import Store
 
@@ -39,7 +39,7 @@ class Toy:
 
     shares: tuple[float, ...]
     period: float = CONTROL_PERIOD
-    needs: tuple[Row, ...] = ()
+    needs: tuple[StudyRow, ...] = ()
     fails: int = -1
 
     def run(self, seed, folder, others, params, by):
@@ -48,19 +48,19 @@ class Toy:
             raise ValueError("it did not learn")
         assert all(other.exists() for other in others.values())
         share = self.shares[seed]
-        policy = Figures(share, 1.0 - share, 0.0, 0.05 + 0.01 * seed if share else NAN, 0.56)
-        return Result({"best kept": policy}, 1000 * (seed + 1), 1.5)
+        policy = WalkFigures(share, 1.0 - share, 0.0, 0.05 + 0.01 * seed if share else NAN, 0.56)
+        return SeedResult({"best kept": policy}, 1000 * (seed + 1), 1.5)
 
     def brief(self):
         return self
 
 
-FIRST = Row("first", "the first", "learned", Toy((1.0, 0.96, 0.5)))
-SECOND = Row("second", "the second", "learned", Toy((1.0, 1.0, 0.0), needs=(FIRST,), fails=2))
+FIRST = StudyRow("first", "the first", "learned", Toy((1.0, 0.96, 0.5)))
+SECOND = StudyRow("second", "the second", "learned", Toy((1.0, 1.0, 0.0), needs=(FIRST,), fails=2))
 
 
 def tasks(*rows):
-    return [Task(row, seed) for row in rows for seed in range(3)]
+    return [SeedTask(row, seed) for row in rows for seed in range(3)]
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def store(tmp_path):
 
 def test_finished_seeds_are_kept_failures_are_told_and_needed_rows_come_first(store):
     failures = completed(store, tasks(SECOND, FIRST), BRIEF, 1)
-    assert failures == {Task(SECOND, 2): "ValueError: it did not learn"}
+    assert failures == {SeedTask(SECOND, 2): "ValueError: it did not learn"}
     results = finished(store, (FIRST, SECOND), 3)
     assert [result.steps for result in results[FIRST]] == [1000, 2000, 3000]
     assert SECOND not in results  # too few seeds
@@ -81,14 +81,14 @@ def test_finished_seeds_are_kept_failures_are_told_and_needed_rows_come_first(st
 
 
 def test_a_row_without_the_policies_that_it_needs_says_so(store):
-    failures = completed(store, [Task(SECOND, 0)], BRIEF, 1)
-    assert failures == {Task(SECOND, 0): "needs a policy of first: run these rows first"}
+    failures = completed(store, [SeedTask(SECOND, 0)], BRIEF, 1)
+    assert failures == {SeedTask(SECOND, 0): "needs a policy of first: run these rows first"}
 
 
 def test_a_changed_trial_is_another_task():
     other = dataclasses.replace(FIRST, trial=Toy((1.0, 0.96, 0.6)))
-    assert Task(FIRST, 0).key == Task(dataclasses.replace(FIRST), 0).key
-    assert len({Task(FIRST, 0).key, Task(FIRST, 1).key, Task(other, 0).key}) == 3
+    assert SeedTask(FIRST, 0).key == SeedTask(dataclasses.replace(FIRST), 0).key
+    assert len({SeedTask(FIRST, 0).key, SeedTask(FIRST, 1).key, SeedTask(other, 0).key}) == 3
 
 
 def test_tables_count_seeds_that_do_not_walk_and_average_over_the_others():
@@ -110,9 +110,9 @@ def made_seeds():
 
 
 def test_where_nothing_walks_figures_are_missing_and_all_commands_have_a_line():
-    nothing = Figures(0.0, 1.0, 0.0, NAN, NAN)
-    row = Row("plain", "plain", "first_evening", PlainPpo())
-    results = {row: [Result({"0.5 m/s": nothing, "0.6 m/s": nothing}, 500, 1.0)]}
+    nothing = WalkFigures(0.0, 1.0, 0.0, NAN, NAN)
+    row = StudyRow("plain", "plain", "first_evening", PlainPpo())
+    results = {row: [SeedResult({"0.5 m/s": nothing, "0.6 m/s": nothing}, 500, 1.0)]}
     (table,) = tables(results, lambda row, policy: None).values()
     assert table.splitlines()[2] == (
         "| plain | 0.5 m/s | 0 of 1 | 0 % (0 to 0) | - | - | - | 100 % | 0 % |"
@@ -128,12 +128,12 @@ def test_gaps_are_those_to_the_best_gaits_around_the_learned_speed(tmp_path, mon
 
     monkeypatch.setattr(command, "best_held", best_held)
     monkeypatch.setattr(command, "gap_to_gaits", lambda cot, speed, gaits: (cot, len(gaits)))
-    walks, falls = Figures(1.0, 0.0, 0.0, 0.05, 0.56), Figures(0.5, 0.5, 0.0, 0.05, 0.56)
-    gap = command.gaps({FIRST: [Result({"": walks}, 1, 1.0)]}, tmp_path, 1)
+    walks, falls = WalkFigures(1.0, 0.0, 0.0, 0.05, 0.56), WalkFigures(0.5, 0.5, 0.0, 0.05, 0.56)
+    gap = command.gaps({FIRST: [SeedResult({"": walks}, 1, 1.0)]}, tmp_path, 1)
     assert len(solved) == 2
     assert gap(FIRST, walks) == (0.05, 2)
     assert gap(FIRST, falls) is None
-    other = Row("other", "other", "learned", Toy((1.0,), period=0.04))
+    other = StudyRow("other", "other", "learned", Toy((1.0,), period=0.04))
     assert gap(other, walks) is None
 
 
@@ -155,7 +155,7 @@ def test_the_command_writes_tables_whose_rows_are_all_finished(tmp_path, monkeyp
 def test_the_rows_have_names_and_titles_of_their_own_and_a_table():
     assert len({row.name for row in ROWS}) == len({row.title for row in ROWS}) == len(ROWS)
     assert {row.table for row in ROWS} == set(SECTIONS)
-    keys = {Task(row, 0).key for row in ROWS}
+    keys = {SeedTask(row, 0).key for row in ROWS}
     assert len(keys) == len(ROWS)
     for row in ROWS:
         assert all(other in ROWS for other in row.trial.needs)
@@ -165,10 +165,10 @@ def test_the_rows_have_names_and_titles_of_their_own_and_a_table():
 @pytest.fixture(scope="module")
 def untrained(tmp_path_factory):
     """A store with a policy that has learned nothing, and its row."""
-    row = Row("untrained", "untrained", "learned", Trained("ppo", timesteps=0))
+    row = StudyRow("untrained", "untrained", "learned", Trained("ppo", timesteps=0))
     with pytest.MonkeyPatch.context() as patch, Store(tmp_path_factory.mktemp("study")) as store:
         patch.setattr(trials, "TrainingConfig", functools.partial(TrainingConfig, protocol=BRIEF))
-        assert completed(store, [Task(row, 0)], BRIEF, 1) == {}
+        assert completed(store, [SeedTask(row, 0)], BRIEF, 1) == {}
         yield store, row
 
 
@@ -176,19 +176,19 @@ def test_a_training_continues_from_a_policy_of_another_row_of_the_same_seed(untr
     store, row = untrained
     small = {"n_envs": 2, "n_steps": 32, "batch_size": 32}
     trial = Trained("ppo", IMITATION, 64, start=Other(row, BEST), hyperparameters=small)
-    tuned = Row("tuned", "tuned", "learned", trial)
-    assert completed(store, [Task(tuned, 0)], BRIEF, 1) == {}
+    tuned = StudyRow("tuned", "tuned", "learned", trial)
+    assert completed(store, [SeedTask(tuned, 0)], BRIEF, 1) == {}
     [result] = finished(store, [tuned], 1)[tuned]
     assert result.steps == 64
     assert result.minutes > 0.0
-    started, trained = (load_policy(store.folder / Task(r, 0).key / BEST) for r in (row, tuned))
+    started, trained = (load_policy(store.folder / SeedTask(r, 0).key / BEST) for r in (row, tuned))
     assert started.record["policy_kwargs"] == trained.record["policy_kwargs"]
 
 
 def test_policies_are_evaluated_under_each_disturbance(untrained):
     store, row = untrained
     trial = Disturbed("ppo", files={"best": BEST}, disturbances={"actuator_delay": 2})
-    policies = trial.evaluate(store.folder / Task(row, 0).key, BUILDABLE, BRIEF)
+    policies = trial.evaluate(store.folder / SeedTask(row, 0).key, BUILDABLE, BRIEF)
     conditions = "undisturbed", "actuator delay", "all disturbances"
     assert list(policies) == [f"best: {name}" for name in conditions]
 

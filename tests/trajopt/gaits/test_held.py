@@ -67,7 +67,8 @@ def test_the_environment_repeats_it_bit_for_bit_with_its_single_precision_action
     for volts in held.held_voltages:
         action = np.array([volts / P.voltage_limit], dtype=np.float32)
         *_, info = env.step(action)
-        energy, steps = energy + info["electrical_positive"], steps + info["steps"]
+        energy += info["electrical_positive"]
+        steps += env.measurements["steps"]
     rows, end = stepped(held)
     assert steps == 1
     assert energy == pytest.approx(rows[:, ROW.electrical_positive].sum(), rel=1e-14)

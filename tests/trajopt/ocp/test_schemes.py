@@ -31,6 +31,7 @@ LADDERS = [
     ("radau", 5, (2, 4, 6)),
 ]
 
+
 OSCILLATOR = Problem(
     (
         Phase(
@@ -42,6 +43,7 @@ OSCILLATOR = Problem(
         ),
     )
 )
+
 
 #: x' = u from 1 at least integral of x^2 + u^2 over 2 s, which is tanh 2 (Riccati).
 REGULATOR = Problem(

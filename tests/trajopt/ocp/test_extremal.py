@@ -1,21 +1,59 @@
-"""Solutions in files: the same when loaded, refused if edited, damaged or of another problem."""
+"""Solutions: by time, in reports, files and pictures."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
+import math
+import pickle
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from trajopt.files import HEADER, write_arrays
-from trajopt.ocp.extremal import Extremal, ExtremalFileError, load_phases
-from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.problem import Linkage, Phase, Problem
-from trajopt.ocp.solve import solve
+from tests.trajopt.ocp.problems import solved
+from trajopt import (
+    Extremal,
+    ExtremalFileError,
+    Linkage,
+    Mesh,
+    Phase,
+    Problem,
+    load_phases,
+    solve,
+)
+from trajopt.store import HEADER, write_arrays
+
+
+def test_states_are_read_by_time() -> None:
+    swing, ball = solved("cart pole"), solved("bouncing ball")
+    assert swing.state(0.0) == pytest.approx([0, 0, 0, 0], abs=1e-9)
+    assert swing.state(2.0) == pytest.approx([1, math.pi, 0, 0], abs=1e-8)
+    landing = ball.phases[0].duration + ball.phases[1].duration
+    for rounding in (-4e-16, 0.0, 4e-16):
+        t = landing * (1 + rounding)
+        assert ball.state(t, "left") == pytest.approx(ball.phases[1].end, abs=1e-9)
+        assert ball.state(t, "right") == pytest.approx(ball.phases[2].start, abs=1e-9)
+    for t in (-0.1, ball.duration + 0.1, math.nan):
+        with pytest.raises(ValueError, match=r"must be (from 0 to|finite)"):
+            ball.state(t)
+
+
+def test_a_report_says_what_there_is_to_know() -> None:
+    report = solved("gear").report()
+    for word in ("converged", "cost", "0.48", "radau, 10 elements", "ratio = 5", "Hamiltonian"):
+        assert word in report
+
+
+def test_solutions_survive_pickling() -> None:
+    copy = pickle.loads(pickle.dumps(solved("gear")))
+    assert copy.cost == solved("gear").cost
+    assert copy.converged
+
+
+# -- files --------------------------------------------------------------------------------------
 
 
 def relay(weight: float = 1.0, fastest: float = 5.0) -> Problem:
@@ -54,7 +92,6 @@ def test_a_solution_is_the_same_when_it_is_loaded(extremal: Extremal, path: Path
     loaded = Extremal.load(path, RELAY)
     assert extremal.converged
     assert loaded.report() == extremal.report()
-    assert loaded.to_dict() == extremal.to_dict()
     assert loaded.mesh == extremal.mesh
     for name in ("attempts", "violations", "audit", "resimulation", "provenance"):
         assert getattr(loaded, name) == getattr(extremal, name)
@@ -76,13 +113,6 @@ def test_a_loaded_trajectory_is_a_guess_on_any_mesh(extremal: Extremal, path: Pa
     mesh = Mesh.uniform(RELAY, (7, 3), 5)
     again = solve(RELAY, load_phases(path), mesh, parameters=extremal.parameters)
     assert again.cost == pytest.approx(extremal.cost, rel=1e-6)
-
-
-def test_figures_are_strict_json(extremal: Extremal) -> None:
-    figures = json.loads(json.dumps(extremal.to_dict(), allow_nan=False))
-    assert figures["cost"] == extremal.cost
-    assert figures["converged"] is True
-    assert figures["parameters"]["m"] == extremal.parameters[0]
 
 
 @pytest.mark.parametrize(
@@ -152,3 +182,64 @@ def test_files_of_another_format_name_both(tmp_path: Path) -> None:
     write_arrays(path, "stamps 3", {}, {"a": np.ones(2)})
     with pytest.raises(ExtremalFileError, match="stamps 3"):
         load_phases(path)
+
+
+# -- pictures -----------------------------------------------------------------------------------
+
+
+def flight() -> Problem:
+    """A rocket on a line, powered, then coasting without a control."""
+    powered = Phase(
+        "powered",
+        states=("height", "speed"),
+        controls=("thrust",),
+        flow=lambda x, u, p: [x[1], u[0] - 1.0],
+        cost=lambda x, u, p: u[0] ** 2,
+        bounds={"thrust": (0.0, 6.0)},
+        start={"height": 0.0, "speed": 0.0},
+        duration=1.0,
+    )
+    coasting = Phase(
+        "coasting",
+        states=("height", "speed"),
+        flow=lambda x, u, p: [x[1], -1.0],
+        end={"height": 1.0, "speed": 0.0},
+        duration=(0.1, 2.0),
+    )
+    return Problem((powered, coasting), (Linkage(0, 1),))
+
+
+def test_a_picture_shows_states_controls_bounds_edges_and_the_simulation(tmp_path: Path) -> None:
+    rocket, before = solve(flight()), plt.get_fignums()
+    figure = rocket.plot(tmp_path / "flight.png")
+    assert (tmp_path / "flight.png").read_bytes().startswith(b"\x89PNG")
+    assert plt.get_fignums() == before  # no figure stays open
+    assert "converged" in figure.get_suptitle()
+    panels = {panel.get_ylabel(): panel for panel in figure.axes if panel.axison}
+    assert set(panels) == {"height", "speed", "thrust", "Hamiltonian"}
+    lines = panels["height"].lines
+    marks = [np.asarray(line.get_xdata())[0] for line in lines if len(line.get_xdata()) == 2]
+    first, second = rocket.phases
+    for edge in (*first.edges, *(second.edges + first.duration)):
+        assert np.abs(marks - edge).min() < 1e-9
+    dashed = [line for line in panels["thrust"].lines if line.get_linestyle() == "--"]
+    assert [np.asarray(line.get_ydata())[0] for line in dashed] == [0.0, 6.0]
+    assert simulation_gap(rocket) < 1e-6
+
+
+def test_a_picture_of_a_wrong_solution_shows_where_the_simulation_parts_from_it() -> None:
+    rocket = solve(flight())
+    phase = rocket.phases[0]
+    wrong = dataclasses.replace(phase, states=phase.states + [0.0, 0.1] * (phase.nodes[:, None]))
+    wrong = dataclasses.replace(rocket, phases=(wrong, rocket.phases[1]), mesh_error=1.0)
+    assert "FAILED" in wrong.plot().get_suptitle()
+    assert simulation_gap(wrong) > 0.05
+
+
+def simulation_gap(rocket: Extremal) -> float:
+    """How far the dotted line of the first phase's speed is from the solution."""
+    (panel,) = (panel for panel in rocket.plot().axes if panel.get_ylabel() == "speed")
+    dotted = next(line for line in panel.lines if line.get_linestyle() == ":")
+    t = np.asarray(dotted.get_xdata(), dtype=float)
+    speed = rocket.phases[0].state(t)[:, 1]
+    return float(np.abs(np.asarray(dotted.get_ydata()) - speed).max())

@@ -1,0 +1,85 @@
+"""Problems and trajectories that several tests share."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from trajopt import Extremal, Phase, PhaseTrajectory, Problem, solve
+from trajopt.ocp.schemes import radau_nodes
+from trajopt.ocp.textbook import EXAMPLES
+
+FREE = math.inf
+NONE = np.zeros(0)
+
+
+@functools.cache
+def solved(name: str) -> Extremal:
+    """The solution of the textbook's problem of this name, solved once for all tests."""
+    return solve(next(example for example in EXAMPLES if example.name == name).problem())
+
+
+def solve_once(problem: Problem, *arguments: Any, **settings: Any) -> Extremal:
+    """A solution on one mesh, which is not simulated."""
+    return solve(problem, *arguments, **{"passes": 0, "verify": False} | settings)
+
+
+def move(**more: Any) -> Phase:
+    """A block of 1 kg from rest to rest 1 m away in 1 s at least effort, 12 m^2 / s^3."""
+    return Phase(
+        **{
+            "name": "move",
+            "states": ("x", "v"),
+            "controls": ("u",),
+            "flow": lambda x, u, p: (x[1], u),
+            "cost": lambda x, u, p: u**2,
+            "start": {"x": 0.0, "v": 0.0},
+            "end": {"x": 1.0, "v": 0.0},
+            "duration": 1.0,
+        }
+        | more,
+    )
+
+
+def block(force: float = 1.0) -> Phase:
+    return Phase(
+        "move",
+        states=("x", "v"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1], u),
+        powers=lambda x, u, p: u * x[1],
+        bounds={"u": (-force, force)},
+    )
+
+
+def sampled(
+    edges: Sequence[float] | np.ndarray, control: Callable[[np.ndarray], Any], degree: int = 6
+) -> PhaseTrajectory:
+    """A trajectory whose states and control are those of u = control(t), x = v = 1 + u."""
+    nodes, edges = radau_nodes(degree), np.array(edges)
+    t = edges[:-1, None] + np.diff(edges)[:, None] * nodes
+    u = np.array(control(t))
+    return PhaseTrajectory(
+        np.array(edges), nodes, np.stack([1 + u, 1 + u], axis=-1), nodes, u[..., None]
+    )
+
+
+def valley(**bounds: Any) -> Problem:
+    """From (0, 0) to (1, 0) along a ridge that pays for leaving it, to either side alike."""
+    ridge = Phase(
+        "ridge",
+        states=("x", "y"),
+        flow=lambda x, u, p: u,
+        controls=("u", "v"),
+        cost=lambda x, u, p: ca.sumsqr(u) - 100 * x[1] ** 2,
+        start={"x": 0.0, "y": 0.0},
+        end={"x": 1.0, "y": 0.0},
+        bounds=bounds,
+        duration=1.0,
+    )
+    return Problem((ridge,))
