@@ -9,8 +9,10 @@ it ended, and with more minutes it searches further.
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -30,12 +32,13 @@ from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, Search, Sweep
 from scripts.studies.fronts.solving import Polished
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.library import ARCHIVE, gait_files, shipped, write_archive
+from trajopt.gaits.library import ARCHIVE, INDEX, shipped
 from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.problem import fastest_walk
 from trajopt.gaits.solution import Solution
+from trajopt.ocp.ranking import clearly_less
 from trajopt.provenance import provenance
-from trajopt.store import Store, jsonable, write_text
+from trajopt.store import Store, jsonable, write_bytes, write_text
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -150,9 +153,8 @@ def record(
     gaps = disagreements(*by_seed)
     front = CotFront(tuple(gaits))
     rows = [
-        _row(gait, [costs.get(round(gait.speed, 4)) for costs in by_seed])
-        | {"rest": None if rest is None else rest._asdict()}
-        for gait, rest in zip(front.envelope, front.rests, strict=True)
+        _row(gait, [costs.get(round(gait.speed, 4)) for costs in by_seed]) | {"rest": rest}
+        for gait, rest in zip(front.envelope, rests(front), strict=True)
     ]
     others = [gait for gait in gaits if not any(gait is best for best in front.envelope)]
     content = {
@@ -212,6 +214,24 @@ def _effort(results: SearchResults, seed: int) -> dict[str, Any]:
     }
 
 
+def rests(front: CotFront) -> list[dict[str, float] | None]:
+    """For every gait of the front the best of walking faster and resting in between; or None.
+
+    Resting draws the idle power alone. A wheel that walks at a speed v for a share s/v of the time
+    travels at the mean speed s. Per weight and distance that takes
+    cot(v) + idle_power / weight (1 / s - 1 / v). Stop and restart are taken to cost nothing, so
+    this is a bound: where it is not below the front, None, resting does not save energy.
+    """
+    best: list[dict[str, float] | None] = []
+    for i, slow in enumerate(front.envelope):
+        idle, s = slow.params.idle_power / slow.params.weight, slow.speed
+        costs = [(g.cot + idle * (1 / s - 1 / g.speed), g.speed) for g in front.envelope[i + 1 :]]
+        cot, walking = min(costs, default=(math.inf, s))
+        rest = {"speed": s, "walking": walking, "share": s / walking, "cot": cot}
+        best.append(rest if clearly_less(cot, slow.cot) else None)
+    return best
+
+
 def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, Any]) -> None:
     """Write a machine's gaits into the archive, in place of its older ones, and the record."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -227,6 +247,37 @@ def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, An
     write_archive(archive, files)
     text = json.dumps(found, indent=1, allow_nan=False)
     write_text(folder / f"{prefix}front.json", text + "\n")
+
+
+def gait_files(path: Path) -> dict[str, bytes]:
+    """The files of all gaits in an archive, by name; none if there is no archive."""
+    if not path.exists():
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if name != INDEX}
+
+
+def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write the archive anew.
+
+    Args:
+        path: of the archive.
+        files: the files of all its gaits, by name.
+    """
+    machines: list[dict[str, object]] = []
+    gaits: list[tuple[object, ...]] = []
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in sorted(files):
+            archive.writestr(zipfile.ZipInfo(name), files[name])
+            gait = Solution.load(io.BytesIO(files[name]))
+            if gait.params.to_dict() not in machines:
+                machines.append(gait.params.to_dict())
+            machine = machines.index(gait.params.to_dict())
+            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
+        text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
+        archive.writestr(zipfile.ZipInfo(INDEX), text)
+    write_bytes(path, content.getvalue())
 
 
 # -- page and figure ------------------------------------------------------------------------------
