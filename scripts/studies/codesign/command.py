@@ -136,7 +136,7 @@ def codesign(
 
 
 class Study:
-    """The stages of the study, each result of which is kept in the store."""
+    """The stages of the study, each result of which is in the store."""
 
     def __init__(self, store: Store, workers: int | None) -> None:
         self.store, self.workers = store, workers
@@ -348,6 +348,6 @@ def draw(results: Mapping[str, Any], folder: Path) -> None:
         figure.colorbar(colours, ax=panel, label=label)
     panels[0].set_ylabel("bob (kg)")
     figure.suptitle(
-        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: its own"
+        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: the preset's"
     )
     figure.savefig(folder / "machine_pendulum.png", dpi=90)
