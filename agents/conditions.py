@@ -38,7 +38,7 @@ class Conditions:
     def __post_init__(self) -> None:
         require_kind("params", self.params, WheelParams)
         require_kind("control", self.control, Control)
-        self.ranges.require_valid(self.params)
+        self.ranges.require_valid([self.params])
         if self.control.by_current:
             raise ValueError("actions = 'current': policies here command voltages")
 

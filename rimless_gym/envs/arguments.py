@@ -183,30 +183,45 @@ def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
+class Start:
+    """How K episodes begin.
+
+    Attributes:
+        kind: kind of start; see `rimless_gym.envs.starts`.
+        states: (phi, theta, phi', theta', mode) of each, (K, 5); empty unless `kind` is GIVEN.
+        speeds: commanded speed of each (m/s), (K,); None to draw them.
+    """
+
+    kind: int = DRAWN
+    states: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.empty((0, 5)))
+    speeds: NDArray[np.float64] | None = None
+
+
+#: A random one.
+DRAWN_START = Start()
+
+
+@dataclasses.dataclass(frozen=True)
 class ResetOptions:
-    """How the next episodes of some rows begin.
+    """What the reset of some rows changes in a batch, and how their episodes begin.
 
     Attributes:
         rows: the rows that begin an episode, K of N.
+        start: how they begin.
         params: the machines of all rows, or None to keep them and the ranges.
         ranges: the ranges of all rows.
         tasks: the tasks of all rows, or None to keep them.
         starts: the shares of the kinds of start in all rows.
         disturbances: the disturbances of all rows, or None to keep them.
-        kind: kind of start; see `rimless_gym.envs.starts`.
-        speeds: commanded speed of each of `rows` (m/s), (K,); None to draw them.
-        given: (phi, theta, phi', theta', mode) per row, (K, 5); empty unless `kind` is GIVEN.
     """
 
     rows: NDArray[np.int64]
+    start: Start
     params: list[WheelParams] | None
     ranges: Ranges
     tasks: list[Task] | None
     starts: Starts
     disturbances: Disturbances | None
-    kind: int
-    speeds: NDArray[np.float64] | None
-    given: NDArray[np.float64]
 
 
 OPTION_NAMES = ("state", "mode", "params", "task", "starts", "ranges", "disturbances")
@@ -250,19 +265,20 @@ def read_options(
         ranges.require_valid(params)
     disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
     speeds = as_speeds("speed", options["speed"], n) if "speed" in options else None
-    kind, given = DRAWN, np.empty((0, STATE_SIZE - 1))
+    start = Start(speeds=speeds)
     if "state" in options:
         modes = options.get("mode", "single_stance")
-        kind, given = GIVEN, _states(options["state"], modes, [params[i] for i in rows])
+        states = _states(options["state"], modes, [params[i] for i in rows])
+        start = Start(GIVEN, states, speeds)
     elif "mode" in options:
         if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
             raise ValueError(
                 f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
                 "'double_stance'"
             )
-        kind = HANGING
+        start = Start(HANGING, speeds=speeds)
     changed = None if same else params
-    return ResetOptions(rows, changed, ranges, tasks, starts, disturbances, kind, speeds, given)
+    return ResetOptions(rows, start, changed, ranges, tasks, starts, disturbances)
 
 
 def masked_rows(mask: Any, n: int, name: str = "reset_mask") -> NDArray[np.int64]:

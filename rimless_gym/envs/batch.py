@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import itertools
 import math
 import os
 import reprlib
@@ -19,7 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym.envs.arguments import USUAL, Control, ResetOptions, as_starts
+from rimless_gym.envs.arguments import (
+    DRAWN_START,
+    USUAL,
+    Control,
+    ResetOptions,
+    Start,
+    as_starts,
+)
 from rimless_gym.envs.disturbances import (
     Disturbances,
     Ranges,
@@ -28,7 +36,7 @@ from rimless_gym.envs.disturbances import (
     disturb_rows,
     observe_noisily,
 )
-from rimless_gym.envs.interval import ARGUMENT, NO_LIMIT, compiled_step, step_arguments
+from rimless_gym.envs.interval import ARGUMENT, NO_LIMIT, Arguments, compiled_step
 from rimless_gym.envs.layout import MEMORY, WEIGHTS, columns
 from rimless_gym.envs.starts import (
     NO_START,
@@ -212,14 +220,10 @@ class Batch:
         self,
         rows: NDArray[np.int64],
         keys: NDArray[np.uint64],
-        kind: int,
-        given: NDArray[np.float64],
         observations: NDArray[np.float32],
-        speeds: NDArray[np.float64] | None = None,
+        start: Start = DRAWN_START,
     ) -> None:
         """Begin the episodes of `rows`; their first observations go into `observations`, flat.
-
-        `speeds` (K,) are commanded (m/s), in place of drawn ones.
 
         Raises:
             RuntimeError: a row found no start, or drew a machine that cannot be stepped.
@@ -231,9 +235,10 @@ class Batch:
         commands = np.empty((0, 2))
         if self.control.speeds is not None:
             commands = np.empty((len(rows), 2))
-            commands[:] = self.control.speeds if speeds is None else speeds[:, None]
+            chosen = start.speeds
+            commands[:] = self.control.speeds if chosen is None else chosen[:, None]
         failed = start_rows(
-            *(observations, rows, kind, given, self.starts.bounds, commands),
+            *(observations, rows, start.kind, start.states, self.starts.bounds, commands),
             *(self.memory, self.streams, self.held, self.constants, self._settings),
         )
         if failed >= 0:
@@ -263,7 +268,16 @@ class Batch:
         """
         if self._arguments is None:
             self._arguments = self._divide()
-        steps = [self._part(arguments, results, observations) for arguments in self._arguments]
+        steps = []
+        for arguments in self._arguments:
+            arguments[ARGUMENT.results] = results.ctypes.data
+            arguments[ARGUMENT.observations] = observations.ctypes.data
+            step: Any = functools.partial(compiled_step(), arguments.ctypes.data)
+            step.alive = arguments, results, observations, self.memory, self.constants, self.poles
+            if self._disturbed:
+                rows = int(arguments[ARGUMENT.begin]), int(arguments[ARGUMENT.end])
+                step = functools.partial(self._step_disturbed, step, observations, *rows)
+            steps.append(step)
         return steps[0] if len(steps) == 1 else functools.partial(self._together, steps)
 
     def _divide(self) -> list[NDArray[np.int64]]:
@@ -271,28 +285,13 @@ class Batch:
         n, control = len(self), self.control
         parts = max(1, min(self.num_threads, n // LEAST_ROWS))
         cuts = [n * k // parts for k in range(parts + 1)]
-        settings = self.limit, control.ticks, control.by_current, control.width
-        arrays = self.memory, self.constants, self.poles
+        arrays = [array.ctypes.data for array in (self.memory, self.constants, self.poles)]
+        sizes = self.memory.shape[1], self.constants.shape[1]
+        common = *sizes, self.limit, control.ticks, control.by_current, control.width
         return [
-            step_arguments((*arrays, self._works[k]), *settings, (cuts[k], cuts[k + 1]))
-            for k in range(parts)
+            np.array(Arguments(0, 0, *arrays, work.ctypes.data, *common, *rows), dtype=np.int64)
+            for work, rows in zip(self._works, itertools.pairwise(cuts), strict=False)
         ]
-
-    def _part(
-        self,
-        arguments: NDArray[np.int64],
-        results: NDArray[np.float64],
-        observations: NDArray[np.float32],
-    ) -> Callable[[], int]:
-        arguments[ARGUMENT.results] = results.ctypes.data
-        arguments[ARGUMENT.observations] = observations.ctypes.data
-        step = functools.partial(compiled_step(), arguments.ctypes.data)
-        arrays = results, observations, self.memory, self.constants, self.poles
-        step.alive = arguments, arrays, self._works  # type: ignore[attr-defined]
-        if not self._disturbed:
-            return step
-        rows = int(arguments[ARGUMENT.begin]), int(arguments[ARGUMENT.end])
-        return functools.partial(self._step_disturbed, step, observations, *rows)
 
     def _step_disturbed(
         self, step: Callable[[], int], observations: NDArray[np.float32], first: int, last: int
@@ -417,7 +416,7 @@ def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str
     Raises:
         ValueError: one of them is not a state of these generators.
     """
-    before = [one.bit_generator.state for one in generators]
+    before = [dict(one.bit_generator.state) for one in generators]
     try:
         for one, state in zip(generators, states, strict=True):
             one.bit_generator.state = state

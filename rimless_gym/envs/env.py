@@ -323,7 +323,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = np.empty(self.control.width, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
-        batch.begin(_ROW, key, chosen.kind, chosen.given, observation, chosen.speeds)
+        batch.begin(_ROW, key, observation, chosen.start)
         self._ended = False
         self._buffer[:] = 0.0
         if self._watched:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from rimless_gym.envs.layout import (
     FLAG,
@@ -41,7 +40,7 @@ from rimless_gym.rules import exceeds
 #: Addresses of arrays; number of columns of memory and results; number of machines, 1 or one per
 #: row; greatest number of intervals; length of an interval in units of 10 ms, whether an action is
 #: a current, and the width of an observation; and the rows to step, the first and one after the
-#: last.
+#: last. They are valid as long as the arrays live.
 Arguments = record(
     "Arguments",
     [
@@ -54,34 +53,6 @@ ARGUMENT = places(Arguments)
 
 #: A limit of intervals that no episode reaches.
 NO_LIMIT = 2**62
-
-
-def step_arguments(
-    arrays: tuple[NDArray[np.float64], ...],
-    limit: int,
-    ticks: int,
-    by_current: bool,
-    width: int,
-    rows: tuple[int, int],
-) -> NDArray[np.int64]:
-    """Arguments of `step_rows`, in which the addresses of results and observations are still 0.
-
-    They are valid as long as these arrays live.
-
-    Args:
-        arrays: memory (len(MEMORY), columns), constants (N_CONSTANTS, 1 or N) and poles (1 or N,)
-            as in `advance_batch`, and the work space `rimless_gym.kernel.stepping.scratch()`, one
-            per thread.
-        limit: greatest number of intervals in an episode, or `NO_LIMIT`.
-        ticks: length of an interval in units of 10 ms.
-        by_current: whether an action is the motor's current.
-        width: size of an observation.
-        rows: the first, and one after the last.
-    """
-    addresses = [array.ctypes.data for array in arrays]
-    sizes = arrays[0].shape[1], arrays[1].shape[1]
-    numbers = 0, 0, *addresses, *sizes, limit, ticks, by_current, width, *rows
-    return np.array(Arguments(*numbers), dtype=np.int64)
 
 
 @intrinsic
@@ -103,17 +74,30 @@ def step_rows(address):
     two functions, compiled separately, would differ in the last bit.
     """
     a = carray(_pointer(address), len(ARGUMENT), np.int64)
-    wide, machines, end = a[ARGUMENT.columns], a[ARGUMENT.machines], a[ARGUMENT.end]
+    begin, end, width = a[ARGUMENT.begin], a[ARGUMENT.end], a[ARGUMENT.width]
+    wide, machines = a[ARGUMENT.columns], a[ARGUMENT.machines]
     results = carray(_pointer(a[ARGUMENT.results]), (len(RESULT), wide), np.float64)
     memory = carray(_pointer(a[ARGUMENT.memory]), (len(MEMORY), wide), np.float64)
     constants = carray(_pointer(a[ARGUMENT.constants]), (N_CONSTANTS, machines), np.float64)
     poles = carray(_pointer(a[ARGUMENT.poles]), machines, np.float64)
     work = carray(_pointer(a[ARGUMENT.work]), SCRATCH_SIZE, np.float64)
-    width, period = a[ARGUMENT.width], a[ARGUMENT.ticks] * CONTROL_PERIOD
-    common = Common(float(a[ARGUMENT.limit]), period, a[ARGUMENT.by_current] != 0, width)
     observations = carray(_pointer(a[ARGUMENT.observations]), width * end, np.float32)
-    begin = a[ARGUMENT.begin]
-    return step(memory, constants, poles, common, begin, end, results, observations, work)
+    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
+    if a[ARGUMENT.by_current] != 0:
+        _drive(memory, constants, first, last)
+    else:
+        _hold(memory, first, last)
+    advance_batch(
+        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
+        *(a[ARGUMENT.ticks] * CONTROL_PERIOD, 0.0, results, work),
+    )
+    _accumulate(results, memory, first, last)
+    _use_allowance(results, memory, first, last)
+    _reward(results, memory, first, last)
+    unusual = _set_flags(results, memory, float(a[ARGUMENT.limit]), first, last)
+    for i in range(first, last):
+        observe_row(memory, NO_ERRORS, observations, np.uint64(width), i)
+    return unusual
 
 
 @functools.cache
@@ -123,44 +107,6 @@ def compiled_step() -> Callable[[int], int]:
     (compiled,) = step_rows.overloads.values()
     entry: Callable[[int], int] = compiled.entry_point
     return entry
-
-
-class Common(NamedTuple):
-    """What all intervals of a batch have in common.
-
-    Attributes:
-        limit: greatest number of intervals in an episode.
-        period: length of an interval (s).
-        by_current: whether an action is the motor's current.
-        width: of an observation.
-    """
-
-    limit: Any
-    period: Any
-    by_current: Any
-    width: Any
-
-
-@inner
-def step(memory, constants, poles, common, begin, end, results, observations, work):
-    """Hold the actions in `memory` for one interval, in rows `begin` to `end`; see `step_rows`."""
-    first, last = np.uint64(begin), np.uint64(end)  # indices that cannot be negative
-    if common.by_current:
-        _drive(memory, constants, first, last)
-    else:
-        _hold(memory, first, last)
-    advance_batch(
-        *(constants, poles, memory, memory[MEMORY.voltage], begin, end),
-        *(common.period, 0.0, results, work),
-    )
-    _accumulate(results, memory, first, last)
-    _use_allowance(results, memory, first, last)
-    _reward(results, memory, first, last)
-    unusual = _set_flags(results, memory, common.limit, first, last)
-    width = np.uint64(common.width)
-    for i in range(first, last):
-        observe_row(memory, NO_ERRORS, observations, width, i)
-    return unusual
 
 
 @inner

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from rimless_gym.checks import integer, real_array
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import (
+    DRAWN_START,
     Control,
+    Start,
     as_params_list,
     as_task,
     masked_rows,
@@ -28,10 +30,9 @@ from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.env import RimlessWheelEnv, completed
 from rimless_gym.envs.interval import NO_LIMIT, take_actions
 from rimless_gym.envs.layout import FLAG, MEMORY, RESULT, columns, dense_measurements, flags_of
-from rimless_gym.envs.starts import DRAWN, Starts
+from rimless_gym.envs.starts import Starts
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import MODE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine
 
@@ -41,7 +42,6 @@ Observations = NDArray[np.float32]
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
 _PARTS = ("batch", "generators", "seen")  # of a snapshot
-_NO_STATES = np.empty((0, MODE + 1))
 
 
 @completed
@@ -49,19 +49,14 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     """Many actuated rimless wheels, stepped together by one compiled call.
 
     ## Description
-    Row i is `RimlessWheelEnv`, bit for bit. After `reset(seed=seed)`, its episodes are those of the
-    single environment seeded with `seed + i`, whatever `num_envs` and `num_threads` are, and
-    whatever the other rows do. Make it with `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
+    Row i is `RimlessWheelEnv`, bit for bit, and its page describes all that is the same. After
+    `reset(seed=seed)`, its episodes are those of the single environment seeded with `seed + i`,
+    whatever `num_envs` and `num_threads` are, and whatever the other rows do. Make it with
+    `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
 
-    ## Action Space
-    `Box(-1, 1, (num_envs, 1), float32)`, as in the single environment; a NaN raises `ValueError`
-    naming its row.
-
-    ## Observation Space
-    `Box` of shape (num_envs, 6), float32. Every call returns new arrays.
-
-    ## Rewards
-    Those of the single environment, float64 (num_envs,).
+    ## Action, Observation, Rewards
+    Actions are float32 (num_envs, 1), observations float32 (num_envs, 6), rewards float64
+    (num_envs,). A NaN raises `ValueError` naming its row. Every call returns new arrays.
 
     ## Starting State
     `reset(seed=...)` takes a number (row i gets seed + i), a list or array with a number or None
@@ -86,20 +81,15 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     rows have been stepped, and that row has ended.
 
     ## Arguments
+    Those of the single environment, of which `params` may be a list of one per row, and
+
     - `num_envs`: N.
-    - `params`: the machine of all rows, or a list of one per row; each as in the single
-      environment.
-    - `task`: as in the single environment.
     - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives {steps}
       if you give nothing, which with a `control_period` longer than {period} s stands for 20 s.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
-    - `num_threads`: threads that share a step; more than one pays from a few thousand rows on.
+    - `num_threads`: threads that share a step; more than one is faster from a few thousand rows on.
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
       `RecordVideo` and `HumanRendering` take them.
-    - `ranges`, `disturbances`: as in the single environment; each row draws its own.
-    - `control_period`, `actions`, `starts`: as in the single environment.
-
-    `gym.make_vec(EnvSpec.from_json(envs.spec.to_json()))` makes the same environments again.
 
     ## Info
     All of the single environment's `measurements` as arrays (num_envs,), new ones in every step.
@@ -224,7 +214,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._seed(seed, rows)
         batch.apply(chosen)
         observations = self._seen.copy()
-        self._begin(rows, observations, chosen.kind, chosen.given, chosen.speeds)
+        self._begin(rows, observations, chosen.start)
         self._seen[:] = observations
         results = np.zeros((len(RESULT), self.num_envs))
         info: dict[str, Any] = dense_measurements(results, flags_of(results))
@@ -263,7 +253,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
                 info |= _final_info(ended, observations, results, flags)
                 again = np.union1d(again, ended.nonzero()[0])
         if len(again):
-            self._begin(again, observations, DRAWN, _NO_STATES)
+            self._begin(again, observations)
             info["mode"][again] = batch.memory[MEMORY.mode, again]
         self._seen[:] = observations
         return observations, results[RESULT.reward], terminated, truncated, info
@@ -327,16 +317,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._batch.close()
 
     def _begin(
-        self,
-        rows: NDArray[np.int64],
-        observations: Observations,
-        kind: int,
-        given: Floats,
-        speeds: Floats | None = None,
+        self, rows: NDArray[np.int64], observations: Observations, start: Start = DRAWN_START
     ) -> None:
         draws = [self._generators[i].bit_generator.random_raw() for i in rows.tolist()]
         keys = np.array(draws, dtype=np.uint64)
-        self._batch.begin(rows, keys, kind, given, observations.reshape(-1), speeds)
+        self._batch.begin(rows, keys, observations.reshape(-1), start)
 
     def _take(self, actions: ArrayLike, ignored: Bools) -> None:
         given = np.ascontiguousarray(actions)

@@ -18,11 +18,9 @@ from agents.reports import (
     document,
     draw,
     embedded,
-    listed,
     paragraph,
     save,
     section,
-    subsection,
     table,
 )
 from tests.agents.chromium import NEEDS_CHROMIUM, in_chromium
@@ -41,8 +39,7 @@ CHART = Chart(NASTY, Axis(NASTY), Axis("CoT", "log"), [Series(NASTY, [0.5, math.
 
 def report() -> str:
     parts = [
-        section("Table", table(COLUMNS, ROWS, [f"row-{i}" for i in range(4)]), paragraph(NASTY)),
-        *(subsection(NASTY, listed([NASTY]), anchor=f"row-{i}") for i in range(4)),
+        section("Table", table(COLUMNS, ROWS), paragraph(NASTY)),
         section("Plots", embedded([CHART])),
     ]
     return document(NASTY, NASTY, parts, 'page".html')
@@ -54,7 +51,7 @@ def test_a_report_is_valid_loads_nothing_and_escapes_every_text() -> None:
     assert_loads_nothing(text.replace(unescape(NASTY), ""))
     assert "<img onerror" not in text
     assert "<!--" not in text.removeprefix("<!doctype html>")
-    assert text.count("&lt;img onerror=&quot;") > 8
+    assert text.count("&lt;img onerror=&quot;") >= 4
     assert text == report()
 
 

@@ -22,7 +22,7 @@ from trajopt.ocp.schemes import (
 from trajopt.ocp.transcription import Result, Transcription
 
 #: (scheme, degree, elements): errors there are far above rounding.
-LADDERS = [
+CASES = [
     ("trapezoid", 2, (16, 32, 64)),
     ("hermite-simpson", 3, (8, 16, 32)),
     ("radau", 2, (8, 16, 32)),
@@ -77,7 +77,7 @@ def theoretical_order(scheme: str, degree: int) -> int:
     return Mesh.uniform(1, 1, degree, scheme).scheme_of_degree(degree).order
 
 
-@pytest.mark.parametrize(("scheme", "degree", "elements"), LADDERS)
+@pytest.mark.parametrize(("scheme", "degree", "elements"), CASES)
 def test_states_at_edges_converge_at_the_order_of_the_scheme(
     scheme: str, degree: int, elements: tuple[int, ...]
 ) -> None:
@@ -88,7 +88,7 @@ def test_states_at_edges_converge_at_the_order_of_the_scheme(
     assert observed_orders(errors, elements) == pytest.approx(order, abs=0.2)
 
 
-@pytest.mark.parametrize(("scheme", "degree", "elements"), LADDERS)
+@pytest.mark.parametrize(("scheme", "degree", "elements"), CASES)
 def test_the_least_cost_converges_at_the_order_of_the_scheme(
     scheme: str, degree: int, elements: tuple[int, ...]
 ) -> None:
