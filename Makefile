@@ -1,43 +1,46 @@
-# make install | compare | study | front | page | feedback | docs | test | test-slow | test-cpus | peers | test-peers | fuzz | bench | lint | format
-# Every target makes the virtual environment first where it is missing or out of date.
+# `make help` lists the targets. Each makes the virtual environment first where it is missing or out of date.
 
 PYTHON ?= python3
 WORKERS ?= auto
-VENV := .venv
+# Another Python has an environment of its own: make test PYTHON=python3.13
+VENV := $(if $(filter python3,$(PYTHON)),.venv,.venv-$(notdir $(PYTHON)))
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
+PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
-CHECKED := rimless_gym trajopt agents scripts
-# Reordered by number of tests, files with one long test would come last, on one worker.
+# Of tests: which ones. Reordered by number of tests, files with one long test would come last.
+TESTS ?= tests
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # Of `make front`: the machine, and the budget of time in minutes.
 PRESET ?= BUILDABLE
 MINUTES ?= 120
-# Of `make test-cpus`: which processors (see scripts/studies/processors.py; all by default), which tests.
-CPUS ?=
-TESTS ?= tests
+# Of a study: further options, as `python -m scripts.studies NAME --help` lists them.
+ARGS ?=
+STUDY := $(BIN)/python -m scripts.studies
 
 .DEFAULT_GOAL := help
-.PHONY: help install compare study front page feedback docs test test-slow test-cpus peers test-peers fuzz bench lint format clean
+.PHONY: help install compare page test test-slow test-cpus peers test-peers fuzz lint format docs clean \
+	bench codesign feedback figures front returns study textbook thesis
 
 help:
 	@echo "make install     the virtual environment $(VENV), tested versions of everything"
 	@echo "make compare     learned against optimal gaits, into runs/compare: the main job"
-	@echo "make study       every learner over ten seeds, into docs/learning.md and the README (hours)"
-	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
 	@echo "make page        one HTML file to pass on, into runs/page.html: the front, a wheel to drive"
-	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
-	@echo "make docs        the documentation site, into runs/site; a warning is an error"
-	@echo "make test        lint, types and the fast tests (some minutes)"
+	@echo "make test        lint, types and the fast tests (some minutes); TESTS=tests/agents some of them"
+	@echo "make test PYTHON=python3.13    the same with another Python, in an environment of its own"
 	@echo "make test-slow   the long tests"
-	@echo "make test-cpus   the fast tests as other processors run them (some minutes for each)"
-	@echo "make peers       other people's software for test-peers, into $(VENV)"
+	@echo "make test-cpus   the fast tests as other processors run them; CPUS=Haswell one of them"
 	@echo "make test-peers  Drake, other people's learners, Minari, video wrappers; installs them"
 	@echo "make fuzz        random machines, every step checked (some minutes)"
-	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
-	@echo "make lint        ruff and mypy alone;  make format: let ruff mend what it can"
+	@echo "make lint        ruff, layers and mypy alone;  make format: let ruff mend what it can"
+	@echo "make docs        the documentation site, into runs/site; a warning is an error"
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
+	@echo "Studies, which fill the documents' tables; ARGS='--help' lists the options of one:"
+	@echo "make study       every learner over ten seeds, into docs/learning.md and the README (hours)"
+	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
+	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
+	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
+	@echo "make thesis | codesign | figures | returns | textbook"
 
 install: $(INSTALLED)
 
@@ -56,53 +59,56 @@ $(PEERS): $(INSTALLED)
 	@touch $@
 
 compare: $(INSTALLED)
-	$(BIN)/python scripts/compare.py --out runs/compare
-
-study: $(INSTALLED)
-	$(BIN)/python -m scripts.studies learning --docs docs/learning.md --headline README.md
-
-front: $(INSTALLED)
-	$(BIN)/python -m scripts.studies front --preset $(PRESET) --minutes $(MINUTES)
+	$(BIN)/rimless compare --out runs/compare
 
 page: $(INSTALLED)
 	$(BIN)/rimless page --out runs/page.html
-
-feedback: $(INSTALLED)
-	$(BIN)/python -m scripts.studies feedback --docs docs/feedback.md
-
-docs: $(INSTALLED)
-	$(BIN)/python -m sphinx --fail-on-warning --quiet docs runs/site
-	@echo "open runs/site/index.html"
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache --no-logo
-	$(BIN)/mypy $(CHECKED)
+	$(BIN)/mypy rimless_gym trajopt agents scripts
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 test: lint
-	$(PYTEST) -m "not slow and not peers"
+	$(PYTEST) -m "not slow and not peers" $(TESTS)
 
 test-slow: $(INSTALLED)
-	$(PYTEST) -m "slow and not peers"
+	$(PYTEST) -m "slow and not peers" $(TESTS)
 
 test-cpus: $(INSTALLED)
-	$(BIN)/python -m scripts.studies processors $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
+	$(STUDY) processors $(CPUS) --pytest "-n $(WORKERS) --dist loadfile $(TESTS)"
 
 peers: $(PEERS)
 
 test-peers: peers
-	$(PYTEST) -m peers
+	$(PYTEST) -m peers $(TESTS)
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m pytest tests/rimless_gym/test_fuzz.py --hypothesis-profile fuzz $(FUZZ)
+	$(BIN)/python -m pytest tests/rimless_gym/test_fuzz.py --hypothesis-profile fuzz $(ARGS)
+
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx --fail-on-warning --quiet docs runs/site
+	@echo "open runs/site/index.html"
+
+study: $(INSTALLED)
+	$(STUDY) learning --docs docs/learning.md --headline README.md $(ARGS)
+
+front: $(INSTALLED)
+	$(STUDY) front --preset $(PRESET) --minutes $(MINUTES) $(ARGS)
+
+feedback: $(INSTALLED)
+	$(STUDY) feedback --docs docs/feedback.md $(ARGS)
 
 bench: $(INSTALLED)
-	$(BIN)/python -m scripts.studies benchmark --out docs
+	$(STUDY) benchmark --out docs $(ARGS)
+
+codesign figures returns textbook thesis: $(INSTALLED)
+	$(STUDY) $@ $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -29,36 +29,48 @@ SLIPS = ("slips", "slips_at_touchdown")
 #: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
 COMMANDS = (0.35, 0.5, 0.6)
 
-#: Between the commands at which a policy is judged for the range that it was trained for (m/s).
+#: Between the commands at which a policy is evaluated for the range that it was trained for (m/s).
 STEP = 0.02
 
 
-@dataclasses.dataclass(frozen=True)
-class Commanded:
-    """How a policy walks at one commanded speed.
+def evaluate_commanded(
+    policy: Policy,
+    commands: Sequence[float] = COMMANDS,
+    params: Machine = BUILDABLE,
+    protocol: Protocol = PROTOCOL,
+    *,
+    task: Task | Mapping[str, float] | None = None,
+    control_period: float | None = None,
+    progress: bool = False,
+) -> tuple[Evaluation, ...]:
+    """Evaluate a policy at each of some commanded speeds by itself.
 
-    Attributes:
-        command: the speed that is commanded (m/s).
-        evaluation: everything that was measured.
+    Args:
+        policy: see `agents.policies`; it is given observations (N, 8).
+        commands: the speeds (m/s), one or more.
+        params: the wheel's parameters, as the environment takes them.
+        protocol: starts and times.
+        task: whose reward `objective` is, as the environment takes it.
+        control_period: as the environment takes it.
+        progress: whether to show a progress bar for each speed.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
+        RuntimeError: as `evaluate` says.
     """
-
-    command: float
-    evaluation: Evaluation
-
-    @property
-    def walking_share(self) -> float:
-        """Share of the starts that walk and keep the rules."""
-        return self.evaluation.walking_share
-
-    @property
-    def speed(self) -> float:
-        """Speed of the starts that walk (m/s); NaN if none does."""
-        return self.evaluation.speed
-
-    @property
-    def cot(self) -> float:
-        """Cost of transport of those that walk, from E+; NaN if none does."""
-        return self.evaluation.cot
+    return tuple(
+        evaluate(
+            policy,
+            params,
+            protocol,
+            task=task,
+            command=speed,
+            control_period=control_period,
+            progress=progress,
+        )
+        for speed in _speeds(commands)
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +108,7 @@ def walk_through(
     Args:
         policy: see `agents.policies`; it is given observations (N, 8).
         commands: the speeds (m/s), one after the other.
-        params: the machine, as the environment takes it.
+        params: the wheel's parameters, as the environment takes them.
         protocol: starts.
         seconds: for which each command lasts; the first lasts twice as long, to get going.
         control_period: as the environment takes it.
@@ -139,18 +151,18 @@ def walk_through(
     return (*stretches, *all_fell)
 
 
-def _stretch(command: float, found: Sequence[str], window: Window) -> Stretch:
-    walking = np.array([each == WALKS for each in found])
+def _stretch(command: float, outcomes: Sequence[str], window: Window) -> Stretch:
+    walking = np.array([each == WALKS for each in outcomes])
     speed = cot = math.nan
     if walking.any():
         ledger, weighted = window.total(walking, window.machines[0])
         speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
-    fallen, slipping = (float(np.isin(found, kinds).mean()) for kinds in ((FALLS,), SLIPS))
+    fallen, slipping = (float(np.isin(outcomes, kinds).mean()) for kinds in ((FALLS,), SLIPS))
     return Stretch(command, float(walking.mean()), fallen, slipping, speed, cot)
 
 
 def commands_within(slowest: float, fastest: float) -> list[float]:
-    """The commands at which a policy is judged that was trained for these (m/s).
+    """The commands at which a policy is evaluated that was trained for these (m/s).
 
     They are the multiples of `STEP` in the range; its ends, where it is too narrow to have one.
     """
@@ -163,44 +175,3 @@ def _speeds(commands: Sequence[float]) -> list[float]:
     if speeds.ndim != 1 or not len(speeds):
         raise ValueError(f"commands = {commands!r}: give one or more speeds (m/s)")
     return [float(speed) for speed in speeds]
-
-
-def evaluate_commanded(
-    policy: Policy,
-    commands: Sequence[float] = COMMANDS,
-    params: Machine = BUILDABLE,
-    protocol: Protocol = PROTOCOL,
-    *,
-    task: Task | Mapping[str, float] | None = None,
-    control_period: float | None = None,
-    progress: bool = False,
-) -> tuple[Commanded, ...]:
-    """Let a policy walk at each of some commanded speeds.
-
-    Args:
-        policy: see `agents.policies`; it is given observations (N, 8).
-        commands: the speeds (m/s), one or more.
-        params: the machine, as the environment takes it.
-        protocol: starts and times.
-        task: whose reward `objective` is, as the environment takes it.
-        control_period: as the environment takes it.
-        progress: whether to show a progress bar for each speed.
-
-    Raises:
-        TypeError: an argument is of the wrong kind.
-        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
-        RuntimeError: as `evaluate` says.
-    """
-    judged = []
-    for speed in _speeds(commands):
-        walks = evaluate(
-            policy,
-            params,
-            protocol,
-            task=task,
-            command=speed,
-            control_period=control_period,
-            progress=progress,
-        )
-        judged.append(Commanded(speed, walks))
-    return tuple(judged)

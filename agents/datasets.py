@@ -24,7 +24,6 @@ from agents.policy_files import BASELINES, PRETRAINED, named_policy, origin
 from agents.rollout import Episode, episodes
 from rimless_gym import __version__
 from rimless_gym.checks import extra
-from rimless_gym.envs.arguments import Control
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import THETA
@@ -161,20 +160,17 @@ def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[s
         ValueError: two policies would have one identifier, or a dataset of other walks has it.
         CheckpointError: there is no such policy.
     """
-    ids = [dataset_id(Path(name).stem) for name in names]
-    for id_ in ids:
-        if ids.count(id_) > 1:
-            raise ValueError(
-                f"two datasets would be called {id_}: give one of the files another name"
-            )
-    recipes = [recipe_of(folder, id_) for id_ in ids]
-    for id_, recipe, name in zip(ids, recipes, names, strict=True):
+    ids = {name: dataset_id(Path(name).stem) for name in names}
+    if len(set(ids.values())) < len(ids):
+        raise ValueError(f"{' '.join(names)}: two of these have the same name; rename a file")
+    recipes = {name: recipe_of(folder, id_) for name, id_ in ids.items()}
+    for name, recipe in recipes.items():
         if recipe not in (None, config.recipe(name)):
             raise ValueError(
-                f"{folder / id_}: is there already, made of {recipe}; choose another --out, or "
-                "remove it"
+                f"{folder / ids[name]}: is there already, made of {recipe}; choose another --out, "
+                "or remove it"
             )
-    return [name for name, recipe in zip(names, recipes, strict=True) if recipe is None]
+    return [name for name, recipe in recipes.items() if recipe is None]
 
 
 def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str, Any]]:
@@ -205,7 +201,7 @@ def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str
 
 
 @dataclasses.dataclass(frozen=True)
-class Walks:
+class DatasetWalks:
     """Episodes of a dataset.
 
     Attributes:
@@ -221,7 +217,7 @@ class Walks:
     episodes: list[Episode]
 
 
-def walks_of(name: str, config: DatasetConfig) -> Walks:
+def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
     """Episodes of a policy from the environment's own starts; episode i is reset with `seed + i`.
 
     Raises:
@@ -242,12 +238,12 @@ def walks_of(name: str, config: DatasetConfig) -> Walks:
         made = f"the baseline `{name}`"
     elif name in PRETRAINED:
         made += ", which comes with the package"
-    return Walks(made, named.conditions, steps, walked)
+    return DatasetWalks(made, named.conditions, steps, walked)
 
 
 def optimal_walks(
     params: WheelParams, folder: Path, seed: int, speeds: Sequence[float] = SPEEDS
-) -> Walks:
+) -> DatasetWalks:
     """An episode on each of some optimal gaits, its voltages repeated stride after stride.
 
     Args:
@@ -277,7 +273,7 @@ def optimal_walks(
     ]
     listed = ", ".join(f"{gait.speed:.3f}" for gait in front.envelope)
     made = f"optimal gaits at {listed} m/s, their voltages held for 10 ms and repeated in open loop"
-    return Walks(made, conditions, steps, walked)
+    return DatasetWalks(made, conditions, steps, walked)
 
 
 def _start_of(gait: Solution) -> dict[str, list[float]]:
@@ -343,9 +339,12 @@ def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
     }
 
 
-def _card(id_: str, walks: Walks, summary: Mapping[str, Any], command: str) -> str:
+def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: str) -> str:
     """The text of a card."""
     made_by, control = provenance(), walks.conditions.control
+    decides = f"a decision every {1e3 * control.period:g} ms"
+    if control.speeds is not None:
+        decides += f", commanded {control.speeds[0]:g} to {control.speeds[1]:g} m/s"
     first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
     start = "`reset` with the options of each" if first.options else "the environment's own starts"
     changed = _changed(walks.conditions.params)
@@ -354,7 +353,7 @@ def _card(id_: str, walks: Walks, summary: Mapping[str, Any], command: str) -> s
         env=_environment(walks.conditions),
         made=walks.made,
         machine=json.dumps(changed) if changed else "the default machine",
-        control=_control_text(control),
+        control=decides,
         begun=f"{start}, seeds {first.seed} to {last.seed}",
         infos=", ".join(f"`{entry}`" for entry in first.infos),
         command=command,
@@ -362,15 +361,6 @@ def _card(id_: str, walks: Walks, summary: Mapping[str, Any], command: str) -> s
         versions=", ".join(f"{key} {version}" for key, version in made_by["versions"].items()),
         **{**summary, "cot": "-" if cot is None else f"{cot:.4f}"},
     )
-
-
-def _control_text(control: Control) -> str:
-    """How often a policy decides, and its commanded speeds, if any."""
-    decides = f"a decision every {1e3 * control.period:g} ms"
-    if control.speeds is None:
-        return decides
-    least, greatest = control.speeds
-    return f"{decides}, commanded {least:g} to {greatest:g} m/s"
 
 
 def _changed(params: WheelParams) -> dict[str, Any]:
@@ -413,7 +403,7 @@ def recipe_of(folder: Path, id_: str) -> dict[str, Any] | None:
 
 
 def write_dataset(
-    folder: Path, id_: str, walks: Walks, recipe: Mapping[str, Any], card: str
+    folder: Path, id_: str, walks: DatasetWalks, recipe: Mapping[str, Any], card: str
 ) -> None:
     """Write a dataset and its card; it appears in the folder when it is complete.
 

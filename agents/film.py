@@ -58,7 +58,7 @@ def _trail(walk: Recording, time: float) -> list[Point]:
     return [walk.pose(t).hub(walk.params) for t in np.arange(time, since - 1e-9, -FINE)[::-1]]
 
 
-class Race:
+class GroupFilm:
     """Walks on one ground.
 
     Args:

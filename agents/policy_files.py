@@ -1,6 +1,6 @@
 """Policies in files and by name: weights, and a record of what they were trained for.
 
-A file is an archive of plain arrays with a JSON record and a digest (`trajopt.files`). Reading it
+A file is an archive of plain arrays with a JSON record and a digest (`trajopt.store`). Reading it
 executes nothing: the learner that is named in the record builds the policy and puts the weights in.
 Files written by plain stable-baselines3 are pickles, which can run any code. By name there are
 these policies, feedback laws about a gait, and two baselines.

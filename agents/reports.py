@@ -1,7 +1,7 @@
 """Reports: one HTML file with tables that can be sorted, and charts.
 
-Matplotlib draws the charts: for print with `draw`, and as SVG in a report with `embedded`. A report
-loads nothing, and every text in it is escaped.
+Matplotlib draws the charts (`draw`), as files or embedded in a report. A report loads nothing, and
+every text in it is escaped.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -22,6 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 from numpy.typing import ArrayLike
 
 from trajopt.provenance import provenance
@@ -180,32 +180,23 @@ def _scale(axes: Axes, axis: Axis, name: str) -> None:
     axes.set(**{f"{name}label": axis.label})
     settings = {"linthresh": axis.threshold} if axis.scale == "symlog" else {}
     getattr(axes, f"set_{name}scale")(axis.scale, **settings)
+    if axis.scale != "linear":  # plain numbers, not powers
+        getattr(axes, f"{name}axis").set_major_formatter("{x:g}")
+    if axis.scale == "log":
+        formatter = LogFormatter(minor_thresholds=(2.0, 0.5))
+        getattr(axes, f"{name}axis").set_minor_formatter(formatter)
     if axis.limits:
         getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
 
 
-def save(figure: Figure, path: Path, dpi: int = 150) -> None:
-    """Write a figure to a file and close it."""
-    figure.savefig(path, dpi=dpi)
-    plt.close(figure)
-
-
-def embedded(charts: Sequence[Chart]) -> str:
-    """Charts side by side, as HTML."""
-    return f'<div class="plots">{"".join(map(_figure, charts))}</div>'
-
-
-def _figure(chart: Chart) -> str:
+def embedded(figure: Figure, title: str) -> str:
+    """A figure as HTML that loads nothing."""
     picture = io.BytesIO()
-    figure = draw([chart], 1, (5.0, 3.8))
     with matplotlib.rc_context(STYLE):
         figure.savefig(picture, format="svg", metadata={"Date": None})
-    plt.close(figure)
     data = base64.b64encode(picture.getvalue()).decode()
-    return (
-        f'<figure class="card chart"><img alt="{escape(chart.title)}" '
-        f'src="data:image/svg+xml;base64,{data}"></figure>\n'
-    )
+    image = f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{data}">'
+    return f'<figure class="card chart">{image}</figure>\n'
 
 
 class Column(NamedTuple):
@@ -237,19 +228,15 @@ def _missing(value: Any) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
-def table(
-    columns: Sequence[Column], rows: Sequence[Mapping[str, Any]], links: Sequence[str] = ()
-) -> str:
+def table(columns: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> str:
     """A table as HTML; a value that is None, NaN or infinite is a dash, and is sorted to the end.
 
     Args:
         columns: the first one names a row.
         rows: one mapping per row.
-        links: identities of the elements in the page to which the rows' names lead, if any.
     """
     head = "".join(map(_heading, columns))
-    targets = links or [""] * len(rows)
-    body = "\n".join(_row(columns, row, target) for row, target in zip(rows, targets, strict=True))
+    body = "\n".join(_row(columns, row) for row in rows)
     return (
         '<div class="scrolling" tabindex="0"><table class="sortable">'
         f"<thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>"
@@ -262,11 +249,9 @@ def _heading(column: Column) -> str:
     return f'<th scope="col"{title}><button type="button">{text}</button></th>'
 
 
-def _row(columns: Sequence[Column], row: Mapping[str, Any], target: str) -> str:
+def _row(columns: Sequence[Column], row: Mapping[str, Any]) -> str:
     first, *others = columns
     name = escape(first.text(row))
-    if target:
-        name = f'<a href="#{escape(target)}">{name}</a>'
     cells = "".join(
         f'<td data-value="{_sort_key(row[each.key])}">{escape(each.text(row))}</td>'
         for each in others
@@ -286,20 +271,9 @@ def section(title: str, *parts: str) -> str:
     return f"<section><h2>{escape(title)}</h2>\n" + "\n".join(parts) + "</section>"
 
 
-def subsection(title: str, *parts: str, anchor: str = "") -> str:
-    """A part of a section; `anchor` is its identity within the page."""
-    identity = f' id="{escape(anchor)}"' if anchor else ""
-    return f"<div{identity}><h3>{escape(title)}</h3>\n" + "\n".join(parts) + "</div>"
-
-
 def paragraph(text: str) -> str:
     """Sentences."""
     return f"<p>{escape(text)}</p>"
-
-
-def listed(texts: Sequence[str]) -> str:
-    """A list."""
-    return f"<ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
 
 
 def document(title: str, lead: str, parts: Sequence[str], page: str | None = None) -> str:

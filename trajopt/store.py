@@ -125,7 +125,9 @@ class Store:
             write_arrays(self._path(key, "npz"), ARRAYS, {}, arrays)
             parts.append(f"{key}.npz")
         digests = {each: file_digest(self.folder / each) for each in parts}
-        write_signed(self._path(key, "json"), {"value": tree, "files": digests})
+        content = {"value": tree, "files": digests}
+        text = json.dumps(content | {DIGEST: _signature(content)}, indent=1)
+        write_text(self._path(key, "json"), text + "\n")
 
     def _claim(self) -> None:
         """Record the inputs, or check that they are those of the folder."""
@@ -148,12 +150,15 @@ class Store:
                 )
 
     def _read(self, key: str) -> dict[str, Any] | None:
+        """What the file of a key holds; None where it is missing, or it or a file was changed."""
         try:
-            content = read_signed(self._path(key, "json"))
-        except (OSError, ValueError):
+            content = dict(json.loads(self._path(key, "json").read_text()))
+            signed = content.pop(DIGEST) == _signature(content)
+            files = content["files"].items()
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return None
-        files = content["files"].items()
-        return content if all(file_digest(self.folder / f) == d for f, d in files) else None
+        same = all(file_digest(self.folder / name) == digest for name, digest in files)
+        return content if signed and same else None
 
     def _path(self, key: str, suffix: str) -> Path:
         return self.folder / f"{key}.{suffix}"
@@ -191,28 +196,6 @@ def write_bytes(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a text, as `write_bytes`."""
     write_bytes(path, text.encode())
-
-
-def write_signed(path: Path, content: Mapping[str, Any]) -> None:
-    """Write JSON values with a digest of them, as `write_bytes`."""
-    signed = {**content, DIGEST: _signature(content)}
-    write_text(path, json.dumps(signed, indent=1) + "\n")
-
-
-def read_signed(path: Path) -> dict[str, Any]:
-    """The values that `write_signed` wrote.
-
-    Raises:
-        ValueError: the file was edited or damaged.
-        OSError: it cannot be read.
-    """
-    try:
-        content = json.loads(path.read_text())
-        if content.pop(DIGEST) != _signature(content):
-            raise ValueError("edited since it was written")
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ValueError(f"{path}: damaged ({error!r})") from error
-    return dict(content)
 
 
 def write_arrays(
@@ -355,7 +338,7 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
         with suppress(OSError):  # another process may remove it, too
             if time.time() - part.stat().st_mtime > ABANDONED:
                 part.unlink()
-    part = part_of(path)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
             yield file
@@ -368,8 +351,3 @@ def _replacing(path: Path) -> Iterator[IO[bytes]]:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
-
-
-def part_of(path: Path) -> Path:
-    """The file that holds what this process writes to `path` until it is complete."""
-    return path.with_name(f"{path.name}.{os.getpid()}.part")

@@ -25,7 +25,7 @@ from agents.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from agents.film import Race
+    from agents.film import GroupFilm
     from rimless_gym.params import WheelParams
     from trajopt import Solution
 
@@ -134,13 +134,13 @@ def _race(
     seconds: float,
     size: tuple[int, int],
     trust_pickle: bool,
-) -> Race:
+) -> GroupFilm:
     """The walks of the names.
 
     Raises:
         ValueError: there is no such gait, law or policy, or they are of several machines.
     """
-    from agents.film import Race, ghost
+    from agents.film import GroupFilm, ghost
     from agents.policy_files import named_policy
     from agents.recording import Recording, record_gait, record_policy
     from rimless_gym import BUILDABLE
@@ -188,7 +188,7 @@ def _race(
             walks.append(ghost(gait_for(params), walks[0]))
         else:
             walks.append(record_gait(OPTIMUM, gait_for(params), seconds))
-    return Race(walks, cycle, size)
+    return GroupFilm(walks, cycle, size)
 
 
 def _held(gait: Solution) -> Solution:
@@ -227,7 +227,7 @@ def _require_near(params: WheelParams, speed: float) -> None:
         )
 
 
-def _frames(race: Race, fps: float, title: str) -> Any:
+def _frames(race: GroupFilm, fps: float, title: str) -> Any:
     from tqdm import tqdm
 
     from agents.film import times
@@ -235,7 +235,7 @@ def _frames(race: Race, fps: float, title: str) -> Any:
     return (race.frame(time) for time in tqdm(times(race.ends, fps), desc=title, unit="picture"))
 
 
-def _gif(race: Race, path: Path) -> None:
+def _gif(race: GroupFilm, path: Path) -> None:
     """Write the walks as an animated GIF."""
     from agents.film import times
     from rimless_gym.rendering.display import save_gif
@@ -248,14 +248,14 @@ def _gif(race: Race, path: Path) -> None:
     write_bytes(path, encoded.getvalue())
 
 
-def _video(race: Race, path: Path) -> None:
+def _video(race: GroupFilm, path: Path) -> None:
     """Write the walks as a video."""
     from rimless_gym.rendering.display import save_mp4
 
     save_mp4(_frames(race, VIDEO_FPS, "video"), path, VIDEO_FPS)
 
 
-def _show(race: Race) -> None:
+def _show(race: GroupFilm) -> None:
     """Show walks in a window until it is closed or they end."""
     from agents.film import times
     from rimless_gym.rendering.display import Window

@@ -23,7 +23,7 @@ from agents.comparison.figures import walk_from_rest, write_figures
 from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import Row, by_speed, format_table
-from agents.film import Race, ghost, times
+from agents.film import GroupFilm, ghost, times
 from agents.policy_files import load_policy
 from agents.recording import record
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -137,7 +137,7 @@ def _animate(setting: Setting, learned: LearnedMethod) -> None:
     walk = walk_from_rest(setting.params, policy, ANIMATED)
     recording = record(learned.name, walk, setting.params, CONTROL_PERIOD)
     gait = setting.held_gait(setting.study.speed)
-    race = Race([recording, ghost(gait, recording)], gait)
+    race = GroupFilm([recording, ghost(gait, recording)], gait)
     frames = [race.frame(moment) for moment in times(race.ends, FPS)]
     save_gif(frames, setting.out / f"{learned.name}.gif", FPS)
 

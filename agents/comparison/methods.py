@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -62,9 +62,9 @@ def methods(study: Study) -> tuple[Method, ...]:
     """All methods, in the order in which they stand in the table within their speed."""
     others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
     return (
-        OptimalGait("gait", None, searched_gait),
-        FrontMethod("front"),
-        FrontMethod("held_front", ("front",)),
+        OptimalGait("searched", None, searched_gait),
+        FrontMethod(held=False),
+        FrontMethod(held=True),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
         *_holding(study),
@@ -140,6 +140,11 @@ class OptimalGait:
     solve: Callable[[Setting], Solution | str]
     after: tuple[str, ...] = ()
 
+    @property
+    def file(self) -> str:
+        """In the study's folder; `trajopt.store` uses the name alone for arrays."""
+        return f"{self.name}_gait.npz"
+
     def compute(self, setting: Setting) -> Result:
         """Solve it."""
         gait = self.solve(setting)
@@ -147,14 +152,14 @@ class OptimalGait:
             return {"missing": gait}
         if not gait.verification.passed:
             return {"missing": "; ".join(gait.verification.failures)}
-        gait.save(setting.out / f"{self.name}.npz")
-        return gait_result(gait) | {"files": [f"{self.name}.npz"]}
+        gait.save(setting.out / self.file)
+        return gait_result(gait) | {"files": [self.file]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row, if there is one."""
         if "missing" in result:
             return []
-        gait = Solution.load(setting.out / f"{self.name}.npz")
+        gait = Solution.load(setting.out / self.file)
         title, speed = self.title or _steps_title(gait), setting.study.speed
         return [gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed)]
 
@@ -205,16 +210,30 @@ def gait_result(gait: Solution) -> Result:
 class FrontMethod:
     """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds.
 
-    "front" has a continuous voltage; "held_front" is the environment's own optimum, of gaits whose
-    voltage is held for its 10 ms, each with the speed and the steps of a gait of the other front.
+    Attributes:
+        held: False: the voltage is continuous. True: it is held for the environment's 10 ms, at the
+            speeds and with the steps of the best gaits of the other front.
     """
 
-    name: str
-    after: tuple[str, ...] = ()
+    held: bool
+
+    @property
+    def name(self) -> str:
+        """See `Method`."""
+        return "held_front" if self.held else "front"
+
+    @property
+    def after(self) -> tuple[str, ...]:
+        """See `Method`."""
+        return ("front",) if self.held else ()
 
     def compute(self, setting: Setting) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
-        front = _held_front(setting) if self.after else _continuous_front(setting)
+        study = setting.study
+        if self.held:
+            front = _held_front(setting)
+        else:
+            front = _front(setting, study.front_speeds, study.front_steps, None)
         return {
             "files": [front_file(s.steps, s.speed, s.hold) for s in front.solutions],
             "gaits": [gait_result(s) | {"steps": s.steps} for s in front.solutions],
@@ -225,22 +244,11 @@ class FrontMethod:
         """The rows of the gaits at, or nearest to, the study's speeds."""
         rows = []
         for speed in setting.study.speeds:
-            gait = setting.held_gait(speed) if self.after else setting.best_gait(speed)
-            held = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
-            title = held if self.after else _steps_title(gait)
+            gait = setting.held_gait(speed) if self.held else setting.best_gait(speed)
+            title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
+            title = title if self.held else _steps_title(gait)
             rows.append(gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed))
         return rows
-
-
-def _continuous_front(setting: Setting) -> CotFront:
-    study = setting.study
-    return cot_front(
-        setting.params,
-        study.front_speeds,
-        study.front_steps,
-        folder=setting.out,
-        progress=setting.progress,
-    )
 
 
 def _held_front(setting: Setting) -> CotFront:
@@ -250,14 +258,7 @@ def _held_front(setting: Setting) -> CotFront:
     for steps in sorted({gait.steps for gait in best}):
         speeds = [gait.speed for gait in best if gait.steps == steps]
         try:
-            front = cot_front(
-                setting.params,
-                speeds,
-                [steps],
-                hold=CONTROL_PERIOD,
-                folder=setting.out,
-                progress=setting.progress,
-            )
+            front = _front(setting, speeds, [steps], CONTROL_PERIOD)
         except NoGaitError as error:
             missing += [(steps, speed, str(error)) for speed in speeds]
             continue
@@ -266,6 +267,13 @@ def _held_front(setting: Setting) -> CotFront:
     if not solutions:
         raise NoGaitError("\n".join(reason for _, _, reason in missing))
     return CotFront(tuple(solutions), tuple(missing))
+
+
+def _front(
+    setting: Setting, speeds: Sequence[float], steps: Sequence[int], hold: float | None
+) -> CotFront:
+    folder, progress = setting.out, setting.progress
+    return cot_front(setting.params, speeds, steps, hold=hold, folder=folder, progress=progress)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -414,7 +422,7 @@ class ShippedMethod:
             control_period=policy.conditions.control.period,
             progress=setting.progress,
         )
-        return {"evaluations": [each.evaluation.to_dict() for each in commanded]}
+        return {"evaluations": [each.to_dict() for each in commanded]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """A row for every speed."""

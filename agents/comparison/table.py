@@ -25,20 +25,15 @@ COLUMNS = (
 #: Below the table.
 NOTES = """\
 CoT counts the energy drawn from the battery, E+, electronics included; none is fed back. The return
-is the environment's reward per second, the mean over all starts, those that fall included; of a
-gait, that of walking on it for ever. The gap is to the environment's own optimum at the row's own
-speed, interpolated: the best periodic gait whose voltage is held for 10 ms. The other optimal gaits
-may change it at any time. At one speed there are all laws; at the others, for want of time, only
-the best law and its clone (fine-tuned too with `--further-timesteps`). Evolution and PPO choose
-their own speed. PPO from screened policies is trained for a quarter of an hour, so its policy comes
-with the package, for the default machine. So does the one policy for the front, which walks at
-commanded speeds, two more than the others. "Best kept" is the policy with the best score (cost
-of transport and share of starts) in the periodic evaluations; it is the clone itself where none
-was better. Gaits and policies keep the same rules: a start walks if in the measured 30 s its foot
-is pressed down and does not slip, and its pendulum does not touch the floor, where there is one.
-Friction demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force
-in weights; both are those of all starts that still take steps at the end, also of those that do
-not count."""
+is the environment's reward per second over all starts; of a gait, that of walking on it for ever.
+The gap is to the environment's own optimum at the row's own speed, interpolated: the best periodic
+gait whose voltage is held for 10 ms. The other optimal gaits may change it at any time. At one
+speed there are all laws; at the others only the best law and its clone (fine-tuned too with
+`--further-timesteps`). Evolution and PPO choose their own speed. PPO from screened policies, and
+the one policy for the front, which walks at commanded speeds, come with the package, for the
+default machine. "Best kept" is the policy with the best score in the periodic evaluations. Friction
+demand is the largest |Fx| / Fy of stance and touchdowns, least Fy the least normal force in
+weights; both are those of all starts that still take steps at the end."""
 
 #: Titles of the shipped policies' rows.
 FRONT_POLICY, SCREENED_PPO = "one policy for the front", "PPO from screened policies"

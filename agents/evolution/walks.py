@@ -95,9 +95,9 @@ def features(leg, sine, cosine, leg_rate, rate, resting):  # type: ignore[no-unt
 @inner
 def action(weights, i, seen):  # type: ignore[no-untyped-def]
     """The action in [-1, 1] of policy i of `weights` (n, SIZE) for an observation."""
-    found, total = features(*seen), 0.0
-    for k in range(len(found)):
-        total += weights[i, k] * found[k]
+    products, total = features(*seen), 0.0
+    for k in range(len(products)):
+        total += weights[i, k] * products[k]
     return min(max(total, -1.0), 1.0)
 
 
@@ -199,7 +199,7 @@ def _walk(  # type: ignore[no-untyped-def]
     states, weights, intervals, window, limit, leg_scale, slipping, constants, poles, work
 ):
     n = states.shape[1]
-    found = np.zeros((len(AT), n))
+    totals = np.zeros((len(AT), n))
     out, volts, begun = np.empty((len(ROW), n)), np.empty(n), np.zeros(n)
     wheel, count = np.arange(n), n
     for t in range(intervals):
@@ -223,14 +223,14 @@ def _walk(  # type: ignore[no-untyped-def]
                 wheel[i] = wheel[count]
                 states[:, i] = states[:, count]
                 continue
-            found[AT.lasted, w] += 1.0 / intervals
+            totals[AT.lasted, w] += 1.0 / intervals
             if t >= intervals - window:
-                found[AT.distance, w] += out[ROW.distance, i]
-                found[AT.energy, w] += out[ROW.electrical_positive, i]
-                found[AT.steps, w] += out[ROW.steps, i]
-                found[AT.turned, w] = states[THETA, i] - begun[w]
-                found[AT.slipping, w] += 1.0 if demand > slipping else 0.0
-    return found
+                totals[AT.distance, w] += out[ROW.distance, i]
+                totals[AT.energy, w] += out[ROW.electrical_positive, i]
+                totals[AT.steps, w] += out[ROW.steps, i]
+                totals[AT.turned, w] = states[THETA, i] - begun[w]
+                totals[AT.slipping, w] += 1.0 if demand > slipping else 0.0
+    return totals
 
 
 @dataclasses.dataclass(frozen=True)
@@ -327,6 +327,6 @@ def senses(walks: PolicyWalks) -> NDArray[np.int64]:
 
 def families(walks: PolicyWalks) -> NDArray[np.int64]:
     """The families in which some wheel walks, fewest revolutions first."""
-    found = np.unique(np.round(revolutions(walks))[stepping(walks)])
-    kept = [family for family in found.tolist() if members(walks, family).any()]
-    return np.asarray(sorted(kept, key=lambda family: (abs(family), family)), dtype=np.int64)
+    rounded = np.unique(np.round(revolutions(walks))[stepping(walks)])
+    walked = [family for family in rounded.tolist() if members(walks, family).any()]
+    return np.asarray(sorted(walked, key=lambda family: (abs(family), family)), dtype=np.int64)

@@ -34,18 +34,22 @@ from agents.sb3.hyperparameters import (
 from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import training_env, wrapped
-from agents.walking_figures import WalkingFigures
+from rimless_gym.energy import CHANNELS
+from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import COMMANDED_SIZE
 from rimless_gym.envs.speed import PERIOD, SPEEDS
-from rimless_gym.envs.task import Task
+from rimless_gym.envs.task import TERM_NAMES, Task
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 
 #: Share of a fine-tuning in which only the critic learns.
 CRITIC_WARM_UP = 0.15
 
-#: Fewest control intervals over which logged figures are summed.
+#: The entries of `info` whose sums are logged.
+LOGGED = (*(each.name for each in CHANNELS), *TERM_NAMES, "distance", "steps", "elapsed")
+
+#: Fewest control intervals over which they are summed.
 LOG_INTERVALS = 2000
 
 #: Counters and rates of stable-baselines3's algorithms that outlast a roll-out.
@@ -281,31 +285,57 @@ class Sac(Sb3Learner):
 
 
 class LogWalking(BaseCallback):
-    """Logs the noisy walking of training: return, CoT, speed, steps and energy terms.
+    """Logs the noisy walking of training: `walk/*`, and `energy/*` in watts.
 
-    Of an action that is held for several control intervals, the last one is logged.
+    `walk/return` is the reward for 20 s, `walk/reward_*` its terms. Of an action that is held for
+    several control intervals, the last one is logged.
 
     Args:
-        params: the wheel's parameters.
+        params: the wheel's parameters, by whose weight costs of transport are divided.
         env: that is learned in, innermost.
     """
 
     def __init__(self, params: WheelParams, env: Sb3VecEnv) -> None:
         super().__init__()
-        self._figures, self._env = WalkingFigures(params), env
+        self._weight, self._env = params.weight, env
+        self._clear()
+
+    def _clear(self) -> None:
+        self._sums, self._falls, self._intervals = np.zeros(len(LOGGED)), 0, 0
 
     def _on_step(self) -> bool:
-        self._figures.add(self._env.last_info)
+        info = self._env.last_info
+        self._sums += [info[name].sum() for name in LOGGED]
+        self._falls += int(np.count_nonzero(info["failure"]))
+        self._intervals += len(info["failure"])
         return True
 
     def _on_rollout_end(self) -> None:
-        if self._figures.intervals >= LOG_INTERVALS:
-            self._figures.record(self.logger)
+        if self._intervals >= LOG_INTERVALS:
+            self._record()
 
     def _on_training_end(self) -> None:
-        if self._figures.intervals:
-            self._figures.record(self.logger)
+        if self._intervals:
+            self._record()
         self.logger.dump(self.num_timesteps)
+
+    def _record(self) -> None:
+        """Record the figures, and start summing again."""
+        sums = dict(zip(LOGGED, self._sums.tolist(), strict=True))
+        record, per_episode = self.logger.record, EPISODE_STEPS / self._intervals
+        record("walk/return", sum(sums[name] for name in TERM_NAMES) * per_episode)
+        for name in TERM_NAMES:
+            record(f"walk/{name}", sums[name] * per_episode)
+        record("walk/speed", sums["distance"] / sums["elapsed"])
+        record("walk/steps_per_second", sums["steps"] / sums["elapsed"])
+        record("walk/steps", sums["steps"])
+        record("walk/falls", self._falls)
+        if sums["distance"] > 0:
+            energy = sums["electrical_positive"] + sums["idle"]
+            record("walk/cot", energy / (self._weight * sums["distance"]))
+        for channel in CHANNELS:
+            record(f"energy/{channel.name}", sums[channel.name] / sums["elapsed"])
+        self._clear()
 
 
 class Forward(BaseCallback):

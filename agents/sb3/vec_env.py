@@ -228,7 +228,7 @@ class Sb3VecEnv(VecEnv):
             NotImplementedError: always, with the remedy.
         """
         raise NotImplementedError(
-            f"set_attr({attr_name!r}): native rows share one environment; give another machine or "
+            f"set_attr({attr_name!r}): native rows share one environment; give other parameters or "
             "start with set_options({'params': ..., 'state': ...}), all else when making it"
         )
 

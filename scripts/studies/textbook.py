@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 
-from scripts.studies.commandline import Parser, more_than_zero, whole
 from trajopt import Extremal, Mesh, solve
 from trajopt.gaits.problem import PASSIVE_WHEEL
 from trajopt.ocp.schemes import SCHEMES
@@ -37,19 +37,17 @@ def row(example: Example, found: Extremal) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; 0 if all converged, 1 if not."""
-    parser = Parser(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     names = [example.problem.__name__ for example in PROBLEMS]
     parser.add_argument("problems", nargs="*", help=f"of {', '.join(names)}; all by default")
     parser.add_argument("--scheme", choices=SCHEMES, default="radau", help="transcription")
-    parser.add_argument("--elements", type=whole(1), default=10, help="per phase, to begin with")
-    parser.add_argument("--degree", type=whole(1), default=4, help="of radau, to begin with")
-    parser.add_argument("--tolerance", type=more_than_zero, default=1e-7, help="of the mesh")
+    parser.add_argument("--elements", type=int, default=10, help="per phase, to begin with")
+    parser.add_argument("--degree", type=int, default=4, help="of radau, to begin with")
+    parser.add_argument("--tolerance", type=float, default=1e-7, help="of the mesh")
     options = parser.parse_args(arguments)
     unknown = set(options.problems) - set(names)
     if unknown:
         parser.error(f"unknown problems: {', '.join(sorted(unknown))}")
-    with parser.refusing():
-        Mesh.uniform(1, options.elements, options.degree, options.scheme)
     print(HEADER)
     converged = True
     for example in PROBLEMS:

@@ -27,19 +27,19 @@ def leaning(states, seen):
     return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
 
 
-def share(judged, *outcomes):
-    return sum(judged.evaluation.failures.get(outcome, 0) for outcome in outcomes) / BRIEF.starts
+def share(walks, *outcomes):
+    return sum(walks.failures.get(outcome, 0) for outcome in outcomes) / BRIEF.starts
 
 
 def test_a_policy_that_stands_does_not_walk_at_any_speed():
-    for judged in evaluate_commanded(standing, protocol=BRIEF):
-        assert judged.walking_share == 0.0
-        assert np.isnan(judged.cot)
-        assert np.isnan(judged.speed)
-        assert judged.evaluation.failures == {"stops": BRIEF.starts}
+    for walks in evaluate_commanded(standing, protocol=BRIEF):
+        assert walks.walking_share == 0.0
+        assert np.isnan(walks.cot)
+        assert np.isnan(walks.speed)
+        assert walks.failures == {"stops": BRIEF.starts}
 
 
-def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
+def test_a_policy_is_evaluated_at_each_command_by_itself_and_sees_it():
     commands = []
 
     def looking(states, seen):
@@ -48,7 +48,6 @@ def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
         return leaning(states, seen)
 
     slow, fast = evaluate_commanded(looking, (0.35, 0.6), protocol=BRIEF)
-    assert (slow.command, fast.command) == (0.35, 0.6)
     assert {len(each) for each in commands} == {1}
     assert np.allclose(sorted(set.union(*commands)), [-0.5, 0.75])
     assert share(slow, "falls", "stops") < 0.7
@@ -59,10 +58,10 @@ def test_a_policy_is_judged_at_each_command_by_itself_and_sees_it():
 
 def test_a_policy_that_steps_but_breaks_a_rule_is_told_from_one_that_stands():
     ice = BUILDABLE.replace(friction=0.2)
-    (judged,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
-    assert judged.walking_share == 0.0
-    assert share(judged, *SLIPS) > 0.3
-    assert set(judged.evaluation.failures) <= {"falls", "stops", *VIOLATIONS}
+    (walks,) = evaluate_commanded(leaning, [0.35], ice, BRIEF)
+    assert walks.walking_share == 0.0
+    assert share(walks, *SLIPS) > 0.3
+    assert set(walks.failures) <= {"falls", "stops", *VIOLATIONS}
 
 
 def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():
@@ -79,10 +78,10 @@ def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own(
 def test_rewards_are_those_of_the_task_with_a_command():
     (usual,) = evaluate_commanded(standing, [0.5], protocol=BRIEF)
     (same,) = evaluate_commanded(standing, [0.5], protocol=BRIEF, task=TASK)
-    (dear,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF)
-    (cheap,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF, task=Task())
-    assert usual.evaluation.objective == same.evaluation.objective
-    assert dear.evaluation.objective > cheap.evaluation.objective
+    (slow,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF)
+    (plain,) = evaluate_commanded(leaning, [0.5], protocol=BRIEF, task=Task())
+    assert usual.objective == same.objective
+    assert slow.objective > plain.objective
 
 
 @pytest.mark.parametrize("commands", [(), (0.5, -0.1), (3.0,), ((0.5,),)])
@@ -111,7 +110,7 @@ def test_a_walk_goes_on_while_the_command_changes():
     assert 0.0 < fast.fallen_share <= slow.fallen_share < 0.8
 
 
-def test_all_legs_are_told_of_where_all_walks_fall():
+def test_all_commands_have_figures_where_all_walks_fall():
     def toppling(states, seen):
         return np.where(np.arange(len(seen)) % 2, -1.0, 1.0) * np.sign(seen[:, 1] + 0.3)
 
@@ -134,7 +133,7 @@ def test_a_speed_is_commanded_only_where_it_is_observed():
         Rollout(Conditions(BUILDABLE), standing, draw_starts(BUILDABLE, 2, 0), 5, command=0.5)
 
 
-def test_a_policy_is_judged_at_round_speeds_of_the_range_that_it_was_trained_for():
+def test_a_policy_is_evaluated_at_round_speeds_of_the_range_that_it_was_trained_for():
     assert commands_within(0.51, 0.63) == [0.52, 0.54, 0.56, 0.58, 0.6, 0.62]
     assert commands_within(0.4, 0.44) == [0.4, 0.42, 0.44]
     assert commands_within(0.501, 0.502) == [0.501, 0.502]

@@ -86,8 +86,8 @@ def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_learner, algo
 
 
 def test_networks_that_plain_values_cannot_describe_are_refused():
-    odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"optimizer_class": torch.optim.SGD})
-    with pytest.raises(ValueError, match="optimizer_class"):
+    odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"activation_fn": torch.nn.Softsign})
+    with pytest.raises(ValueError, match="activation_fn"):
         architecture(odd)
 
 

@@ -20,7 +20,6 @@ from agents.learner import LEARNERS, Learner, LearnerSettings, PolicyParts, lear
 from agents.policy_files import PRETRAINED, CheckpointError, load_policy, read_record
 from agents.sb3 import learner as sb3
 from agents.training import StateError, Trainer, TrainingConfig, read_state, walking_economy
-from agents.walking_figures import WalkingFigures
 from rimless_gym import BUILDABLE, PROTOTYPE
 from rimless_gym.energy import CHANNELS
 from rimless_gym.envs.task import TERM_NAMES
@@ -348,12 +347,13 @@ def test_logged_figures_are_ratios_of_sums_over_the_infos():
     info |= {"steps": np.ones(2), "elapsed": np.full(2, 0.01), "distance": np.array([0.01, 0.03])}
     info |= {"electrical_positive": np.array([1.0, 0.2]), "reward_energy": np.full(2, -0.1)}
     info |= {"reward_distance": 0.5 * info["distance"]}
-    seen = {}
-    figures = WalkingFigures(BUILDABLE)
+    seen, env = {}, SimpleNamespace(last_info=info)
+    figures = sb3.LogWalking(BUILDABLE, env)
+    figures.model = SimpleNamespace(logger=SimpleNamespace(record=seen.__setitem__))
     for _ in range(2):
-        figures.add(info)
-    figures.record(SimpleNamespace(record=seen.__setitem__))
-    assert figures.intervals == 0
+        figures._on_step()
+    figures._record()
+    assert figures._intervals == 0
     assert seen["walk/cot"] == pytest.approx(1.2 / (BUILDABLE.weight * 0.04))
     assert (seen["walk/speed"], seen["walk/steps"]) == (pytest.approx(2.0), 4)
     assert seen["walk/return"] == pytest.approx((0.5 * 0.04 - 0.2) / 2 * 2000)

@@ -13,7 +13,7 @@ from scripts.studies.__main__ import STUDIES
 from tests.documents.pages import PAGES, ROOT, commands_of, names
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+TARGETS = set(" ".join(re.findall(r"^([\w -]+):", (ROOT / "Makefile").read_text(), re.M)).split())
 RUN = re.compile(r'main\(\["(\w+)",')  # in a file of scripts/
 
 
@@ -26,7 +26,7 @@ def test_every_command_has_the_options_with_which_it_is_shown(path, capsys):
             case ["pip", "install"]:
                 for extra in re.findall(r"\[([\w,]+)\]", command):
                     assert set(extra.split(",")) <= set(EXTRAS), command
-            case ["rimless", word]:
+            case ["rimless", word] if not word.isupper():
                 assert word in COMMANDS, command
                 require_options(command, partial(main, [word, "--help"]), capsys)
             case ["python", "-m"] if command.split()[2] == "scripts.studies":

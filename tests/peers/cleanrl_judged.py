@@ -13,7 +13,7 @@ import torch
 from cleanrl_shims import run
 from gymnasium.wrappers import NormalizeObservation
 
-from agents.commanded import evaluate_commanded
+from agents.commanded import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 
 
@@ -54,8 +54,9 @@ if __name__ == "__main__":
     def voltages(observations: Any) -> Any:
         return act(torch.as_tensor(observations, dtype=torch.float32))[:, 0].double().numpy()
 
-    for each in evaluate_commanded(learned_policy(voltages)):
+    evaluations = evaluate_commanded(learned_policy(voltages))
+    for command, walks in zip(COMMANDS, evaluations, strict=True):
         print(
-            f"commanded {each.command:g} m/s: {100 * each.walking_share:.0f} % walk, "
-            f"CoT {each.cot:.4f} at {each.speed:.3f} m/s"
+            f"commanded {command:g} m/s: {100 * walks.walking_share:.0f} % walk, "
+            f"CoT {walks.cot:.4f} at {walks.speed:.3f} m/s"
         )

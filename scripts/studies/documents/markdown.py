@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from trajopt.files import write_text
+from trajopt.store import write_text
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

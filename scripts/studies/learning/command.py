@@ -152,20 +152,23 @@ def ran(store: Store, protocol: Protocol, task: SeedTask) -> SeedResult | str:
 def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     """The results of the first seeds of each row, up to one that is missing; none of too few.
 
-    So a row says how many seeds it has, and nobody chose which.
+    So a row says how many seeds it has, and none was chosen.
     """
     results: dict[StudyRow, list[SeedResult]] = {}
     for row in rows:
-        found: list[SeedResult] = []
-        while len(found) < seeds and (name := SeedTask(row, len(found)).key) in store:
+        finished_seeds: list[SeedResult] = []
+        while (
+            len(finished_seeds) < seeds
+            and (name := SeedTask(row, len(finished_seeds)).key) in store
+        ):
             saved = store.load(name)
             policies = {
                 which: WalkFigures(**{k: float("nan") if v is None else v for k, v in each.items()})
                 for which, each in saved["policies"].items()
             }
-            found.append(SeedResult(policies, saved["steps"], saved["minutes"]))
-        if len(found) >= min(FEWEST, seeds):
-            results[row] = found
+            finished_seeds.append(SeedResult(policies, saved["steps"], saved["minutes"]))
+        if len(finished_seeds) >= min(FEWEST, seeds):
+            results[row] = finished_seeds
     return results
 
 
@@ -180,9 +183,9 @@ def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
         actions are held for another time than those of the optima.
     """
     needed: dict[tuple[WheelParams, int], None] = {}
-    for row, own in results.items():
+    for row, seeds in results.items():
         if row.trial.period == CONTROL_PERIOD:
-            walking = [each for result in own for each in result.policies.values()]
+            walking = [each for seed in seeds for each in seed.policies.values()]
             for each in filter(row.walks, walking):
                 params = preset(row.preset)
                 needed |= dict.fromkeys((params, n) for n in ticks_around(params, each.speed))

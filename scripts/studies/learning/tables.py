@@ -42,7 +42,7 @@ ABOVE = "CoT above the optimum"
 
 def tables(results: Results, gap: Gap) -> dict[str, str]:
     """A table for every section that has a row."""
-    found = {}
+    sections = {}
     for section in SECTIONS:
         rows = {row: seeds for row, seeds in results.items() if row.table == section}
         if rows:
@@ -51,8 +51,8 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
             effort = EFFORT if section in (LEARNED, ABLATIONS, THESIS) else ()
             head = [*names, *FIGURES, *effort, *([ABOVE] if section == THESIS else [])]
             lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
-            found[section] = table(head, [line[: len(head)] for line in lines])
-    return found
+            sections[section] = table(head, [line[: len(head)] for line in lines])
+    return sections
 
 
 def _lines(
@@ -75,18 +75,18 @@ def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -
     policies = [seed.policies[which] for seed in seeds]
     walking = [each for each in policies if row.walks(each)]
     shares = [each.share for each in policies]
-    found = [(each.cot, value) for each in walking if (value := gap(row, each)) is not None]
+    gaps = [(each.cot, value) for each in walking if (value := gap(row, each)) is not None]
     return [
         f"{len(walking)} of {len(policies)}",
         f"{_percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
-        _interval([value for _, value in found]),
+        _interval([value for _, value in gaps]),
         _mean([each.cot for each in walking], 4),
         _mean([each.speed for each in walking], 3),
         _percent(fmean(each.falls for each in policies)),
         _percent(fmean(each.slips for each in policies)),
         f"{median(seed.minutes for seed in seeds):.1f}",
         count(median(seed.steps for seed in seeds)),
-        _mean([cot - cot / (1.0 + value) for cot, value in found], 4),
+        _mean([cot - cot / (1.0 + value) for cot, value in gaps], 4),
     ]
 
 

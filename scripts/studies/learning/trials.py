@@ -288,10 +288,8 @@ class Following(Trained):
         """The policy at every command."""
         (file,) = self.files.values()
         policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
-        policies = {
-            f"{each.command:g} m/s": WalkFigures.of(each.evaluation)
-            for each in evaluate_commanded(policy, self.commands, params, by, control_period=period)
-        }
+        walks = evaluate_commanded(policy, self.commands, params, by, control_period=period)
+        policies = _at_commands(self.commands, walks)
         stretches = walk_through(policy, self.changes, params, by, control_period=period)
         for before, stretch in itertools.pairwise(stretches):
             policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
@@ -354,9 +352,14 @@ class PlainPpo:
         minutes = (time.process_time() - begun) / 60.0
         policy = learned_policy(NetworkPolicy(model))
         walks = evaluate_commanded(policy, self.commands, params, by)
-        policies = {f"{each.command:g} m/s": WalkFigures.of(each.evaluation) for each in walks}
-        return SeedResult(policies, model.num_timesteps, minutes)
+        return SeedResult(_at_commands(self.commands, walks), model.num_timesteps, minutes)
 
     def brief(self) -> PlainPpo:
         """The same with few steps."""
         return dataclasses.replace(self, timesteps=2048)
+
+
+def _at_commands(commands: tuple[float, ...], walks: tuple[Evaluation, ...]) -> Policies:
+    """The figures of the same policy at several commands."""
+    each = zip(commands, walks, strict=True)
+    return {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}

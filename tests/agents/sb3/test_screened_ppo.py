@@ -272,7 +272,7 @@ class Spreads(BaseCallback):
     def _on_step(self):
         self.early.append(self.ages < START_UP)
         self.ages = np.where(self.locals["dones"], 0, self.ages + 1)
-        self.steps = self.steps + np.array([info["steps"] for info in self.locals["infos"]])
+        self.steps = self.steps + self.training_env.unwrapped.last_info["steps"]
         return True
 
     def _on_rollout_end(self):
