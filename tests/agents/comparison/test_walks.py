@@ -20,9 +20,9 @@ from agents.conditions import Conditions
 from agents.rollout import Interval, Rollout
 from rimless_gym import BUILDABLE
 from rimless_gym.params import WheelParams
+from scripts.studies.textbook import passive_wheel_rate
 from trajopt.feedback.law import Floats
 from trajopt.gaits.library import shipped
-from trajopt.gaits.problem import passive_wheel_rate
 from trajopt.gaits.solution import Solution
 
 LEGS, SLOPE = 8, 0.12
