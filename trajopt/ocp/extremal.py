@@ -202,7 +202,7 @@ class Extremal:
 
     @property
     def _ends(self) -> Array:
-        """When each phase ends (s)."""
+        """When each phase ends (s); unlike `sum`, the same to the bit on every Python."""
         return np.cumsum([phase.duration for phase in self.phases])
 
     def _locate(self, t: float, side: str) -> tuple[int, float]:

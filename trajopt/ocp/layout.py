@@ -131,7 +131,7 @@ def pack(
     p = middle(problem) if parameters is None else _parameters(problem, parameters)
     parts: dict[Key, Array] = {(-1, "parameters", 0): p.reshape(-1, 1)}
     low, high = pair(problem.duration)
-    total = sum(trajectory.duration for trajectory in guess)
+    total = float(np.cumsum([trajectory.duration for trajectory in guess])[-1])
     scale = min(max(total, low), high) / total
     for i, (phase, trajectory) in enumerate(zip(problem.phases, guess, strict=True)):
         edges = trajectory.duration * np.array(layout.mesh.fractions[i])

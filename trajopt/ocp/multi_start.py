@@ -28,7 +28,7 @@ from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
 from trajopt.ocp.trajectory import PhaseTrajectory, phases_from_arrays, phases_to_arrays
-from trajopt.ocp.transcription import Transcription, require_options
+from trajopt.ocp.transcription import Transcription
 from trajopt.pool import run
 from trajopt.store import Store
 
@@ -246,7 +246,6 @@ def multi_start(
     workers, progress = integer("workers", workers, 1), flag("progress", progress)
     for name, function in (("family", family), ("same", same)):
         require_callable(name, function)
-    require_options(options)
     mesh = Mesh.uniform(problem, ELEMENTS, DEGREE) if mesh is None else mesh
     require_kind("mesh", mesh, Mesh)
     search = Search(problem, family, seed, mesh, OPTIONS | options, same=same)

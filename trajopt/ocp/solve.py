@@ -25,13 +25,7 @@ from trajopt.ocp.ranking import clearly_smaller, no_larger
 from trajopt.ocp.refinement import Tolerances, certified, refined
 from trajopt.ocp.resimulation import resimulate
 from trajopt.ocp.trajectory import PhaseTrajectory
-from trajopt.ocp.transcription import (
-    DIVERGING,
-    Result,
-    Transcription,
-    interruptible,
-    require_options,
-)
+from trajopt.ocp.transcription import DIVERGING, Result, Transcription, interruptible
 
 #: Sets of IPOPT's options that are tried one after the other where IPOPT fails.
 OPTION_SETS: tuple[dict[str, Any], ...] = (
@@ -121,8 +115,6 @@ def solve(
     passes, verify = integer("passes", passes, 0), flag("verify", verify)
     if not option_sets:
         raise ValueError("option_sets = (): give at least one set of options, such as {}")
-    for tried in (options, *option_sets):
-        require_options(tried)
     if isinstance(guess, Extremal):
         guess = guess.phases
     guess = straight_lines(problem) if guess is None else guess

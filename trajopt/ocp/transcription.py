@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
 from types import FrameType
 from typing import Any
 
@@ -161,13 +160,19 @@ class Transcription:
         return twin
 
     def solver(self, **options: Any) -> ca.Function:
-        """IPOPT on this program, with options over `IPOPT`."""
-        require_options(options)
-        key = tuple(sorted(options.items()))
+        """IPOPT on this program, with options over `IPOPT`.
+
+        Raises:
+            ValueError: IPOPT has no such option, or an option does not accept its value.
+        """
+        key = repr(sorted(options.items()))
         if key not in self._solvers:
             settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
             settings |= self.program.derivatives
-            self._solvers[key] = ca.nlpsol("nlp", "ipopt", self.program.symbols, settings)
+            try:
+                self._solvers[key] = ca.nlpsol("nlp", "ipopt", self.program.symbols, settings)
+            except RuntimeError as error:
+                raise _options_error(options, str(error).splitlines()[-1]) from None
         return self._solvers[key]
 
     @interruptible()
@@ -204,10 +209,7 @@ class Transcription:
         if stats["return_status"] in INTERRUPTED:
             raise KeyboardInterrupt
         if stats["return_status"] == "Invalid_Option":
-            raise ValueError(
-                f"{options}: this build of IPOPT does not support these options; leave out "
-                "linear_solver and others that need further libraries"
-            )
+            raise _options_error(options, "linear_solver and others may need more libraries")
         w = np.asarray(solution["x"]).ravel()
         phases, values = unpack(self.layout, w), np.asarray(solution["g"]).ravel()
         excess = np.maximum(np.maximum(least - values, values - most), 0.0)
@@ -232,6 +234,13 @@ class Transcription:
         yield from zip(rows, np.split(result.multipliers, cuts[:-1]), strict=True)
 
 
+def _options_error(options: Mapping[str, Any], reason: str) -> ValueError:
+    return ValueError(
+        f"{options}: IPOPT does not accept these options ({reason}); "
+        "https://coin-or.github.io/Ipopt/OPTIONS.html lists them"
+    )
+
+
 def _curved_down(stats: dict[str, Any]) -> bool:
     """Whether IPOPT had to make the Hessian of its last step convex."""
     added = stats.get("iterations", {}).get("regularization_size", [])
@@ -250,37 +259,3 @@ def _require_inequalities(problem: Problem, mesh: Mesh) -> None:
                 "imposes path constraints at more places than its controls have degrees of "
                 "freedom; solve the equation for a control, or use another scheme"
             )
-
-
-def require_options(options: Mapping[str, Any]) -> None:
-    """Refuse options that IPOPT does not have, and values that an option does not accept.
-
-    Raises:
-        TypeError: a value is neither a number nor text.
-        ValueError: there is no such option, or it does not accept the value.
-    """
-    for name, value in options.items():
-        if not isinstance(value, (int, float, str)):
-            raise TypeError(f"{name} = {value!r}: an option of IPOPT is a number or text")
-        _require_option(name, value)
-
-
-@lru_cache(maxsize=256)
-def _require_option(name: str, value: float | str) -> None:
-    """Let IPOPT itself check an option, on a trivial problem."""
-    x = ca.SX.sym("x")
-    settings: dict[str, Any] = {"ipopt": {"print_level": 0, "sb": "yes", name: value}, **QUIET}
-    try:
-        ca.nlpsol("options", "ipopt", {"x": x, "f": x**2}, settings)
-        reason = "must be a number" if value != value else ""
-    except RuntimeError as error:
-        unknown = "No such IPOPT option" in str(error)
-        reason = (
-            "neither a setting of this function nor an option of IPOPT"
-            if unknown
-            else "this option of IPOPT does not accept that value"
-        )
-    if reason:
-        raise ValueError(
-            f"{name} = {value!r}: {reason}; https://coin-or.github.io/Ipopt/OPTIONS.html lists them"
-        )

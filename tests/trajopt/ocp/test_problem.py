@@ -164,11 +164,8 @@ def test_other_parts_that_make_no_sense_are_refused(make: Any, error: type, mess
         ({"guess": []}, ValueError, "0 trajectories for the 1 phases"),
         ({"parameters": [1.0]}, ValueError, r"parameters = \[1.0\]: of shape \(1,\)"),
         ({"option_sets": ()}, ValueError, "give at least one"),
-        ({"nonsense": 1}, ValueError, "nonsense = 1: neither a setting .* nor an option of IPOPT"),
-        ({"option_sets": ({"nonsense": 1},)}, ValueError, "nonsense = 1"),
-        ({"max_iter": -3}, ValueError, "max_iter = -3"),
-        ({"tol": math.nan}, ValueError, "tol = nan"),
-        ({"tol": None}, TypeError, "tol = None"),
+        ({"nonsense": 1}, ValueError, "No such IPOPT option: nonsense"),
+        ({"max_iter": -3}, ValueError, "max_iter.: -3.*IPOPT does not accept"),
         ({"linear_solver": "ma27"}, ValueError, "linear_solver"),
     ],
 )
@@ -200,7 +197,7 @@ def test_guesses_that_do_not_fit_are_refused(changes: Any, message: str) -> None
         ({"workers": 0}, ValueError, "workers = 0"),
         ({"family": 3}, TypeError, "family = 3: must be a function"),
         ({"family": lambda rng, index: 3}, TypeError, "family: gives 3"),
-        ({"nonsense": 1}, ValueError, "nonsense = 1"),
+        ({"nonsense": 1}, ValueError, "No such IPOPT option"),
     ],
 )
 def test_a_search_refuses_what_makes_no_sense(settings: Any, error: type, message: str) -> None:
