@@ -1,7 +1,7 @@
 """Reports: one HTML file with tables that can be sorted, and charts.
 
-Matplotlib draws the charts: for print with `draw`, and as SVG in a report with `embedded`. A report
-loads nothing, and every text in it is escaped.
+Matplotlib draws the charts (`draw`), as files or embedded in a report. A report loads nothing, and
+every text in it is escaped.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -190,28 +189,14 @@ def _scale(axes: Axes, axis: Axis, name: str) -> None:
         getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
 
 
-def save(figure: Figure, path: Path, dpi: int = 150) -> None:
-    """Write a figure to a file and close it."""
-    figure.savefig(path, dpi=dpi)
-    plt.close(figure)
-
-
-def embedded(charts: Sequence[Chart]) -> str:
-    """Charts side by side, as HTML."""
-    return f'<div class="plots">{"".join(map(_figure, charts))}</div>'
-
-
-def _figure(chart: Chart) -> str:
+def embedded(figure: Figure, title: str) -> str:
+    """A figure as HTML that loads nothing."""
     picture = io.BytesIO()
-    figure = draw([chart], 1, (5.0, 3.8))
     with matplotlib.rc_context(STYLE):
         figure.savefig(picture, format="svg", metadata={"Date": None})
-    plt.close(figure)
     data = base64.b64encode(picture.getvalue()).decode()
-    return (
-        f'<figure class="card chart"><img alt="{escape(chart.title)}" '
-        f'src="data:image/svg+xml;base64,{data}"></figure>\n'
-    )
+    image = f'<img alt="{escape(title)}" src="data:image/svg+xml;base64,{data}">'
+    return f'<figure class="card chart">{image}</figure>\n'
 
 
 class Column(NamedTuple):

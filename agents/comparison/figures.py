@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from agents.comparison.methods import LearnedMethod, Method
@@ -34,7 +35,6 @@ from agents.reports import (
     draw,
     embedded,
     paragraph,
-    save,
     section,
     table,
 )
@@ -99,21 +99,26 @@ def write_figures(
         curves: milestones of trainings, by their names.
     """
     out = setting.out
-    speeds = speed_charts(setting.front, setting.held_front, rows)
-    learning = learning_charts(curves, setting.held_front)
     walks = plotted_walks(setting, methods)
-    cycles, returns = cycle_charts(walks), return_charts(setting.params, walks)
-    save(draw(speeds, 1, (9.0, 4.4), legends=True), out / "cot_against_speed.png")
-    save(draw(learning, 2, (5.2, 3.2)), out / "learning_curves.png")
-    save(draw(cycles, 4), out / "deviations.png")
-    save(draw(returns, 4), out / "return_maps.png")
+    drawn = {
+        "cot_against_speed": draw(
+            speed_charts(setting.front, setting.held_front, rows), 1, (9.0, 4.4), legends=True
+        ),
+        "learning_curves": draw(learning_charts(curves, setting.held_front), 2, (5.2, 3.2)),
+        "deviations": draw(cycle_charts(walks), 4),
+        "return_maps": draw(return_charts(setting.params, walks), 4),
+    }
+    images = {name: embedded(figure, name.replace("_", " ")) for name, figure in drawn.items()}
+    for name, figure in drawn.items():
+        figure.savefig(out / f"{name}.png", dpi=150)
+        plt.close(figure)
     listed = [dataclasses.asdict(row) for row in distinct(rows)]
     parts = [
         section("Learned against optimal", table(COLUMNS, listed), paragraph(NOTES)),
-        section("On the front", embedded(speeds)),
-        section("Beside the optimal cycle", paragraph(ABOUT_DEVIATIONS), embedded(cycles)),
-        section("From step to step", paragraph(ABOUT_RETURNS), embedded(returns)),
-        section("How they learned", embedded(learning)),
+        section("On the front", images["cot_against_speed"]),
+        section("Beside the optimal cycle", paragraph(ABOUT_DEVIATIONS), images["deviations"]),
+        section("From step to step", paragraph(ABOUT_RETURNS), images["return_maps"]),
+        section("How they learned", images["learning_curves"]),
     ]
     lead = LEAD.format(machine=machine_name(setting.params))
     text = document("Learned against optimal walking", lead, parts, _page(out))
