@@ -160,20 +160,17 @@ def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[s
         ValueError: two policies would have one identifier, or a dataset of other walks has it.
         CheckpointError: there is no such policy.
     """
-    ids = [dataset_id(Path(name).stem) for name in names]
-    for id_ in ids:
-        if ids.count(id_) > 1:
-            raise ValueError(
-                f"two datasets would be called {id_}: give one of the files another name"
-            )
-    recipes = [recipe_of(folder, id_) for id_ in ids]
-    for id_, recipe, name in zip(ids, recipes, names, strict=True):
+    ids = {name: dataset_id(Path(name).stem) for name in names}
+    if len(set(ids.values())) < len(ids):
+        raise ValueError(f"{' '.join(names)}: two of these have the same name; rename a file")
+    recipes = {name: recipe_of(folder, id_) for name, id_ in ids.items()}
+    for name, recipe in recipes.items():
         if recipe not in (None, config.recipe(name)):
             raise ValueError(
-                f"{folder / id_}: is there already, made of {recipe}; choose another --out, or "
-                "remove it"
+                f"{folder / ids[name]}: is there already, made of {recipe}; choose another --out, "
+                "or remove it"
             )
-    return [name for name, recipe in zip(names, recipes, strict=True) if recipe is None]
+    return [name for name, recipe in recipes.items() if recipe is None]
 
 
 def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str, Any]]:

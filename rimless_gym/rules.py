@@ -12,7 +12,6 @@ import math
 from typing import Any, NamedTuple
 
 from rimless_gym import hybrid
-from rimless_gym.checks import real
 from rimless_gym.jit import inner
 from rimless_gym.params import WheelParams
 
@@ -85,25 +84,6 @@ def has_floor(params: WheelParams) -> bool:
 def least_clearance(params: WheelParams) -> float:
     """The pendulum's least height over the ground (m) in any pose: it hangs, on two feet."""
     return _hanging_clearance(params, params.constants.a)
-
-
-def require_clearance(params: WheelParams, clearance: float) -> None:
-    """Refuse a machine whose pendulum can come nearer to the floor than `clearance` (m).
-
-    Raises:
-        TypeError: `clearance` is not a number.
-        ValueError: it is not finite, or the pendulum comes nearer in some pose.
-    """
-    clearance = real("clearance", clearance)
-    least = least_clearance(params)
-    if least < clearance:
-        hub = params.leg_length * math.cos(params.leg_angle / 2)
-        raise ValueError(
-            f"clearance = {least:.4g} m where the pendulum hangs and the wheel stands on two feet: "
-            f"must be at least {clearance:.4g} m; the pendulum reaches {hub - least:.4g} m below "
-            f"the hub, which is {hub:.4g} m high there: shorten the pendulum to a reach of "
-            f"{hub - clearance:.4g} m, or give the wheel longer or more legs"
-        )
 
 
 def may_touch(params: WheelParams) -> bool:

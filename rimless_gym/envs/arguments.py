@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import as_instance, real, real_array
 from rimless_gym.envs import EPISODE_STEPS
-from rimless_gym.envs.disturbances import Disturbances, Ranges, as_disturbances, as_ranges
+from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.layout import (
     COMMANDED_BOUND,
     COMMANDED_SIZE,
@@ -165,8 +165,7 @@ def as_params_list(params: Any, n: int) -> list[WheelParams]:
     """
     many = isinstance(params, (list, tuple))
     each = [as_params(one) for one in params] if many else [as_params(params)] * n
-    if len(each) != n:
-        raise ValueError(f"params: {len(each)} machines for {n} rows, must be one per row")
+    _require_one_per_row("params", each, n)
     for one in dict.fromkeys(each):
         require_steppable(one)
     return each
@@ -183,7 +182,7 @@ def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class Start:
+class EpisodeStart:
     """How K episodes begin.
 
     Attributes:
@@ -198,30 +197,7 @@ class Start:
 
 
 #: A random one.
-DRAWN_START = Start()
-
-
-@dataclasses.dataclass(frozen=True)
-class ResetOptions:
-    """What the reset of some rows changes in a batch, and how their episodes begin.
-
-    Attributes:
-        rows: the rows that begin an episode, K of N.
-        start: how they begin.
-        params: the machines of all rows, or None to keep them and the ranges.
-        ranges: the ranges of all rows.
-        tasks: the tasks of all rows, or None to keep them.
-        starts: the shares of the kinds of start in all rows.
-        disturbances: the disturbances of all rows, or None to keep them.
-    """
-
-    rows: NDArray[np.int64]
-    start: Start
-    params: list[WheelParams] | None
-    ranges: Ranges
-    tasks: list[Task] | None
-    starts: Starts
-    disturbances: Disturbances | None
+DRAWN_START = EpisodeStart()
 
 
 OPTION_NAMES = ("state", "mode", "params", "task", "starts", "ranges", "disturbances")
@@ -230,8 +206,10 @@ _FOR_ALL = ("starts", "ranges", "disturbances")
 
 def read_options(
     options: Mapping[str, Any] | None, batch: Batch, rows: NDArray[np.int64]
-) -> ResetOptions:
-    """The options for `rows` of a batch, checked; the batch is not changed.
+) -> tuple[dict[str, Any], EpisodeStart]:
+    """What the options for `rows` of a batch change, for `Batch.change`, and how episodes begin.
+
+    The options are checked, and the batch is not changed.
 
     Raises:
         TypeError: a value has the wrong type.
@@ -245,40 +223,45 @@ def read_options(
             raise ValueError(f"unknown reset option {name!r}: choose from {names}")
         if name in _FOR_ALL and len(rows) < len(batch):
             raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
+    changes: dict[str, Any] = {}
     params, n = list(batch.params), len(rows)
     if "params" in options:
         for i, one in zip(rows, as_params_list(options["params"], n), strict=True):
             params[i] = one
-    tasks = list(batch.tasks) if "task" in options else None
-    if tasks is not None:
-        task = options["task"]
+    if "params" in options or "ranges" in options:
+        ranges = as_ranges(options["ranges"]) if "ranges" in options else batch.ranges
+        ranges.require_valid(params)
+        changes |= {"params": params, "ranges": ranges}
+    if "task" in options:
+        task, tasks = options["task"], list(batch.tasks)
         each = list(task) if isinstance(task, (list, tuple)) else [task] * n
-        if len(each) != n:
-            raise ValueError(f"task: {len(each)} tasks for {n} rows, must be one per row")
+        _require_one_per_row("task", each, n)
         for i, one in zip(rows, each, strict=True):
             tasks[i] = as_task(one, tasks[i])
         batch.require_no_target(tasks)
-    starts = as_starts(options["starts"]) if "starts" in options else batch.starts
-    ranges = as_ranges(options["ranges"]) if "ranges" in options else batch.ranges
-    same = "params" not in options and "ranges" not in options
-    if not same:
-        ranges.require_valid(params)
-    disturbances = as_disturbances(options["disturbances"]) if "disturbances" in options else None
+        changes["tasks"] = tasks
+    if "starts" in options:
+        changes["starts"] = as_starts(options["starts"])
+    if "disturbances" in options:
+        changes["disturbances"] = as_disturbances(options["disturbances"])
     speeds = as_speeds("speed", options["speed"], n) if "speed" in options else None
-    start = Start(speeds=speeds)
     if "state" in options:
         modes = options.get("mode", "single_stance")
         states = _states(options["state"], modes, [params[i] for i in rows])
-        start = Start(GIVEN, states, speeds)
-    elif "mode" in options:
-        if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
-            raise ValueError(
-                f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
-                "'double_stance'"
-            )
-        start = Start(HANGING, speeds=speeds)
-    changed = None if same else params
-    return ResetOptions(rows, start, changed, ranges, tasks, starts, disturbances)
+        return changes, EpisodeStart(GIVEN, states, speeds)
+    if "mode" not in options:
+        return changes, EpisodeStart(speeds=speeds)
+    if not (isinstance(options["mode"], str) and options["mode"] == "double_stance"):
+        raise ValueError(
+            f"reset option 'mode' = {options['mode']!r}: goes with 'state', unless it is "
+            "'double_stance'"
+        )
+    return changes, EpisodeStart(HANGING, speeds=speeds)
+
+
+def _require_one_per_row(name: str, values: Sequence[Any], n: int) -> None:
+    if len(values) != n:
+        raise ValueError(f"{name}: {len(values)} for {n} rows, must be one per row")
 
 
 def masked_rows(mask: Any, n: int, name: str = "reset_mask") -> NDArray[np.int64]:
@@ -305,9 +288,8 @@ def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[n
         raise TypeError(f"mode = {modes!r}: give a name, or one per row")
     each = list(states) if many else [states] * n
     named = [modes] * n if isinstance(modes, str) else list(modes)
-    for name, values in (("state", each), ("mode", named)):
-        if len(values) != n:
-            raise ValueError(f"{name}: {len(values)} for {n} rows, must be one per row")
+    _require_one_per_row("state", each, n)
+    _require_one_per_row("mode", named, n)
     if many or not isinstance(modes, str):
         return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
     starts = {one: _start(one, states, modes) for one in dict.fromkeys(params)}

@@ -24,8 +24,7 @@ from rimless_gym.envs.arguments import (
     DRAWN_START,
     USUAL,
     Control,
-    ResetOptions,
-    Start,
+    EpisodeStart,
     as_starts,
 )
 from rimless_gym.envs.disturbances import (
@@ -206,22 +205,30 @@ class Batch:
         drawn = {name: self.numbers[NUMBERS.index(name), i] for name in self.ranges.bounds}
         return self.params[i].replace(**drawn)
 
-    def apply(self, options: ResetOptions) -> None:
-        """Set machines, tasks, ranges, starts and disturbances of the episodes to come."""
-        self.starts = options.starts
-        if options.tasks is not None:
-            self.set_tasks(options.tasks, options.rows)
-        if options.params is not None:
-            self.set_params(options.params, options.ranges, options.rows)
-        if options.disturbances is not None:
-            self.set_disturbances(options.disturbances)
+    def change(
+        self,
+        rows: NDArray[np.int64],
+        params: Sequence[WheelParams] | None = None,
+        ranges: Ranges | None = None,
+        tasks: Sequence[Task] | None = None,
+        starts: Starts | None = None,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        """Set what is given, for the episodes that `rows` are about to begin."""
+        self.starts = starts or self.starts
+        if tasks is not None:
+            self.set_tasks(tasks, rows)
+        if params is not None:
+            self.set_params(params, ranges or self.ranges, rows)
+        if disturbances is not None:
+            self.set_disturbances(disturbances)
 
     def begin(
         self,
         rows: NDArray[np.int64],
         keys: NDArray[np.uint64],
         observations: NDArray[np.float32],
-        start: Start = DRAWN_START,
+        start: EpisodeStart = DRAWN_START,
     ) -> None:
         """Begin the episodes of `rows`; their first observations go into `observations`, flat.
 
@@ -299,7 +306,7 @@ class Batch:
         memory, streams, settings = self.memory, self.streams, self._settings
         disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
         unusual = step()
-        if settings.noisy:
+        if any(settings.noise):
             width = self.control.width
             observe_noisily(observations, width, memory, streams, settings.noise, first, last)
         return unusual

@@ -12,13 +12,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rimless_gym.checks import as_instance, integer, not_negative, real
 from rimless_gym.envs.layout import MEMORY, observe_row, params_at
-from rimless_gym.equations import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE, record
 from rimless_gym.hybrid import kinetic_energy, push
 from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import require_steppable
@@ -118,7 +118,7 @@ class Disturbances:
         delay = self.actuator_delay
         return delay if isinstance(delay, tuple) else (delay, delay)
 
-    def settings(self, period: float) -> Settings:
+    def settings(self, period: float) -> Any:
         """The numbers that compiled code takes, for intervals of `period` (s)."""
         pushes = self.pushes or Pushes(rate=0.0, impulse=(0.0, 0.0))
         noise = dataclasses.astuple(self.sensor_noise or SensorNoise())
@@ -248,29 +248,17 @@ def normal(streams, i):
 # What compiled code does with them, before and after a control interval
 
 
-class Settings(NamedTuple):
-    """The numbers of a `Disturbances`.
-
-    Attributes:
-        push_chance: probability of a push in an interval.
-        least_impulse: smallest impulse of a push (N s).
-        greatest_impulse: largest impulse of a push (N s).
-        least_delay: shortest delay from action to voltage (intervals).
-        greatest_delay: longest delay from action to voltage (intervals).
-        noise: standard deviations of phi (rad), theta (rad), phi' (rad/s) and theta' (rad/s).
-    """
-
-    push_chance: float
-    least_impulse: float
-    greatest_impulse: float
-    least_delay: int
-    greatest_delay: int
-    noise: tuple[float, float, float, float]
-
-    @property
-    def noisy(self) -> bool:
-        """Whether any sensor is noisy."""
-        return any(self.noise)
+#: The numbers of a `Disturbances`: probability of a push in an interval; least and greatest impulse
+#: of a push (N s) and delay from action to voltage (intervals); and standard deviations of the
+#: errors of phi, theta (rad), phi' and theta' (rad/s), a tuple.
+Settings = record(
+    "Settings",
+    [
+        *("push_chance", "least_impulse", "greatest_impulse"),
+        *("least_delay", "greatest_delay", "noise"),
+    ],
+    __name__,
+)
 
 
 @inner

@@ -314,16 +314,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         batch = self._batch
         seed = None if seed is None else integer("seed", seed, 0)
-        chosen = read_options(options, batch, _ROW)
+        changes, start = read_options(options, batch, _ROW)
         super().reset(seed=seed)
-        batch.apply(chosen)
+        batch.change(_ROW, **changes)
         self._bind()
-        if chosen.params is not None or batch.ranges.bounds:
+        if "params" in changes or batch.ranges.bounds:
             self.__dict__.pop("model", None)
         observation = np.empty(self.control.width, dtype=np.float32)
         key = np.array([self.np_random.bit_generator.random_raw()], dtype=np.uint64)
         self._ended = True
-        batch.begin(_ROW, key, observation, chosen.start)
+        batch.begin(_ROW, key, observation, start)
         self._ended = False
         self._buffer[:] = 0.0
         if self._watched:

@@ -17,7 +17,7 @@ from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import (
     DRAWN_START,
     Control,
-    Start,
+    EpisodeStart,
     as_params_list,
     as_task,
     masked_rows,
@@ -210,11 +210,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         batch = self._batch
         options = dict(options or {})
         rows = masked_rows(options.pop("reset_mask", None), self.num_envs)
-        chosen = read_options(options, batch, rows)
+        changes, start = read_options(options, batch, rows)
         self._seed(seed, rows)
-        batch.apply(chosen)
+        batch.change(rows, **changes)
         observations = self._seen.copy()
-        self._begin(rows, observations, chosen.start)
+        self._begin(rows, observations, start)
         self._seen[:] = observations
         results = np.zeros((len(RESULT), self.num_envs))
         info: dict[str, Any] = dense_measurements(results, flags_of(results))
@@ -317,7 +317,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self._batch.close()
 
     def _begin(
-        self, rows: NDArray[np.int64], observations: Observations, start: Start = DRAWN_START
+        self, rows: NDArray[np.int64], observations: Observations, start: EpisodeStart = DRAWN_START
     ) -> None:
         draws = [self._generators[i].bit_generator.random_raw() for i in rows.tolist()]
         keys = np.array(draws, dtype=np.uint64)

@@ -36,6 +36,7 @@ class Mutant(NamedTuple):
 
 
 EQUATIONS, HYBRID = "rimless_gym/equations.py", "rimless_gym/hybrid.py"
+FOLDER = "rimless_gym/envs"
 MODEL = ("tests/rimless_gym/test_equations.py", "tests/rimless_gym/test_energy.py")
 KERNEL = ("tests/rimless_gym/kernel",)
 ENVS = ("tests/rimless_gym/envs",)
@@ -65,6 +66,15 @@ MUTANTS = (
     ),
     Mutant(HYBRID, "if leading > -trailing:", "if leading < -trailing:", KERNEL),
     Mutant(HYBRID, "dphi_new**2 < REST_ENERGY", "dphi_new**2 > REST_ENERGY", KERNEL),
+    # Rewards, accounting, disturbances, starts and seeds of the environments.
+    Mutant(f"{FOLDER}/task.py", "travel = min(distance, allowance)", "travel = distance", ENVS),
+    Mutant(f"{FOLDER}/task.py", "_positive + interval.idle)", "_positive)", ENVS),
+    Mutant(f"{FOLDER}/task.py", "interval.failed * (task", "0.5 * interval.failed * (task", ENVS),
+    Mutant(f"{FOLDER}/interval.py", "_change, i] += memory", "_change, i] -= memory", ENVS),
+    Mutant(f"{FOLDER}/disturbances.py", "phi, shift = p.b, -1", "phi, shift = p.b, 1", ENVS),
+    Mutant(f"{FOLDER}/disturbances.py", "held[(now + length", "held[(now + 1 + length", ENVS),
+    Mutant(f"{FOLDER}/starts.py", "if kind < bounds[0]:", "if kind > bounds[0]:", ENVS),
+    Mutant(f"{FOLDER}/vector_env.py", "[first + i for i", "[first for i", ENVS),
 )
 
 

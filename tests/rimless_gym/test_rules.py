@@ -15,7 +15,6 @@ from rimless_gym.rules import (
     has_floor,
     least_clearance,
     may_touch,
-    require_clearance,
     violations,
 )
 
@@ -68,11 +67,3 @@ def test_the_least_clearance_is_that_of_the_worst_pose() -> None:
         ]
         assert least_clearance(params) == pytest.approx(min(poses), abs=1e-12)
     assert [may_touch(params) for params in (PROTOTYPE, BETWEEN)] == [False, True]
-
-
-def test_a_machine_without_the_clearance_asked_for_is_refused_with_a_remedy() -> None:
-    require_clearance(PROTOTYPE, 0.1)
-    with pytest.raises(ValueError, match=r"clearance = -0\.03.* at least 0\.01 m.*shorten"):
-        require_clearance(BETWEEN, 0.01)
-    with pytest.raises(ValueError, match="clearance = nan"):
-        require_clearance(PROTOTYPE, math.nan)

@@ -103,7 +103,7 @@ def _voltages(x, mode, law, data, limit):  # type: ignore[no-untyped-def]
 
 
 def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """Check what a law is given; returns contiguous states (N, 4) and modes (N,).
+    """The arguments of a law, as contiguous states (N, 4) and modes (N,).
 
     Args:
         x: states, shape (N, 4) or (4,).

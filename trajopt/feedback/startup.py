@@ -186,8 +186,8 @@ class StartUpController:
         smooth, modes = states_and_modes(x, mode)
         states, choices = hybrid_states(smooth, modes), voltages(self.params)
         repeated = np.repeat(states, len(choices), axis=0)
-        after = simulated(self.params, repeated, np.tile(choices, len(states)))
-        remaining = _remaining(after.states, after.cost, self.times, self.grid)
+        after, cost = simulated(self.params, repeated, np.tile(choices, len(states)))
+        remaining = _remaining(after, cost, self.times, self.grid)
         longer = remaining.reshape(len(states), len(choices))
         longer -= longer.min(axis=1, keepdims=True)
         weights = np.exp(-longer / SOFTNESS)
@@ -232,25 +232,17 @@ def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpCon
     return startup
 
 
-class Simulated(NamedTuple):
-    """What becomes of N states.
-
-    Attributes:
-        states: afterwards, shape (N, STATE_SIZE).
-        cost: time and penalties (s), shape (N,); infinite for a fall.
-    """
-
-    states: Floats
-    cost: Floats
-
-
 def voltages(params: WheelParams) -> Floats:
     """Those to choose from (V), evenly spread between a machine's limits, shape (VOLTAGES,)."""
     return np.linspace(-params.voltage_limit, params.voltage_limit, VOLTAGES)
 
 
-def simulated(params: WheelParams, states: Floats, volts: Floats) -> Simulated:
-    """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE)."""
+def simulated(params: WheelParams, states: Floats, volts: Floats) -> tuple[Floats, Floats]:
+    """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE).
+
+    Returns:
+        The states afterwards, and the time and penalties (s), (N,), infinite for a fall.
+    """
     after, cost = states.copy(), np.empty(len(states))
     margin = CONTACT_MARGIN * params.weight
 
@@ -266,7 +258,7 @@ def simulated(params: WheelParams, states: Floats, volts: Floats) -> Simulated:
     else:
         with ThreadPoolExecutor(cores()) as threads:
             list(threads.map(simulate, range(0, len(states), BATCH)))
-    return Simulated(after, cost)
+    return after, cost
 
 
 class Outcomes(NamedTuple):
@@ -319,9 +311,8 @@ def _outcomes(params: WheelParams, nodes: Floats) -> Outcomes:
     states = np.empty((n, len(choices), 5), np.float32)
     cost = np.empty((n, len(choices)), np.float32)
     for k, volts in enumerate(choices):
-        after = simulated(params, nodes, np.full(n, volts))
-        states[:, k, :4], states[:, k, 4] = after.states[:, :4], after.states[:, MODE]
-        cost[:, k] = after.cost
+        after, cost[:, k] = simulated(params, nodes, np.full(n, volts))
+        states[:, k, :4], states[:, k, 4] = after[:, :4], after[:, MODE]
     states[:, :, 1] = np.mod(states[:, :, 1], 2 * np.pi)
     return Outcomes(states, cost)
 

@@ -1,14 +1,4 @@
-"""The front of optimal cost of transport over speed.
-
-It says too where a wheel should rather walk faster and rest in between, by a bound that any front
-gives. Resting draws the idle power alone. A wheel that walks at a speed v for a share s/v of the
-time and rests for the remainder travels at the mean speed s. Per weight and distance that takes
-
-    cot(v) + idle_power / weight (1 / s - 1 / v).
-
-The stop and the restart are taken to cost nothing, and they do cost something. So this is a bound:
-where it is not below the front, resting does not save energy; where it is, resting may save some.
-"""
+"""The front of optimal cost of transport over speed."""
 
 from __future__ import annotations
 
@@ -34,22 +24,6 @@ from trajopt.ocp.ranking import clearly_less
 from trajopt.store import Store, key
 
 
-class Rest(NamedTuple):
-    """Walking faster than a mean speed, and resting in between.
-
-    Attributes:
-        speed: mean speed (m/s).
-        walking: speed while walking (m/s), more than `speed`.
-        share: of the time that is spent walking, between 0 and 1.
-        cot: least cost of transport, the stops and restarts free.
-    """
-
-    speed: float
-    walking: float
-    share: float
-    cot: float
-
-
 @dataclasses.dataclass(frozen=True)
 class CotFront:
     """Gaits over speed, and the lower envelope of their costs of transport.
@@ -71,16 +45,6 @@ class CotFront:
             if speed not in best or clearly_less(solution.cot, best[speed].cot):
                 best[speed] = solution
         return tuple(best[speed] for speed in sorted(best))
-
-    @cached_property
-    def rests(self) -> tuple[Rest | None, ...]:
-        """For every gait of the envelope what walking faster and resting in between would cost.
-
-        None where walking on costs no more. A bound: see the top of this module.
-        """
-        best, params = self.envelope, self.envelope[0].params
-        speeds, cots = [s.speed for s in best], [s.cot for s in best]
-        return rests(speeds, cots, params.weight, params.idle_power)
 
     def __call__(self, speed: ArrayLike) -> Array:
         """Optimal CoT at speed (m/s), linear between the gaits; of any shape.
@@ -255,27 +219,3 @@ def _from_known_outwards(params: WheelParams, speeds: Sequence[float], steps: in
     centre = known[0].speed if known else centre
     # Rounded, so that of two speeds equally far from the centre the slower comes first.
     return sorted(map(float, speeds), key=lambda speed: (round(abs(speed - centre), 6), speed))
-
-
-def rests(
-    speeds: ArrayLike, cots: ArrayLike, weight: float, idle_power: float
-) -> tuple[Rest | None, ...]:
-    """For every speed of a front the best rest, or None where walking on costs no more.
-
-    Args:
-        speeds: of the front (m/s), ascending, shape (N,).
-        cots: its cost of transport at these, idle power included, shape (N,).
-        weight: of the machine (N).
-        idle_power: drawn at all times (W).
-    """
-    speeds, cots = np.asarray(speeds), np.asarray(cots)
-    return tuple(_best(i, speeds, cots, idle_power / weight) for i in range(len(speeds)))
-
-
-def _best(i: int, speeds: Array, cots: Array, idle: float) -> Rest | None:
-    s, v = float(speeds[i]), speeds[i + 1 :]
-    costs: Sequence[float] = (cots[i + 1 :] + idle * (1 / s - 1 / v)).tolist()
-    if not costs or not clearly_less(min(costs), float(cots[i])):
-        return None
-    best = int(np.argmin(costs))
-    return Rest(s, float(v[best]), s / float(v[best]), float(costs[best]))

@@ -36,8 +36,8 @@ from trajopt.ocp.schemes import radau_nodes
 from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.provenance import provenance
 
-#: Phases of the clock to start from, one after the other until one leads to an optimum: how much
-#: of its interval lies before the first touchdown. All lead to about the same one, in which the
+#: Phases of the clock to start from, one after the other until there is an optimum: how much
+#: of its interval lies before the first touchdown. All give about the same one, in which the
 #: touchdowns come with the ticks: there the voltage of an optimum jumps.
 SHARES = (0.02, 0.5, 0.98)
 
@@ -306,7 +306,7 @@ def _slopes(held: HeldVoltages, states: Array) -> Array:
 
 
 def _ends(held: HeldVoltages, states: Array) -> Array:
-    """Where each interval leads from its own start, shape (ticks, 4)."""
+    """Where each interval leads from a start of its own, shape (ticks, 4)."""
     return after(held, states, held.hold)
 
 

@@ -127,13 +127,13 @@ class HeldProgram:
         lower, upper = self._bounds()
         least, most = (np.concatenate(side) for side in zip(*self.limits, strict=True))
         start = np.clip(self._packed(guess), lower, upper)
-        found = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=most)
+        solution = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=most)
         stats = solver.stats()
         if stats["return_status"] in INTERRUPTED:
             raise KeyboardInterrupt
         return HeldOptimum(
-            self._unpacked(np.asarray(found["x"]).ravel()),
-            float(found["f"]),
+            self._unpacked(np.asarray(solution["x"]).ravel()),
+            float(solution["f"]),
             bool(stats["success"]),
             str(stats["return_status"]),
         )

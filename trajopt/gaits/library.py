@@ -11,17 +11,16 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from rimless_gym.params import WheelParams
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.ranking import least_first
-from trajopt.store import write_bytes
 
 ARCHIVE = Path(__file__).parent / "library" / "gaits.zip"
 
@@ -57,27 +56,8 @@ class Entry(NamedTuple):
         return repeated(shipped_gait(self.name), self.repeated)
 
 
-class Gait(Protocol):
-    """What ranks gaits: an `Entry` or a `Solution`."""
-
-    @property
-    def params(self) -> WheelParams:
-        """The machine."""
-
-    @property
-    def theta_turns(self) -> int:
-        """Whole turns that theta gains in a stride."""
-
-    @property
-    def speed(self) -> float:
-        """Mean speed (m/s)."""
-
-    @property
-    def cot(self) -> float:
-        """Cost of transport."""
-
-
-G = TypeVar("G", bound=Gait)
+#: What can be ranked.
+G = TypeVar("G", bound="Entry | Solution")
 
 
 @lru_cache
@@ -99,37 +79,6 @@ def shipped_gait(name: str) -> Solution:
 def shipped(params: WheelParams | None = None) -> tuple[Solution, ...]:
     """The shipped gaits, or those of one machine, in order of file name."""
     return tuple(each.load() for each in index() if params in (None, each.params))
-
-
-def gait_files(path: Path) -> dict[str, bytes]:
-    """The files of all gaits in an archive, by name; none if there is no archive."""
-    if not path.exists():
-        return {}
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist() if name != INDEX}
-
-
-def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write the archive anew.
-
-    Args:
-        path: of the archive.
-        files: the files of all its gaits, by name.
-    """
-    machines: list[dict[str, object]] = []
-    gaits: list[tuple[object, ...]] = []
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        for name in sorted(files):
-            archive.writestr(zipfile.ZipInfo(name), files[name])
-            gait = Solution.load(io.BytesIO(files[name]))
-            if gait.params.to_dict() not in machines:
-                machines.append(gait.params.to_dict())
-            machine = machines.index(gait.params.to_dict())
-            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
-        text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
-        archive.writestr(zipfile.ZipInfo(INDEX), text)
-    write_bytes(path, content.getvalue())
 
 
 # -- warm starts ----------------------------------------------------------------------------------
@@ -195,11 +144,11 @@ def ranked(gaits: Sequence[G], params: WheelParams, speed: float) -> list[G]:
     return [gait for family in best for gait in family]
 
 
-def _legs_apart(gait: Gait, params: WheelParams) -> int:
+def _legs_apart(gait: Entry | Solution, params: WheelParams) -> int:
     return abs(gait.params.n_legs - params.n_legs)
 
 
-def _distance(gait: Gait, params: WheelParams, speed: float) -> tuple[int, float]:
+def _distance(gait: Entry | Solution, params: WheelParams, speed: float) -> tuple[int, float]:
     return _fields_apart(gait.params, params), abs(gait.speed - speed)
 
 

@@ -447,12 +447,12 @@ def _require_stride(
             raise ValueError(f"phase{i}: its control_nodes differ from those of phase0")
         if not np.allclose(phase.states[1:, 0], phase.states[:-1, -1], rtol=0.0, atol=1e-6):
             raise ValueError(f"phase{i}: its states jump between elements")
-    for name, own, verified in (
+    for name, value, verified in (
         ("time", sum(phase.duration for phase in phases), verification.time),
         ("distance", len(phases) * params.step_length, verification.distance),
     ):
-        if not math.isclose(own, verified, rel_tol=1e-9):
-            raise ValueError(f"its {name} is {own:g}, but {verified:g} was verified")
+        if not math.isclose(value, verified, rel_tol=1e-9):
+            raise ValueError(f"its {name} is {value:g}, but {verified:g} was verified")
 
 
 def _require_held(hold: float, phases: Sequence[PhaseTrajectory]) -> None:

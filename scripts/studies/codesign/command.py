@@ -56,6 +56,9 @@ FINAL_STARTS, MAP_STARTS = 24, 16
 #: Speeds of the preset's table (m/s), and a finalist's second speed in units of its best.
 SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62, 0.6375), 0.9
 
+#: Finalists in the table, those of least cost.
+SHOWN = 10
+
 #: The highest cost of transport that is drawn: no build with 62 : 1 costs less.
 HIGHEST = 0.15
 
@@ -112,7 +115,7 @@ def codesign(
         f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
         for module in modules
         for name, value in vars(module).items()
-        if name.isupper() and name not in ("MARKS", "OTHERS", "HIGHEST")
+        if name.isupper() and name not in ("MARKS", "OTHERS", "HIGHEST", "SHOWN")
     }
     with Store(out, {"constants": constants}) as store:
         study = Study(store, workers)
@@ -133,7 +136,7 @@ def codesign(
 
 
 class Study:
-    """The stages of the study, each result of which is kept in the store."""
+    """The stages of the study, each result of which is in the store."""
 
     def __init__(self, store: Store, workers: int | None) -> None:
         self.store, self.workers = store, workers
@@ -247,7 +250,7 @@ def _key(case: BuildCase) -> str:
 
 def tables(results: Mapping[str, Any]) -> dict[str, str]:
     """All tables of the page, by name."""
-    finals = sorted(results["finals"].values(), key=lambda each: float(each["cot"]))
+    finals = sorted(results["finals"].values(), key=lambda each: float(each["cot"]))[:SHOWN]
     families = [
         [
             key.replace("_", " "),
@@ -345,6 +348,6 @@ def draw(results: Mapping[str, Any], folder: Path) -> None:
         figure.colorbar(colours, ax=panel, label=label)
     panels[0].set_ylabel("bob (kg)")
     figure.suptitle(
-        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: its own"
+        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: the preset's"
     )
     figure.savefig(folder / "machine_pendulum.png", dpi=90)

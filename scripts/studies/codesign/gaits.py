@@ -212,7 +212,7 @@ def best_gait(
                 solve(problem, smooth.phases, mesh, parameters=smooth.parameters, **_QUICK)
             )
     good = [each for each in extremals if each.succeeded and not each.violations]
-    reason = "no start led to a gait"
+    reason = "no start became a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
         gait = refined(case, each)
         if gait.verification.passed:

@@ -12,7 +12,7 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
-from rimless_gym.rules import require_clearance
+from rimless_gym.rules import least_clearance
 from rimless_gym.symbolic import Design
 
 
@@ -222,7 +222,11 @@ class Build:
             friction=FRICTION,
             voltage_limit=VOLTAGE,
         )
-        require_clearance(params, CLEARANCE - ROUNDING)
+        if least_clearance(params) < CLEARANCE - ROUNDING:
+            raise ValueError(
+                f"clearance = {least_clearance(params):.4g} m: must be at least {CLEARANCE:.4g} m; "
+                "shorten the arm"
+            )
         return params
 
     @property

@@ -9,8 +9,10 @@ it ended, and with more minutes it searches further.
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -30,12 +32,13 @@ from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, Search, Sweep
 from scripts.studies.fronts.solving import Polished
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.library import ARCHIVE, gait_files, shipped, write_archive
+from trajopt.gaits.library import ARCHIVE, INDEX, shipped
 from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.problem import fastest_walk
 from trajopt.gaits.solution import Solution
+from trajopt.ocp.ranking import clearly_less
 from trajopt.provenance import provenance
-from trajopt.store import Store, jsonable, write_text
+from trajopt.store import Store, jsonable, write_bytes, write_text
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -89,14 +92,16 @@ def front(
         sweeps = Search(results, grid, budget, run)()
         done = FineMeshes(results, budget, run)()
         gaits = chosen(done, [gait for gait in shipped(wheel) if not gait.regeneration])
-        found = record(name, results, gaits, done, sweeps, {"budget": minutes, "workers": workers})
-        ship(library, name, gaits, found)
+        content = record(
+            name, results, gaits, done, sweeps, {"budget": minutes, "workers": workers}
+        )
+        ship(library, name, gaits, content)
     print(f"{len(gaits)} gaits are in {library}")
     text = docs / "front.md"
     if not text.exists():
         write_text(text, f"# The front of {name}\n")
-    write_section(text, found)
-    save(drawn(found), docs / figure_file(name))
+    write_section(text, content)
+    save(drawn(content), docs / figure_file(name))
     return 0
 
 
@@ -150,9 +155,8 @@ def record(
     gaps = disagreements(*by_seed)
     front = CotFront(tuple(gaits))
     rows = [
-        _row(gait, [costs.get(round(gait.speed, 4)) for costs in by_seed])
-        | {"rest": None if rest is None else rest._asdict()}
-        for gait, rest in zip(front.envelope, front.rests, strict=True)
+        _row(gait, [costs.get(round(gait.speed, 4)) for costs in by_seed]) | {"rest": rest}
+        for gait, rest in zip(front.envelope, rests(front), strict=True)
     ]
     others = [gait for gait in gaits if not any(gait is best for best in front.envelope)]
     content = {
@@ -212,7 +216,25 @@ def _effort(results: SearchResults, seed: int) -> dict[str, Any]:
     }
 
 
-def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, Any]) -> None:
+def rests(front: CotFront) -> list[dict[str, float] | None]:
+    """For every gait of the front the best of walking faster and resting in between; or None.
+
+    Resting draws the idle power alone. A wheel that walks at a speed v for a share s/v of the time
+    travels at the mean speed s. Per weight and distance that takes
+    cot(v) + idle_power / weight (1 / s - 1 / v). Stop and restart are taken to cost nothing, so
+    this is a bound: where it is not below the front, None, resting does not save energy.
+    """
+    best: list[dict[str, float] | None] = []
+    for i, slow in enumerate(front.envelope):
+        idle, s = slow.params.idle_power / slow.params.weight, slow.speed
+        costs = [(g.cot + idle * (1 / s - 1 / g.speed), g.speed) for g in front.envelope[i + 1 :]]
+        cot, walking = min(costs, default=(math.inf, s))
+        rest = {"speed": s, "walking": walking, "share": s / walking, "cot": cot}
+        best.append(rest if clearly_less(cot, slow.cot) else None)
+    return best
+
+
+def ship(folder: Path, name: str, gaits: Sequence[Solution], content: dict[str, Any]) -> None:
     """Write a machine's gaits into the archive, in place of its older ones, and the record."""
     folder.mkdir(parents=True, exist_ok=True)
     prefix, archive = f"{name.lower()}_", folder / ARCHIVE.name
@@ -225,20 +247,51 @@ def ship(folder: Path, name: str, gaits: Sequence[Solution], found: dict[str, An
             gait.save(path)
             files[path.name] = path.read_bytes()
     write_archive(archive, files)
-    text = json.dumps(found, indent=1, allow_nan=False)
+    text = json.dumps(content, indent=1, allow_nan=False)
     write_text(folder / f"{prefix}front.json", text + "\n")
+
+
+def gait_files(path: Path) -> dict[str, bytes]:
+    """The files of all gaits in an archive, by name; none if there is no archive."""
+    if not path.exists():
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if name != INDEX}
+
+
+def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write the archive anew.
+
+    Args:
+        path: of the archive.
+        files: the files of all its gaits, by name.
+    """
+    machines: list[dict[str, object]] = []
+    gaits: list[tuple[object, ...]] = []
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in sorted(files):
+            archive.writestr(zipfile.ZipInfo(name), files[name])
+            gait = Solution.load(io.BytesIO(files[name]))
+            if gait.params.to_dict() not in machines:
+                machines.append(gait.params.to_dict())
+            machine = machines.index(gait.params.to_dict())
+            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
+        text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
+        archive.writestr(zipfile.ZipInfo(INDEX), text)
+    write_bytes(path, content.getvalue())
 
 
 # -- page and figure ------------------------------------------------------------------------------
 
 
-def write_section(page: Path, found: dict[str, Any]) -> None:
+def write_section(page: Path, content: dict[str, Any]) -> None:
     """Put a machine's section into a page, between its marks or else at the end."""
-    name, text = found["machine"], page.read_text()
+    name, text = content["machine"], page.read_text()
     around = marks("front", (name,))
     if not around[name].search(text):
         write_text(page, f"{text.rstrip()}\n\n<!-- front: {name} -->\n<!-- end of {name} -->\n")
-    refresh(page, around, {name: section(found)})
+    refresh(page, around, {name: section(content)})
 
 
 def figure_file(name: str) -> str:
@@ -246,11 +299,11 @@ def figure_file(name: str) -> str:
     return f"front_{name.lower()}.png"
 
 
-def section(found: dict[str, Any]) -> str:
+def section(content: dict[str, Any]) -> str:
     """The section: figure, what the search did, and the table."""
-    name, rows, minutes = found["machine"], found["front"], found["minutes"]
-    efforts = [*found["seeds"], found["last_sweep"]]
-    wanted, gaps = found["agreement"]["wanted"], found["agreement"]["differences"]
+    name, rows, minutes = content["machine"], content["front"], content["minutes"]
+    efforts = [*content["seeds"], content["last_sweep"]]
+    wanted, gaps = content["agreement"]["wanted"], content["agreement"]["differences"]
     apart = [speed for speed, gap in gaps.items() if gap is None or gap > wanted]
     agree = "agree everywhere" if not apart else f"differ by more at {', '.join(apart)} m/s"
     summary = (
@@ -259,12 +312,12 @@ def section(found: dict[str, Any]) -> str:
         f"{', '.join(str(e['became_gaits']) for e in efforts)} became gaits; "
         f"{minutes['search_of_one_core']:.0f} minutes of one core to search, "
         f"{minutes['fine_meshes_of_one_core']:.0f} on fine meshes. To {wanted:.1%} the two seeds "
-        f"{agree}; the last sweep gained {max(s['gain'] for s in found['last_sweeps']):.2%}."
+        f"{agree}; the last sweep gained {max(s['gain'] for s in content['last_sweeps']):.2%}."
     )
-    if found["speeds_without_verified_gait"]:
-        speeds = ", ".join(f"{v:g}" for v in found["speeds_without_verified_gait"])
+    if content["speeds_without_verified_gait"]:
+        speeds = ", ".join(f"{v:g}" for v in content["speeds_without_verified_gait"])
         summary += f" No gait at {speeds} m/s passed verification, or time was up before."
-    weight = as_params(found["params"]).weight
+    weight = as_params(content["params"]).weight
     head = ["speed (m/s)", "CoT", "power (W)", "steps", "turns", "with rests", "seeds differ"]
     body = [
         [
@@ -288,13 +341,13 @@ def _percent(gap: float | str | None) -> str:
     return gap if isinstance(gap, str) else f"{gap:.2%}"
 
 
-def drawn(found: dict[str, Any]) -> Figure:
+def drawn(content: dict[str, Any]) -> Figure:
     """Cost of transport over speed: the front, its families, and the bound with rests."""
     figure = Figure(figsize=(10, 5.6), dpi=110, layout="constrained")
-    axes, rows = figure.subplots(), found["front"]
+    axes, rows = figure.subplots(), content["front"]
     best = {row["speed"]: row["cot"] for row in rows}
     families: dict[tuple[int, int], list[dict[str, Any]]] = {}
-    for row in sorted((*rows, *found["other_gaits"]), key=lambda row: row["speed"]):
+    for row in sorted((*rows, *content["other_gaits"]), key=lambda row: row["speed"]):
         families.setdefault((row["steps"], row["turns"]), []).append(row)
     for (steps, turns), family in sorted(families.items()):
         x = np.array([row["speed"] for row in family])
@@ -329,7 +382,7 @@ def drawn(found: dict[str, Any]) -> Figure:
         yscale="log",
         xlabel="speed (m/s)",
         ylabel="cost of transport (E+)",
-        title=f"The front of {found['machine']}; numbers: turns of the pendulum per stride",
+        title=f"The front of {content['machine']}; numbers: turns of the pendulum per stride",
     )
     axes.grid(alpha=0.25, which="both")
     axes.legend(frameon=False, loc="upper left", fontsize=8)

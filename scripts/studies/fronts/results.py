@@ -1,4 +1,4 @@
-"""The results of a search, kept in its store, and what they leave to be tried."""
+"""The results of a search, held in its store, and what they leave to be tried."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from trajopt.store import Store
 #: Numbers of steps per stride that are searched.
 STEPS = (1, 2, 3)
 
-#: Gaits of every family (number of turns) that are kept: the best ones.
-KEPT = 2
+#: Gaits of every family (number of turns) that are listed, the best ones.
+BEST = 2
 
 #: Two seeds agree at a speed where their costs of transport differ by no more (relative).
 AGREEMENT = 0.005
@@ -51,7 +51,7 @@ GUIDES = 2
 JOINED, PROMISING, WRONG_TIME = 3, 1.05, 0.1
 
 #: A gait is continued if it costs less than this times the highest cost of its seed's envelope
-#: within `AROUND` (m/s): the front has narrow valleys, and gaits lead across them.
+#: within `AROUND` (m/s): the front has narrow valleys, and continuation crosses them.
 NEAR, AROUND = 1.3, 0.1
 
 #: Most gaits of a place that are continued; the best one without turns is continued as well.
@@ -106,7 +106,7 @@ class PlaceResults:
             return self
         gaits: list[SearchGait] = []
         for each in sorted([*self.gaits, gait], key=lambda g: g.cot):
-            if sum(each.turns == other.turns for other in gaits) < KEPT:
+            if sum(each.turns == other.turns for other in gaits) < BEST:
                 gaits.append(each)
         return dataclasses.replace(self, gaits=tuple(gaits))
 
@@ -181,7 +181,7 @@ class SearchResults:
             after = after.after(attempt)
             if source is None or attempt.gait is None or before.has(attempt.gait):
                 continue
-            # The way back leads to where it came from.
+            # The way back ends where it came from.
             back = Attempt(attempt.turns, attempt.gait.key, None, 0.0)
             self.save(self.at(place._replace(speed=source)).after(back))
         self.save(after)

@@ -28,7 +28,7 @@ from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Result, Transcription, interruptible
 
 #: Longest element of the search's mesh (s), as far as the largest mesh allows; elements per step.
-#: Longer elements step over the kinks of dry friction and make slow walks look too cheap.
+#: Longer elements step over the kinks of dry friction and make the cost of slow walks look too low.
 ELEMENT_TIME, MESHES = 0.05, (SEARCH_ELEMENTS, 20, 30, 40, 55, 75, 100)
 
 #: A gait whose deviations grow by more in a stride does not count: rounding alone would make its
@@ -39,7 +39,7 @@ MOST_GROWTH = 1e7
 REMESHED = 2
 
 #: Iterations of IPOPT at most: for each of a random start's two problems, if the pendulum swings
-#: and if it turns over, and for a continued gait. More seldom lead anywhere.
+#: and if it turns over, and for a continued gait. More seldom help.
 SWING_ITERATIONS, WHIRL_ITERATIONS, CONTINUED_ITERATIONS = 250, 120, 100
 
 #: Gaits of one family are the same if their costs of transport differ by less (relative).
@@ -250,7 +250,7 @@ def _solved(
 ) -> Result:
     """A local optimum near a guess, on a mesh that suits the guess's steps, or its own if longer.
 
-    Too coarse a mesh would make a gait look cheaper than it is.
+    Too coarse a mesh would make a gait's cost look too low.
     """
     duration = place.steps * params.step_length / place.speed
     elements = elements_for(guess, duration)

@@ -49,6 +49,7 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
     },
 }
 OF_VECTORS: dict[str, dict[str, Any]] = {
+    "objects": ARGUMENTS["objects"],
     "a machine for each row": {"params": [PROTOTYPE, "THESIS_NOMINAL", UPHILL]},
     "numbers and modes": {"max_episode_steps": np.int64(15), "autoreset_mode": SAME},
     "numpy's numbers": {"ranges": {"slope": np.array([-0.02, 0.02], np.float32)}},
@@ -80,7 +81,7 @@ def test_an_environment_can_be_made_again_from_its_spec_as_text(arguments: dict)
     goes_on_alike(env, twin, swinging(1, 50)[:, 0])
 
 
-@pytest.mark.parametrize("arguments", [ARGUMENTS["objects"], *OF_VECTORS.values()], ids=str)
+@pytest.mark.parametrize("arguments", OF_VECTORS.values(), ids=OF_VECTORS)
 def test_a_vector_environment_can_be_made_again_from_its_spec(arguments: dict) -> None:
     envs = gym.make_vec(ID, num_envs=3, **arguments)
     twins = gym.make_vec(again(envs.spec))
@@ -204,7 +205,7 @@ def test_an_environment_names_value_limit_and_remedy(
         ({"max_episode_steps": math.nan}, TypeError, "max_episode_steps = nan: must be an integer"),
         ({"autoreset_mode": "sometimes"}, ValueError, "'sometimes' is not a valid"),
         ({"render_mode": "human"}, ValueError, "render_mode = 'human': choose from"),
-        ({"params": [PROTOTYPE] * 3, "num_envs": 2}, ValueError, "3 machines for 2 rows"),
+        ({"params": [PROTOTYPE] * 3, "num_envs": 2}, ValueError, "params: 3 for 2 rows"),
     ],
 )
 def test_a_vector_environment_names_value_limit_and_remedy(
@@ -254,8 +255,8 @@ OPTIONS = [
     (STATE | {"mode": 3}, TypeError, "mode = 3: give a name, or one per row"),
     (STATE | {"mode": ["single_stance"] * 2}, ValueError, "mode: 2 for . rows"),
     ({"mode": "single_stance"}, ValueError, "goes with 'state'"),
-    ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "2 machines for . rows"),
-    ({"task": [Task()] * 2}, ValueError, "task: 2 tasks for . rows"),
+    ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "params: 2 for . rows"),
+    ({"task": [Task()] * 2}, ValueError, "task: 2 for . rows"),
     ({"task": {"fall_penalty": -1.0}}, ValueError, "fall_penalty = -1.0: must be at least 0"),
     ({"ranges": {"slope": (0, 2)}}, ValueError, "slope = 2"),
     ({"starts": {"rest": math.inf}}, ValueError, "rest = inf: must be finite"),

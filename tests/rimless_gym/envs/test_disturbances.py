@@ -20,7 +20,7 @@ from rimless_gym import (
     Task,
     WheelParams,
 )
-from rimless_gym.envs.arguments import Start
+from rimless_gym.envs.arguments import EpisodeStart
 from rimless_gym.envs.batch import Batch
 from rimless_gym.envs.disturbances import disturb_rows
 from rimless_gym.envs.layout import MEMORY, OBSERVATION_BOUND, OBSERVATION_SIZE
@@ -57,7 +57,7 @@ def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -
     pushes = Pushes(rate=ALWAYS, impulse=(impulse, impulse))
     batch = Batch([params] * 64, Task(), disturbances=Disturbances(pushes=pushes))
     each, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
-    batch.begin(each, each.astype(np.uint64), seen, Start(kind, np.array([given] * 64)))
+    batch.begin(each, each.astype(np.uint64), seen, EpisodeStart(kind, np.array([given] * 64)))
     settings = batch.disturbances.settings(CONTROL_PERIOD)
     disturb_rows(batch.memory, batch.constants, batch.streams, batch.held, settings, 0, 64)
     return batch
@@ -310,6 +310,6 @@ def test_a_drawn_machine_that_cannot_be_stepped_is_named_in_the_error(ranges: di
     batch.set_params(batch.params, Ranges(ranges), np.arange(2))  # as no door lets through
     each, seen = np.arange(2), np.empty(2 * OBSERVATION_SIZE, np.float32)
     with pytest.raises(RuntimeError, match=rf"row 1: a machine with .*{min(ranges)}"):
-        batch.begin(each, each.astype(np.uint64), seen, Start(HANGING))
+        batch.begin(each, each.astype(np.uint64), seen, EpisodeStart(HANGING))
     assert batch.ended.all()
     assert np.isfinite(batch.poles).all()  # a snapshot accepts only finite numbers

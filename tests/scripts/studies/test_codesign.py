@@ -57,7 +57,7 @@ def test_the_motor_can_lift_the_presets_pendulum() -> None:
 
 def test_an_arm_that_would_touch_the_floor_is_refused() -> None:
     assert BUILD.machine(1.0, BUILD.longest_arm).pendulum_reach is not None
-    with pytest.raises(ValueError, match="shorten the pendulum"):
+    with pytest.raises(ValueError, match="shorten the arm"):
         BUILD.machine(1.0, BUILD.longest_arm + 0.001)
 
 

@@ -13,7 +13,6 @@ import pytest
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 from scripts.studies.feedback_laws import command, measures, page
-from scripts.studies.feedback_laws.linearisation import linearisation_conditions
 from scripts.studies.feedback_laws.measures import (
     GAITS,
     MEASURES,
@@ -24,6 +23,7 @@ from scripts.studies.feedback_laws.measures import (
     pushed_states,
     subject_of,
 )
+from scripts.studies.feedback_laws.theory import linearisation_conditions
 from trajopt.feedback import startup
 
 DOCS = Path(__file__).parents[3] / "docs"

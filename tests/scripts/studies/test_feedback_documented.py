@@ -8,10 +8,9 @@ import pytest
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.policies import controller_policy
 from rimless_gym.presets import preset
-from scripts.studies.feedback_laws.linearisation import linearisation_conditions
 from scripts.studies.feedback_laws.measures import on_the_gait
+from scripts.studies.feedback_laws.theory import linearisation_conditions, zero_dynamics_multiplier
 from trajopt import Solution, periodic_gait
-from trajopt.feedback.constraint import zero_dynamics_multiplier
 from trajopt.feedback.laws import input_output, lqr, pid, sliding_mode
 from trajopt.feedback.orbit import FINENESS, Grid
 from trajopt.feedback.transverse import multipliers, riccati, transverse_dynamics

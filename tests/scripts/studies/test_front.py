@@ -8,11 +8,12 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import pytest
 
-from rimless_gym import THESIS_PHYSICAL
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL, WheelParams
 from scripts.studies.fronts import command, solving
 from scripts.studies.fronts.results import (
     PlaceResults,
@@ -35,7 +36,7 @@ from scripts.studies.fronts.solving import (
     Task,
     attempts,
 )
-from trajopt.gaits.library import ARCHIVE, gait_files, index
+from trajopt.gaits.library import ARCHIVE, index
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.store import Store
@@ -340,7 +341,41 @@ def test_the_record_the_page_and_the_figure_are_written_and_the_gaits_shipped(
     assert command.drawn(text).axes
     for count in (2, 1):
         command.ship(tmp_path / "library", "TRIAL", gaits[:count], text)
-        assert len(gait_files(tmp_path / "library" / ARCHIVE.name)) == count
+        assert len(command.gait_files(tmp_path / "library" / ARCHIVE.name)) == count
+
+
+def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
+    command.write_archive(tmp_path / "gaits.zip", command.gait_files(ARCHIVE))
+    assert (tmp_path / "gaits.zip").read_bytes() == ARCHIVE.read_bytes()
+
+
+class Gait(NamedTuple):
+    """What counts of a gait for resting."""
+
+    speed: float
+    cot: float
+    params: WheelParams = BUILDABLE
+
+
+def rest(*gaits: tuple[float, float]) -> list[Any]:
+    return command.rests(SimpleNamespace(envelope=[Gait(*gait) for gait in gaits]))  # type: ignore[arg-type]
+
+
+def test_resting_costs_the_energy_of_walking_and_the_idle_power_of_the_rest() -> None:
+    slow, fastest = rest((0.2, 0.4), (0.6, 0.1))
+    assert (slow["speed"], slow["walking"]) == (0.2, 0.6)
+    # In 3 s the wheel goes 0.6 m: 1 s of walking, 2 s of rest.
+    energy = 0.1 * BUILDABLE.weight * 0.6 + 2.0 * BUILDABLE.idle_power
+    assert slow["cot"] == pytest.approx(energy / (BUILDABLE.weight * 0.6))
+    assert fastest is None
+
+
+def test_resting_saves_nothing_where_walking_slowly_costs_less_than_idling() -> None:
+    idle = BUILDABLE.idle_power / BUILDABLE.weight
+    assert rest((0.2, 0.1 + 3 * idle), (0.6, 0.1))[0] is None
+    assert rest((0.2, 0.1 + 4 * idle), (0.6, 0.1))[0] is not None
+    first, second, last = rest((0.2, 0.5), (0.3, 0.1), (0.6, 0.3))
+    assert (first["walking"], second, last) == (0.3, None, None)
 
 
 @pytest.mark.parametrize("trial", [False, True])

@@ -61,7 +61,7 @@ def test_beyond_the_grid_a_time_is_that_of_its_edge():
 def test_a_fall_costs_infinitely_much_and_a_moment_its_time():
     states = np.zeros((2, 6))
     states[:, :4] = [[1.5, 0.0, 0.0, 0.0], [1.5, np.pi, 0.0, 25.0]]
-    cost = simulated(P, states, np.zeros(2)).cost
+    _, cost = simulated(P, states, np.zeros(2))
     assert cost[0] == HOLD
     assert np.isinf(cost[1])
 

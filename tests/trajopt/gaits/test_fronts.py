@@ -1,4 +1,4 @@
-"""Fronts of least cost over speed, and where a wheel should rather walk faster and rest."""
+"""Fronts of least cost over speed."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ import pytest
 from rimless_gym import THESIS_PHYSICAL
 from trajopt import CotFront, Solution, cot_front
 from trajopt.gaits import fronts
-from trajopt.gaits.fronts import rests, shipped_front
+from trajopt.gaits.fronts import shipped_front
 from trajopt.gaits.library import nearest
-
-WEIGHT, IDLE = 20.0, 0.5
 
 
 def test_the_front_interpolates_its_lower_envelope_and_refuses_to_extrapolate() -> None:
@@ -94,43 +92,3 @@ def test_an_interrupted_front_is_not_returned_with_gaits_missing(
         solve_fronts()
     timer.join()
     assert not capsys.readouterr().err  # where CasADi would print its own exception
-
-
-# -- rests ----------------------------------------------------------------------------------------
-
-
-def test_resting_costs_the_energy_of_walking_and_the_idle_power_of_the_rest() -> None:
-    slow, fastest = rests([0.2, 0.6], [0.4, 0.1], WEIGHT, IDLE)
-    assert slow is not None
-    assert (slow.speed, slow.walking) == (0.2, 0.6)
-    assert slow.share == pytest.approx(1 / 3)
-    # In 3 s the wheel goes 0.6 m: 1 s of walking, 2 s of rest.
-    walking = 0.1 * WEIGHT * 0.6
-    assert slow.cot == pytest.approx((walking + 2.0 * IDLE) / (WEIGHT * 0.6))
-    assert fastest is None
-
-
-def test_resting_saves_nothing_where_walking_slowly_costs_less_than_idling() -> None:
-    assert rests([0.2, 0.6], [0.12, 0.1], WEIGHT, IDLE)[0] is None
-    assert rests([0.2, 0.6], [0.12, 0.1], WEIGHT, 0.0)[0] is not None
-
-
-def test_resting_saves_nothing_on_a_front_whose_power_is_convex() -> None:
-    speeds = [0.1, 0.2, 0.3, 0.4]
-    cots = [(IDLE + 40.0 * v * v) / (WEIGHT * v) for v in speeds]
-    assert rests(speeds, cots, WEIGHT, IDLE) == (None,) * 4
-
-
-def test_the_best_of_several_faster_speeds_is_taken() -> None:
-    first, second, last = rests([0.2, 0.3, 0.6], [0.5, 0.1, 0.3], WEIGHT, 0.0)
-    assert first is not None
-    assert first.walking == 0.3
-    assert second is None
-    assert last is None
-
-
-def test_a_front_has_the_rests_of_its_machine() -> None:
-    front = shipped_front(THESIS_PHYSICAL)
-    assert len(front.rests) == len(front.envelope)
-    for gait, rest in zip(front.envelope, front.rests, strict=True):
-        assert rest is None or (rest.cot < gait.cot and rest.walking > gait.speed)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,16 +10,13 @@ from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.starts import normal_force
 from trajopt import Solution
 from trajopt.gaits.library import (
-    ARCHIVE,
     Entry,
-    gait_files,
     index,
     nearest,
     ranked,
     repeated,
     shipped,
     warm_starts,
-    write_archive,
 )
 from trajopt.gaits.verify import verify
 
@@ -35,11 +30,6 @@ def test_every_shipped_gait_is_verified_and_what_the_index_says() -> None:
         assert (gait.params, gait.steps, gait.theta_turns) == entry[1:4]
         assert (gait.speed, gait.cot) == (entry.speed, entry.cot)
     assert len(shipped()) == sum(len(shipped(params)) for params in machines)
-
-
-def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
-    write_archive(tmp_path / "gaits.zip", gait_files(ARCHIVE))
-    assert (tmp_path / "gaits.zip").read_bytes() == ARCHIVE.read_bytes()
 
 
 def verified_again(gait: Solution) -> None:

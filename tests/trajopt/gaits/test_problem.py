@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import Design, HybridModel
+from scripts.studies.textbook import passive_wheel, passive_wheel_rate
 from trajopt import Extremal, Mesh, Phase, Problem, solve
 from trajopt.gaits.library import index, nearest
 from trajopt.gaits.problem import (
@@ -21,8 +22,6 @@ from trajopt.gaits.problem import (
     lacks_power,
     least_mean_rate,
     most_power_at_hub,
-    passive_wheel,
-    passive_wheel_rate,
 )
 from trajopt.gaits.verify import playback
 from trajopt.ocp.guesses import polyline

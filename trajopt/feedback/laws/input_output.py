@@ -4,9 +4,8 @@
 
 The output y (`trajopt.feedback.constraint`) has relative degree two: y'' is affine in V but for the
 kink of friction. The law takes y'' from the model at two voltages and solves for the V that gives
-the y'' above. What it does not control is the motion along the constraint, the zero dynamics; their
-multiplier over a stride is `trajopt.feedback.constraint.zero_dynamics_multiplier` (Westervelt,
-Grizzle and Koditschek, Hybrid zero dynamics of planar biped walkers, IEEE TAC 2003).
+the y'' above. What it does not control is the motion along the constraint, the zero dynamics
+(Westervelt, Grizzle and Koditschek, Hybrid zero dynamics of planar biped walkers, IEEE TAC 2003).
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ Fourier series in the phase of the gait: f, and a series that is added to each o
 the gait and K2 away from it. So are the weight of c and the distance at which K1 and K2 count
 alike. The linear design knows neither the voltage limit nor the foot that lifts; walks on the
 simulator know both (Hansen, Niederberger, Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput.
-2009, tune the gains of a feedback law by evolution).
+2009, tune the gains of a feedback law by evolution; Hansen, The CMA evolution strategy: a tutorial,
+arXiv:1604.00772).
 
 Every candidate walks from the same states: some on the gait, which measure its cost of transport,
 and some disturbed, which measure what it can bear.
@@ -16,7 +17,6 @@ and some disturbed, which measure what it can bear.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -132,22 +132,38 @@ def design(
     """
     harmonics = integer("harmonics", harmonics, 0)
     generations = integer("generations", generations, 0)
-    seed = integer("seed", seed, 0)
-    start = lqr.design(solution)
+    spread, seed = positive("spread", spread), integer("seed", seed, 0)
+    progress, start = flag("progress", progress), lqr.design(solution)
     trial = Trial.about(solution, start.data.orbit, integer("wheels", wheels, 1), seed)
 
     def law(q: Floats) -> Law:
         gains = with_numbers(start.data, solution.duration, Numbers.of(q))
         return Law(solution.params, lqr.volts, gains)
 
-    best = evolved(
-        lambda q: score(law(q), solution, trial),
-        Numbers.count(harmonics),
-        positive("spread", spread),
-        generations,
-        seed,
-        flag("progress", progress),
-    )
+    def loss(q: Floats) -> float:
+        return score(law(q), solution, trial)
+
+    rng, best = np.random.default_rng(seed), np.zeros(Numbers.count(harmonics))
+    options = {
+        "CMA_diagonal": True,  # too few generations for a full covariance
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "seed": np.nan,  # numpy's global generator stays as it is
+        "verbose": -9,
+    }
+    strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], spread, options), loss(best)
+    with (
+        ThreadPoolExecutor(cores()) as threads,
+        tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
+    ):
+        for _ in range(generations):
+            candidates = strategy.ask()
+            losses = list(threads.map(loss, candidates))
+            strategy.tell(candidates, losses)
+            first = int(np.argmin(losses))
+            if losses[first] < least:
+                best, least = np.array(candidates[first]), losses[first]
+            bar.set_postfix(loss=f"{least:.4f}")
+            bar.update()
     return law(best)
 
 
@@ -173,49 +189,6 @@ def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.
         timing=gains.timing * np.exp(numbers.timing),
         blend=gains.blend * np.exp(numbers.blend),
     )
-
-
-def evolved(
-    loss: Callable[[Floats], float],
-    count: int,
-    spread: float,
-    generations: int,
-    seed: int,
-    progress: bool,
-) -> Floats:
-    """The numbers (count,) of the least loss that CMA-ES finds from zero.
-
-    Args:
-        loss: of numbers.
-        count: how many there are.
-        spread: standard deviation of the first generation.
-        generations: how many follow each other.
-        seed: of the evolution.
-        progress: whether to show a progress bar.
-    """
-    rng = np.random.default_rng(seed)
-    options = {
-        "CMA_diagonal": True,  # too few generations for a full covariance
-        "randn": lambda *shape: rng.standard_normal(shape),
-        "seed": np.nan,  # numpy's global generator stays as it is
-        "verbose": -9,
-    }
-    strategy = cma.CMAEvolutionStrategy(count * [0.0], spread, options)
-    best, least = np.zeros(count), loss(np.zeros(count))
-    with (
-        ThreadPoolExecutor(cores()) as threads,
-        tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
-    ):
-        for _ in range(generations):
-            candidates = strategy.ask()
-            losses = list(threads.map(loss, candidates))
-            strategy.tell(candidates, losses)
-            first = int(np.argmin(losses))
-            if losses[first] < least:
-                best, least = np.array(candidates[first]), losses[first]
-            bar.set_postfix(loss=f"{least:.4f}")
-            bar.update()
-    return best
 
 
 class Trial(NamedTuple):
