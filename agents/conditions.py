@@ -1,4 +1,4 @@
-"""What walks, what it is told and how often, and what disturbs it: in training and evaluation."""
+"""The conditions of training and evaluation: machine, disturbances, commands, control period."""
 
 from __future__ import annotations
 

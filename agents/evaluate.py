@@ -224,10 +224,10 @@ def evaluate(
         log.add(interval)
         if index >= first_alive:
             late_steps[interval.running] += interval.info["steps"]
-    found = outcomes(fallen, late_steps > 0, window)
+    results = outcomes(fallen, late_steps > 0, window)
     periods = np.array([steps_per_period(points) for points in log.points()])
     objective = float(window.rewards(penalties).mean()) / protocol.window
-    return _summary(params, protocol, window, objective, found, periods)
+    return _summary(params, protocol, window, objective, results, periods)
 
 
 def _checked_starts(starts: Any) -> Floats:
@@ -250,11 +250,11 @@ def _summary(
     protocol: Protocol,
     window: Window,
     objective: float,
-    found: tuple[str, ...],
+    results: tuple[str, ...],
     periods: NDArray[np.int64],
 ) -> Evaluation:
-    walking, fallen = (np.array([each == what for each in found]) for what in (WALKS, FALLS))
-    stepping = ~np.isin(found, (FALLS, STOPS))
+    walking, fallen = (np.array([each == what for each in results]) for what in (WALKS, FALLS))
+    stepping = ~np.isin(results, (FALLS, STOPS))
     some = bool(walking.any())
     periods = np.where(walking, periods, 0)
     weights = np.array([machine.weight for machine in window.machines])
@@ -266,7 +266,7 @@ def _summary(
     return Evaluation(
         protocol=protocol,
         walking_share=float(walking.mean()),
-        failures=count_failures(found),
+        failures=count_failures(results),
         speed=ledger.distance / ledger.time if some else math.nan,
         cot=weighted.cost_of_transport(params),
         cot_with_regeneration=weighted.cost_of_transport(params, regeneration=True),
@@ -278,7 +278,7 @@ def _summary(
         steps_per_period=int(np.bincount(periods[walking]).argmax()) if some else 0,
         objective=objective,
         ledger=ledger,
-        outcomes=found,
+        outcomes=results,
         walking=walking,
         fallen=fallen,
         speeds=np.array([speed for speed, _ in each_walk]),

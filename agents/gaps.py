@@ -45,8 +45,8 @@ def gap_to_gaits(
     cot: float | None, speed: float | None, gaits: Iterable[Solution | None]
 ) -> float | None:
     """The gap to the best held gaits around a speed; None without a walk or one of the gaits."""
-    found = tuple(gait for gait in gaits if gait is not None)
-    return gap_to_front(cot, speed, CotFront(found)) if len(found) > 1 else None
+    solved = tuple(gait for gait in gaits if gait is not None)
+    return gap_to_front(cot, speed, CotFront(solved)) if len(solved) > 1 else None
 
 
 def gap_to_front(cot: float | None, speed: float | None, front: CotFront) -> float | None:
@@ -103,7 +103,7 @@ def best_held(
     Args:
         params: the machine.
         ticks: control intervals of a step.
-        folder: where the gaits are kept, and read from if they are there.
+        folder: of solved gaits, which are loaded if they are there.
         progress: whether to show progress bars.
     """
     if not 2 <= ticks <= MOST_TICKS // max(FRONT_STEPS):

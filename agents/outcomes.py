@@ -55,20 +55,20 @@ def outcomes(
         stepping: whether it still takes steps at the end, (N,).
         window: of the walks.
     """
-    found = []
+    results = []
     for i, params in enumerate(window.machines):
         if fallen[i]:
-            found.append(FALLS)
+            results.append(FALLS)
         elif not stepping[i]:
-            found.append(STOPS)
+            results.append(STOPS)
         else:
-            found.append((*violations(params, window.extremes_of(i)), WALKS)[0])
-    return tuple(found)
+            results.append((*violations(params, window.extremes_of(i)), WALKS)[0])
+    return tuple(results)
 
 
-def count_failures(found: Sequence[str]) -> dict[str, int]:
+def count_failures(results: Sequence[str]) -> dict[str, int]:
     """How many starts do not count, by outcome; only those that occur."""
-    counts = Counter(found)
+    counts = Counter(results)
     return {each: counts[each] for each in OUTCOMES if each != WALKS and each in counts}
 
 

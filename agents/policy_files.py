@@ -132,7 +132,7 @@ def save_policy(path: str | Path, training: Training, learner: Learner, **notes:
 
     Raises:
         ValueError: the policy cannot be described by plain values.
-        OSError: the file cannot be written; one that was there is kept.
+        OSError: the file cannot be written; one that was there is unchanged.
     """
     versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
     made_by, parts = provenance(), learner.parts()
@@ -162,13 +162,13 @@ def find_policy(path: str | Path) -> Path:
     Raises:
         CheckpointError: neither exists.
     """
-    found = Path(path)
-    for file in (found, Path(f"{path}.zip")):  # stable-baselines3 adds .zip by itself
+    target = Path(path)
+    for file in (target, Path(f"{path}.zip")):  # stable-baselines3 adds .zip by itself
         if file.is_file():
             return file
     if str(path) in PRETRAINED:
         return PRETRAINED[str(path)]
-    if found.is_dir():
+    if target.is_dir():
         raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
     raise CheckpointError(
         f"{path}: no such file, and no policy of that name comes with the package (those are "

@@ -1,13 +1,11 @@
-"""Reports: one HTML file with tables that can be sorted, and charts.
+"""Reports: one HTML file with figures of matplotlib and tables that can be sorted.
 
-Matplotlib draws the charts (`draw`), as files or embedded in a report. A report loads nothing, and
-every text in it is escaped.
+A report loads nothing, and every text in it is escaped.
 """
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import io
 import json
 import math
@@ -17,16 +15,11 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 import matplotlib
-import matplotlib.pyplot as plt
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
-from numpy.typing import ArrayLike
 
 from trajopt.provenance import provenance
 
-#: Colours of lines and marks, by name.
+#: Colours of lines and markers, by name.
 COLOURS = {
     "ink": "#26303b",
     "faint": "#8a97a6",
@@ -37,6 +30,7 @@ COLOURS = {
     "violet": "#8459a8",
 }
 
+#: Settings of matplotlib with which figures are drawn.
 STYLE: Any = {  # matplotlib types its keys one by one
     "font.size": 9,
     "axes.spines.top": False,
@@ -54,139 +48,8 @@ STYLE: Any = {  # matplotlib types its keys one by one
     "svg.hashsalt": "rimless-gym",
 }
 
-#: Width and height of a chart (inches), and the width of a name in a legend.
-SIZE, NAME = (3.4, 2.8), 2.2
-
 #: In place of a value that is missing.
 NONE = "-"
-
-
-@dataclasses.dataclass(frozen=True)
-class Axis:
-    """An axis.
-
-    Attributes:
-        label: what it is, with its unit.
-        scale: of matplotlib: "linear", "log", or "symlog", which is linear near 0.
-        threshold: up to which a symlog axis is linear.
-        limits: least and greatest value shown; None: as the data are.
-    """
-
-    label: str
-    scale: str = "linear"
-    threshold: float = 1.0
-    limits: tuple[float, float] | None = None
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Series:
-    """Points that belong together.
-
-    Attributes:
-        name: in the legend; series of the same name share one entry.
-        x, y: the points, N of each; NaN interrupts the line.
-        colour: a name in `COLOURS`.
-        line: of matplotlib: "-", "--" or "none".
-        width: of the line (points).
-        marker: of each point, as matplotlib names them; "" for none.
-        hollow: indices of the points whose markers are not filled.
-    """
-
-    name: str
-    x: ArrayLike
-    y: ArrayLike
-    colour: str = "ink"
-    line: str = "-"
-    width: float = 1.5
-    marker: str = ""
-    hollow: tuple[int, ...] = ()
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Chart:
-    """A plot with one pair of axes; later series cover earlier ones."""
-
-    title: str
-    x: Axis
-    y: Axis
-    series: Sequence[Series]
-
-
-def draw(
-    charts: Sequence[Chart],
-    across: int,
-    size: tuple[float, float] = SIZE,
-    legends: bool = False,
-) -> Figure:
-    """Charts in rows of so many.
-
-    Args:
-        charts: to draw.
-        across: how many stand beside each other.
-        size: of each (inches).
-        legends: whether each chart has a legend beside it, not one below for all.
-    """
-    down = max(1, -(-len(charts) // across))
-    whole = size[0] * across, size[1] * down
-    with matplotlib.rc_context(STYLE):
-        figure, panels = plt.subplots(
-            down, across, figsize=whole, layout="constrained", squeeze=False
-        )
-        named: dict[str, Any] = {}
-        for axes, chart in zip(panels.flat, charts, strict=False):
-            for series in chart.series:
-                line = _draw_series(axes, series)
-                named.setdefault(series.name, line)
-            axes.set_title(chart.title)
-            _scale(axes, chart.x, "x")
-            _scale(axes, chart.y, "y")
-            if legends and len(chart.series) > 1:
-                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        for axes in panels.flat[len(charts) :]:
-            axes.set_axis_off()
-        if len(named) > 1 and not legends:
-            columns = max(1, round(whole[0] / NAME))
-            figure.legend(
-                list(named.values()), list(named), loc="outside lower center", ncols=columns
-            )
-    return figure
-
-
-def _draw_series(axes: Axes, series: Series) -> Any:
-    x, y = (np.asarray(each, dtype=np.float64) for each in (series.x, series.y))
-    (line,) = axes.plot(
-        *(x, y),
-        linestyle=series.line,
-        color=COLOURS[series.colour],
-        linewidth=series.width,
-        label=series.name,
-        marker=series.marker,
-        markersize=5.0 if len(x) < 30 else 2.0,
-    )
-    if series.hollow:
-        shown = list(series.hollow)
-        axes.plot(
-            *(x[shown], y[shown]),
-            linestyle="none",
-            marker=series.marker,
-            mfc="white",
-            color=COLOURS[series.colour],
-            markersize=4.0,
-        )
-    return line
-
-
-def _scale(axes: Axes, axis: Axis, name: str) -> None:
-    axes.set(**{f"{name}label": axis.label})
-    settings = {"linthresh": axis.threshold} if axis.scale == "symlog" else {}
-    getattr(axes, f"set_{name}scale")(axis.scale, **settings)
-    if axis.scale != "linear":  # plain numbers, not powers
-        getattr(axes, f"{name}axis").set_major_formatter("{x:g}")
-    if axis.scale == "log":
-        formatter = LogFormatter(minor_thresholds=(2.0, 0.5))
-        getattr(axes, f"{name}axis").set_minor_formatter(formatter)
-    if axis.limits:
-        getattr(axes, f"set_{name}lim")(np.asarray(axis.limits))
 
 
 def embedded(figure: Figure, title: str) -> str:

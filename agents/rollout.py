@@ -226,7 +226,7 @@ def episodes(
     """
     observations, info = envs.reset(seed=seed, options=options)
     running, lengths = np.ones(envs.num_envs, dtype=bool), np.zeros(envs.num_envs, dtype=int)
-    seen, kept, steps = [observations], [[info[name] for name in keep]], []
+    seen, noted, steps = [observations], [[info[name] for name in keep]], []
     with tqdm(
         total=envs.max_episode_steps, desc=progress, disable=not progress, leave=False
     ) as bar:
@@ -236,13 +236,13 @@ def episodes(
             actions[rows, 0] = np.clip(policy(envs.states[rows], observations[rows]), -1.0, 1.0)
             observations, rewards, terminated, truncated, info = envs.step(actions)
             seen.append(observations)
-            kept.append([info[name] for name in keep])
+            noted.append([info[name] for name in keep])
             steps.append((actions, rewards, terminated, truncated))
             lengths[rows] += 1
             running &= ~(terminated | truncated)
             bar.update()
     taken, rewarded, terminations, truncations = map(np.array, zip(*steps, strict=True))
-    infos = dict(zip(keep, (np.array(column) for column in zip(*kept, strict=True)), strict=True))
+    infos = dict(zip(keep, (np.array(column) for column in zip(*noted, strict=True)), strict=True))
     states = np.array(seen)
     return [
         Episode(

@@ -8,17 +8,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from agents.comparison.methods import LearnedMethod, Method
 from agents.comparison.study import Setting
 from agents.comparison.table import COLUMNS, FRONT_POLICY, NOTES, Row, distinct
 from agents.comparison.walks import (
-    deviation_charts,
+    ReturnMap,
     deviations,
     last_middle,
-    return_chart,
+    multipliers_text,
     return_map,
     steps_of,
 )
@@ -27,23 +31,12 @@ from agents.experts import EXPERT
 from agents.page import write_page
 from agents.policies import Policy, controller_policy, law_title
 from agents.policy_files import load_policy
-from agents.reports import (
-    Axis,
-    Chart,
-    Series,
-    document,
-    draw,
-    embedded,
-    paragraph,
-    section,
-    table,
-)
+from agents.reports import COLOURS, STYLE, document, embedded, paragraph, section, table
 from agents.rollout import Interval, Rollout, at_rest
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
 from trajopt.feedback import laws
-from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import CotFront, NoFrontError
 from trajopt.gaits.solution import Solution
 from trajopt.store import write_text
@@ -54,11 +47,19 @@ NEAR = 0.1
 #: Markers of policies with the same colour.
 MARKERS = "osD^vP"
 
-#: The abscissae of learning curves: entry of a milestone, label, scale, threshold.
-ACROSS = (
-    ("intervals", "control intervals of training", "symlog", 1e5),
-    ("minutes", "minutes of one core, cloning included", "linear", 1.0),
-)
+#: The abscissae of learning curves: entries of a milestone, and their labels.
+ACROSS = {
+    "intervals": "control intervals of training",
+    "minutes": "minutes of one core, cloning included",
+}
+
+#: The coordinates of the plots of deviations, and their units.
+COORDINATES = {
+    "leg angle phi": "mrad",
+    "pendulum angle theta": "mrad",
+    "leg rate phi'": "mrad/s",
+    "pendulum rate theta'": "mrad/s",
+}
 
 #: Seconds of a walk that is plotted, and those at its end in which it is steady.
 WALK, STEADY = 20.0, 10.0
@@ -100,14 +101,13 @@ def write_figures(
     """
     out = setting.out
     walks = plotted_walks(setting, methods)
-    drawn = {
-        "cot_against_speed": draw(
-            speed_charts(setting.front, setting.held_front, rows), 1, (9.0, 4.4), legends=True
-        ),
-        "learning_curves": draw(learning_charts(curves, setting.held_front), 2, (5.2, 3.2)),
-        "deviations": draw(cycle_charts(walks), 4),
-        "return_maps": draw(return_charts(setting.params, walks), 4),
-    }
+    with matplotlib.rc_context(STYLE):
+        drawn = {
+            "cot_against_speed": speed_figure(setting.front, setting.held_front, rows),
+            "learning_curves": learning_figure(curves, setting.held_front),
+            "deviations": cycle_figure(walks),
+            "return_maps": return_figure(setting.params, walks),
+        }
     images = {name: embedded(figure, name.replace("_", " ")) for name, figure in drawn.items()}
     for name, figure in drawn.items():
         figure.savefig(out / f"{name}.png", dpi=150)
@@ -133,7 +133,7 @@ def _page(folder: Path) -> str | None:
         return None
 
 
-def speed_charts(front: CotFront, held: CotFront, rows: Iterable[Row]) -> list[Chart]:
+def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure:
     """Cost of transport over speed of all that walk, and the gaps of those near to the optimum.
 
     Args:
@@ -141,52 +141,51 @@ def speed_charts(front: CotFront, held: CotFront, rows: Iterable[Row]) -> list[C
         held: of gaits whose voltage is held, against which gaps are measured.
         rows: of the table. Optimal gaits on the fronts are left out.
     """
-    shown = [
-        row
-        for row in rows
-        if row.cot is not None
-        and (row.walking_share or (row.walking_share is None and not _near(row)))
-    ]
-    optima = [
-        Series(name, [g.speed for g in of.envelope], [g.cot for g in of.envelope], line=line)
-        for name, of, line in (
-            ("optimal, voltage continuous", front, "--"),
-            ("optimal, voltage held", held, "-"),
-        )
-    ]
-    ends = [gait.speed for gait in held.envelope]
-    gaps = [
-        Series("optimal, voltage continuous", *_gaps(front, held), line="--"),
-        Series("optimal, voltage held", ends, np.zeros(len(ends))),
-        *_points([row for row in shown if _near(row)], "gap", 100.0),
-    ]
-    costs = [*optima, *_points(shown, "cot", 1.0)]
-    speed = Axis("speed (m/s)")
-    return [
-        Chart(
-            "Cost of transport over speed (E+, no regeneration)", speed, Axis("CoT", "log"), costs
-        ),
-        Chart("Gaps of those near to the optimum", speed, Axis("gap (%)"), gaps),
-    ]
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(9.0, 8.8), sharex=True, layout="constrained"
+    )
+    slowest, fastest = held.envelope[0].speed, held.envelope[-1].speed
+    for of, line, name in ((front, "--", "continuous"), (held, "-", "held")):
+        speeds = np.array([gait.speed for gait in of.envelope])
+        cots = np.array([gait.cot for gait in of.envelope])
+        shared = (slowest - 1e-9 <= speeds) & (speeds <= fastest + 1e-9)
+        gaps = 100.0 * (cots[shared] / held(speeds[shared]) - 1.0)
+        name = f"optimal, voltage {name}"
+        above.plot(speeds, cots, line, color=COLOURS["ink"], label=name)
+        below.plot(speeds[shared], gaps, line, color=COLOURS["ink"], label=name)
+    walking = [row for row in rows if row.walking_share and row.cot is not None]
+    gaits = [row for row in rows if row.walking_share is None and not _near(row)]
+    _plot_rows(above, [*walking, *gaits], "cot", 1.0)
+    _plot_rows(below, list(filter(_near, walking)), "gap", 100.0)
+    above.set(yscale="log", ylabel="cost of transport (E+, no regeneration)")
+    above.yaxis.set_major_formatter("{x:g}")
+    above.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+    below.set(xlabel="speed (m/s)", ylabel="gap to the optimum (%)")
+    for axes in (above, below):
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
 
 
 def _near(row: Row) -> bool:
     return row.gap is not None and abs(row.gap) <= NEAR
 
 
-def _points(rows: Sequence[Row], figure: str, scale: float) -> list[Series]:
-    """A series for each title, in the colour of its kind; the policy for the front is a line."""
-    series, used = [], dict[str, int]()
+def _plot_rows(axes: Axes, rows: Sequence[Row], column: str, scale: float) -> None:
+    """Points for each title, in the colour of its kind; the policy for the front is a line."""
+    used: list[str] = []
     for title in dict.fromkeys(row.title for row in rows):
         own = [row for row in rows if row.title == title]
         colour = "faint" if own[0].walking_share is None else colour_of_policy(title)
-        marker = MARKERS[used.get(colour, 0) % len(MARKERS)]
-        used[colour] = used.get(colour, 0) + 1
-        x = np.array([row.speed for row in own], dtype=float)
-        y = scale * np.array([getattr(row, figure) for row in own], dtype=float)
-        line = "-" if title == FRONT_POLICY else "none"
-        series.append(Series(title, x, y, colour=colour, line=line, width=1.0, marker=marker))
-    return series
+        axes.plot(
+            np.array([row.speed for row in own], dtype=float),
+            scale * np.array([getattr(row, column) for row in own], dtype=float),
+            linestyle="-" if title == FRONT_POLICY else "none",
+            linewidth=1.0,
+            marker=MARKERS[used.count(colour) % len(MARKERS)],
+            color=COLOURS[colour],
+            label=title,
+        )
+        used.append(colour)
 
 
 def colour_of_policy(title: str) -> str:
@@ -200,15 +199,7 @@ def colour_of_policy(title: str) -> str:
     return next((c for c, starts in kinds.items() if title.startswith(starts)), "teal")
 
 
-def _gaps(front: CotFront, held: CotFront) -> tuple[Floats, Floats]:
-    """Speeds (m/s) of the gaits of one front that lie on the other, and their gaps to it (%)."""
-    slowest, fastest = held.envelope[0].speed, held.envelope[-1].speed
-    shared = [g for g in front.envelope if slowest - 1e-9 <= g.speed <= fastest + 1e-9]
-    speeds = np.array([gait.speed for gait in shared])
-    return speeds, 100.0 * (np.array([gait.cot for gait in shared]) / held(speeds) - 1.0)
-
-
-def learning_charts(curves: Mapping[str, Curve], front: CotFront) -> list[Chart]:
+def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     """The gap and the share of starts that walk, over control intervals and over minutes.
 
     A walk beyond the front's speeds is compared with the nearer end of the front, and is hollow.
@@ -217,27 +208,38 @@ def learning_charts(curves: Mapping[str, Curve], front: CotFront) -> list[Chart]
         curves: milestones of trainings, by their names.
         front: that gaps are measured against.
     """
-    ordinates = (
-        (Axis("gap to the optimum (%)", "symlog"), lambda each: milestone_gap(each, front)),
-        (Axis("starts that walk (%)", limits=(-5.0, 105.0)), _share),
+    figure, panels = plt.subplots(
+        2, 2, figsize=(10.4, 6.4), sharex="col", sharey="row", layout="constrained"
     )
-    charts = []
-    for y_axis, figure in ordinates:
-        for entry, label, scale, threshold in ACROSS:
-            series = [
-                Series(
-                    name,
-                    [each[entry] for each in curve],
-                    [figure(each) for each in curve],
-                    colour=colour_of_policy(name),
-                    marker="o",
-                    hollow=tuple(i for i, each in enumerate(curve) if _beyond(each, front)),
-                )
-                for name, curve in curves.items()
-            ]
-            title = f"{y_axis.label.partition(' (')[0]}, over {entry} (hollow: not on the front)"
-            charts.append(Chart(title, Axis(label, scale, threshold), y_axis, series))
-    return charts
+    for name, curve in curves.items():
+        colour = COLOURS[colour_of_policy(name)]
+        faces = ["white" if _beyond(each, front) else colour for each in curve]
+        gaps = [milestone_gap(each, front) for each in curve]
+        shares = [100.0 * float(each["walking_share"]) for each in curve]
+        for row, values in zip(panels, (gaps, shares), strict=True):
+            for axes, across in zip(row, ACROSS, strict=True):
+                x = [each[across] for each in curve]
+                axes.plot(x, values, color=colour, label=name)
+                axes.scatter(x, values, 20.0, faces, edgecolors=colour, zorder=3)
+    for axes, label in zip(panels[1], ACROSS.values(), strict=True):
+        axes.set_xlabel(label)
+    panels[0, 0].set_xscale("symlog", linthresh=1e5)
+    panels[0, 0].set_yscale("symlog")
+    panels[0, 0].yaxis.set_major_formatter("{x:g}")
+    panels[0, 0].set_ylabel("gap to the optimum (%); hollow: beyond the front")
+    panels[1, 0].set(ylabel="starts that walk (%)", ylim=(-5.0, 105.0))
+    _add_legend(figure)
+    return figure
+
+
+def _add_legend(figure: Figure) -> None:
+    """One legend for all axes."""
+    named: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, names = axes.get_legend_handles_labels()
+        named |= dict(zip(names, handles, strict=True))
+    if len(named) > 1:
+        figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5)
 
 
 def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
@@ -247,10 +249,6 @@ def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
     speeds = [gait.speed for gait in front.envelope]
     speed = min(max(milestone["speed"], speeds[0]), speeds[-1])
     return 100.0 * (float(milestone["cot"]) / float(front(speed)) - 1.0)
-
-
-def _share(milestone: Mapping[str, Any]) -> float:
-    return 100.0 * float(milestone["walking_share"])
 
 
 def _beyond(milestone: Mapping[str, Any], front: CotFront) -> bool:
@@ -319,30 +317,69 @@ def is_steady(walk: Sequence[Interval]) -> bool:
     return whole and steps > 1 and last_middle(walk) is not None
 
 
-def cycle_charts(walks: Sequence[PlottedWalk]) -> list[Chart]:
-    """The deviations of steady walks from the optimum; walks beside one gait share their charts."""
+def cycle_figure(walks: Sequence[PlottedWalk]) -> Figure:
+    """The deviations of steady walks from the optimum; walks beside one gait share a row."""
     steady = [each for each in walks if is_steady(each.walk)]
-    charts: list[Chart] = []
-    for gait in {id(each.optimum): each.optimum for each in steady}.values():
-        found = {
-            each.name: (
-                deviations(steps_of(_steady_part(each.walk)), gait),
-                colour_of_policy(each.name),
-            )
-            for each in steady
-            if each.optimum is gait
-        }
-        charts += deviation_charts(found, f"at {gait.speed:.2f} m/s")
-    return charts
+    gaits = list({id(each.optimum): each.optimum for each in steady}.values())
+    down = max(1, len(gaits))
+    figure, panels = plt.subplots(
+        down, 4, figsize=(13.6, 2.8 * down), squeeze=False, layout="constrained"
+    )
+    for gait, row in zip(gaits, panels, strict=False):
+        for each in (each for each in steady if each.optimum is gait):
+            steps = deviations(steps_of(_steady_part(each.walk)), gait)
+            phases = np.concatenate([np.append(step.phases, np.nan) for step in steps])
+            states = np.concatenate([[*step.states, np.full(4, np.nan)] for step in steps])
+            for axes, values in zip(row, 1e3 * states.T, strict=True):
+                colour = COLOURS[colour_of_policy(each.name)]
+                axes.plot(phases, values, color=colour, linewidth=1.0, label=each.name)
+        for axes, (name, unit) in zip(row, COORDINATES.items(), strict=True):
+            axes.set(title=f"{name}, at {gait.speed:.2f} m/s", xlabel="share of the step")
+            axes.set_ylabel(f"deviation ({unit})")
+    _add_legend(figure)
+    return figure
 
 
-def return_charts(params: WheelParams, walks: Sequence[PlottedWalk]) -> list[Chart]:
+def return_figure(params: WheelParams, walks: Sequence[PlottedWalk]) -> Figure:
     """The return maps of steady walks."""
-    charts = []
-    for each in walks:
-        if is_steady(each.walk):
-            free = float(abs(each.optimum.floquet[0])) if each.holds else None
-            found = return_map(params, each.policy, each.walk)
-            if found.spread > 0.0:
-                charts.append(return_chart(each.name, found, colour_of_policy(each.name), free))
-    return charts
+    steady = [each for each in walks if is_steady(each.walk)]
+    across = max(1, len(steady))
+    figure, panels = plt.subplots(
+        1, across, figsize=(3.4 * across, 3.2), squeeze=False, layout="constrained"
+    )
+    for each, axes in zip(steady, panels[0], strict=False):
+        free = float(abs(each.optimum.floquet[0])) if each.holds else None
+        returns = return_map(params, each.policy, each.walk)
+        if returns.spread > 0.0:
+            plot_return_map(axes, each.name, returns, free)
+    _add_legend(figure)
+    return figure
+
+
+def plot_return_map(axes: Axes, name: str, returns: ReturnMap, free: float | None = None) -> None:
+    """A return map with the diagonal, the steady walk, and the slopes of the first multipliers.
+
+    Args:
+        axes: to plot into.
+        name: of the policy.
+        returns: its return map, with a spread.
+        free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
+    """
+    steady, reach = returns.steady, 1.05 * returns.spread
+    first = (returns.multipliers or [])[:2]
+    lines = [("unchanged", 1.0, "--", "faint")]
+    lines += [("slope of a multiplier", each.sign * each.size, "-", "ink") for each in first]
+    if free is not None:
+        lines.append((f"slope {free:.1f}, without feedback", free, "--", "ink"))
+    for title, slope, line, colour in lines:
+        if slope:
+            x = np.array([-reach, reach]) / max(1.0, abs(slope))
+            axes.plot(steady + x, steady + slope * x, line, color=COLOURS[colour], label=title)
+    before, after = returns.rates[:, :-1].ravel(), returns.rates[:, 1:].ravel()
+    axes.plot(before, after, "o", color=COLOURS[colour_of_policy(name)], markersize=2.0, label=name)
+    axes.plot(steady, steady, "o", color=COLOURS["ink"], label="steady walk")
+    limits = steady - reach, steady + reach
+    axes.set(
+        title=f"{name}: {multipliers_text(first)}" if first else name, xlim=limits, ylim=limits
+    )
+    axes.set(xlabel="leg rate at a touchdown (rad/s)", ylabel="at the next one (rad/s)")

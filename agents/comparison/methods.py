@@ -33,7 +33,7 @@ from trajopt.store import jsonable
 #: JSON values; "files" names the files that the method made in the study's folder.
 Result: TypeAlias = dict[str, Any]
 
-#: The shipped policies; by the name alone, a file in the current folder would be found first.
+#: The shipped policies; by the name alone, a file in the current folder would be loaded.
 FRONT_FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.

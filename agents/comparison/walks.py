@@ -8,29 +8,19 @@ grow or shrink in a step, in the loop that the policy and its clock close.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.conditions import Conditions
 from agents.policies import Policy
-from agents.reports import Axis, Chart, Series
 from agents.rollout import Interval, Rollout
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, THETA, advance
 from rimless_gym.params import WheelParams
 from trajopt.feedback.law import Floats
 from trajopt.gaits.solution import Solution
-
-#: The coordinates of the plots of deviations: name, unit, and how many of the unit are 1 rad or
-#: 1 rad/s.
-COORDINATES = (
-    ("leg angle phi", "mrad", 1e3),
-    ("pendulum angle theta", "mrad", 1e3),
-    ("leg rate phi'", "mrad/s", 1e3),
-    ("pendulum rate theta'", "mrad/s", 1e3),
-)
 
 #: Walks that are pushed, the size of a push in standard deviations of the walk, and steps drawn.
 PUSHED, PUSH, STEPS = 24, 0.01, 10
@@ -191,8 +181,8 @@ def multipliers(
     growth = np.exp(np.mean(np.log(sizes[FINDING:]), axis=0))
     side = np.mean(signs[FINDING:], axis=0)
     sides = np.where(np.abs(side) > STEADY_SIDE, np.sign(side), 0.0)
-    found = [Multiplier(float(size), int(sign)) for size, sign in zip(growth, sides, strict=True)]
-    return sorted(found, key=lambda each: -each.size)
+    growths = [Multiplier(float(size), int(sign)) for size, sign in zip(growth, sides, strict=True)]
+    return sorted(growths, key=lambda each: -each.size)
 
 
 def _a_step_later(params: WheelParams, policy: Policy, starts: Floats) -> Floats | None:
@@ -217,44 +207,11 @@ def _at_middle(interval: Interval) -> bool:
     return bool(upright and not changes)
 
 
-def return_chart(name: str, found: ReturnMap, colour: str, free: float | None = None) -> Chart:
-    """A return map with the diagonal, the steady walk, and the slopes of the first multipliers.
-
-    Args:
-        name: of the policy.
-        found: its return map, with a spread.
-        colour: of the points.
-        free: the gait's largest Floquet multiplier without feedback, if it holds a gait.
-    """
-    before, after = found.rates[:, :-1].ravel(), found.rates[:, 1:].ravel()
-    steady = found.steady
-    reach = 1.05 * found.spread
-    ends = np.array([-1.0, 1.0]) * reach
-    series = [Series("unchanged", steady + ends, steady + ends, colour="faint", line="--")]
-    first = (found.multipliers or [])[:2]
-    lines = [("slope of a multiplier", each.sign * each.size, "-") for each in first]
-    if free is not None:
-        lines.append((f"slope {free:.1f}, without feedback", free, "--"))
-    for title, slope, line in lines:
-        reached = ends / max(1.0, abs(slope))
-        y = steady + slope * reached
-        if slope:
-            series.append(Series(title, steady + reached, y, colour="ink", line=line, width=1.0))
-    series += [
-        Series(name, before, after, colour=colour, line="none", marker="o"),
-        Series("steady walk", [steady], [steady], colour="ink", line="none", marker="o"),
-    ]
-    limits = steady - reach, steady + reach
-    x = Axis("leg rate at a touchdown (rad/s)", limits=limits)
-    y_axis = Axis("at the next one (rad/s)", limits=limits)
-    return Chart(f"{name}: {multipliers_text(first)}" if first else name, x, y_axis, series)
-
-
-def multipliers_text(found: Sequence[Multiplier]) -> str:
+def multipliers_text(multipliers_: Sequence[Multiplier]) -> str:
     """Multipliers in words."""
     texts = [
         f"{each.size:.2f} (turning)" if each.sign == 0 else f"{each.sign * each.size:.2f}"
-        for each in found
+        for each in multipliers_
     ]
     return "multipliers " + ", ".join(texts)
 
@@ -314,30 +271,3 @@ def _deviations_from(steps: Sequence[WalkedStep], gait: Solution, first: int) ->
         difference[:, THETA] -= 2 * np.pi * whole_turns
         deviations_.append(WalkedStep(step.phases, difference))
     return deviations_
-
-
-def deviation_charts(
-    walks: Mapping[str, tuple[Sequence[WalkedStep], str]], where: str
-) -> list[Chart]:
-    """A chart for each coordinate.
-
-    Args:
-        walks: name of a walk -> its deviations, and a colour.
-        where: which optimum they deviate from, for the titles.
-    """
-    charts = []
-    for i, (name, unit, scale) in enumerate(COORDINATES):
-        series = [
-            Series(walk, *_joined(steps, i, scale), colour=colour, width=1.0)
-            for walk, (steps, colour) in walks.items()
-        ]
-        title = f"{name}, {where}"
-        charts.append(Chart(title, Axis("share of the step"), Axis(f"deviation ({unit})"), series))
-    return charts
-
-
-def _joined(steps: Sequence[WalkedStep], coordinate: int, scale: float) -> tuple[Floats, Floats]:
-    """All steps as one line that is interrupted between them."""
-    x = [np.append(step.phases, np.nan) for step in steps]
-    y = [np.append(scale * step.states[:, coordinate], np.nan) for step in steps]
-    return np.concatenate(x), np.concatenate(y)

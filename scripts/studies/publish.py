@@ -299,7 +299,7 @@ def over_seeds(page: str) -> dict[str, str]:
     Raises:
         ValueError: a row of `STUDIED` is in no table of the page.
     """
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     head: list[str] = []
     for line in page.splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split(" | ")]
@@ -310,8 +310,8 @@ def over_seeds(page: str) -> dict[str, str]:
         for title, beginning in STUDIED.items():
             if cells[: len(beginning)] == [*beginning] and len(cells) == len(head):
                 named = dict(zip(head, cells, strict=True))
-                found.setdefault(title, f"{named[GAP]}, {named[WALKING]} walk")
-    missing = [" | ".join(STUDIED[title]) for title in STUDIED if title not in found]
+                texts.setdefault(title, f"{named[GAP]}, {named[WALKING]} walk")
+    missing = [" | ".join(STUDIED[title]) for title in STUDIED if title not in texts]
     if missing:
         raise ValueError(f"no table has the lines {missing}: put them back, or study their rows")
-    return found
+    return texts

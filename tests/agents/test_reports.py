@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import re
 
+import matplotlib.pyplot as plt
+
 from agents.reports import (
     NONE,
-    Axis,
-    Chart,
     Column,
-    Series,
     document,
-    draw,
     embedded,
     paragraph,
     section,
@@ -27,7 +25,6 @@ ROWS = [
     {"name": "ppo", "cot": math.nan},
     {"name": "clone", "cot": 0.0514},
 ]
-CHART = Chart(NASTY, Axis(NASTY), Axis("CoT", "log"), [Series(NASTY, [0.5, math.nan], [0.1, 0.2])])
 
 
 def assert_loads_nothing(text: str) -> None:
@@ -37,10 +34,13 @@ def assert_loads_nothing(text: str) -> None:
 
 
 def report() -> str:
+    figure, axes = plt.subplots()
+    axes.set_title(NASTY)
     parts = [
         section("Table", table(COLUMNS, ROWS), paragraph(NASTY)),
-        section("Plots", embedded(draw([CHART], 1), NASTY)),
+        section("Plots", embedded(figure, NASTY)),
     ]
+    plt.close(figure)
     return document(NASTY, NASTY, parts, 'page".html')
 
 
@@ -63,17 +63,3 @@ def test_a_table_has_every_row_and_its_sort_keys() -> None:
         ("0.0514", "0.051"),
     ]
     assert 'title="cost of transport"' in table(COLUMNS, ROWS)
-
-
-def test_charts_are_drawn_with_one_legend_or_one_each() -> None:
-    x = [0.0, 1.0]
-    lines = [Series("law", x, x), Series("clone", x, x, "teal", "none", marker="o", hollow=(1,))]
-    chart = Chart("CoT", Axis("speed", limits=(0, 2)), Axis("gap", "symlog"), lines)
-    figure = draw([chart, chart, chart], across=2)
-    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["law", "clone"]
-    assert [axes.get_title() for axes in figure.axes] == ["CoT", "CoT", "CoT", ""]
-    alone = Chart("one", Axis("t"), Axis("y"), lines[:1])
-    figure = draw([chart, alone], across=1, legends=True)
-    legends = [axes.get_legend() for axes in figure.axes]
-    assert [legend is not None for legend in legends] == [True, False]
-    assert not figure.legends

@@ -6,21 +6,26 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from agents.comparison import figures
 from agents.comparison.figures import (
     WALK,
     PlottedWalk,
     is_steady,
-    learning_charts,
+    learning_figure,
     milestone_gap,
-    speed_charts,
+    plot_return_map,
+    speed_figure,
     write_figures,
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, Row
+from agents.comparison.walks import STEPS, Multiplier, ReturnMap
 from agents.rollout import Interval
 from rimless_gym import BUILDABLE
 from trajopt.gaits.fronts import CotFront, NoFrontError
@@ -49,18 +54,26 @@ def milestone(**changes: float) -> dict[str, float]:
 STANDING = milestone(walking_share=0.0, cot=math.nan, speed=math.nan)
 
 
+def lines(axes: Axes) -> dict[str, Line2D]:
+    """The lines of some axes, by name."""
+    return {str(line.get_label()): line for line in axes.lines}
+
+
 def test_all_that_walk_are_plotted_and_those_near_the_optimum_with_their_gaps(
     front: CotFront,
 ) -> None:
-    costs, gaps = speed_charts(front, front, ROWS)
+    figure = speed_figure(front, front, ROWS)
+    costs, gaps = map(lines, figure.axes)
     optima = {"optimal, voltage held", "optimal, voltage continuous"}
-    assert {s.name for s in costs.series} == optima | {r.title for r in ROWS} - {"stands"}
-    assert {s.name for s in gaps.series} == optima | {
-        FRONT_POLICY, "LQR about the optimum", "fine-tuned <b>"
-    }  # fmt: skip
-    (joined,) = [series for series in gaps.series if series.name == FRONT_POLICY]
-    assert (list(np.asarray(joined.x)), joined.line) == ([0.52, 0.55, 0.58], "-")
-    np.testing.assert_allclose(joined.y, 1.0)
+    assert set(costs) == optima | {row.title for row in ROWS} - {"stands"}
+    assert set(gaps) == optima | {FRONT_POLICY, "LQR about the optimum", "fine-tuned <b>"}
+    np.testing.assert_allclose(gaps["optimal, voltage held"].get_ydata(), 0.0)
+    joined = gaps[FRONT_POLICY]
+    assert (list(joined.get_xdata()), joined.get_linestyle()) == ([0.52, 0.55, 0.58], "-")
+    np.testing.assert_allclose(joined.get_ydata(), 1.0)
+    markers = [(line.get_color(), line.get_marker()) for line in costs.values()]
+    assert len(set(markers)) == len(markers) - 1  # but for the two fronts
+    plt.close(figure)
 
 
 def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front: CotFront) -> None:
@@ -68,9 +81,30 @@ def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front:
     near = milestone(speed=last.speed, cot=1.1 * last.cot)
     assert milestone_gap(near, front) == pytest.approx(10.0)
     assert milestone_gap(milestone(speed=0.9, cot=2 * last.cot), front) == pytest.approx(100.0)
-    gap, _, share, _ = learning_charts({"walks": [near], "stands": [STANDING]}, front)
-    assert np.isnan(gap.series[1].y).all()
-    assert list(np.asarray(share.series[1].y)) == [0.0]
+    figure = learning_figure({"PPO": [near], "evolution": [STANDING]}, front)
+    gap, _, share, _ = (lines(axes)["evolution"] for axes in figure.axes)
+    assert np.isnan(gap.get_ydata()).all()
+    assert list(share.get_ydata()) == [0.0]
+    plt.close(figure)
+
+
+def test_a_return_map_has_the_slopes_of_what_does_not_turn() -> None:
+    rates = np.linspace(0.9, 1.1, 3 * STEPS).reshape(3, STEPS)
+    returns = ReturnMap(rates, 1.0, [Multiplier(0.5, 0), Multiplier(0.4, -1), Multiplier(0.1, 1)])
+    figure, axes = plt.subplots()
+    plot_return_map(axes, "clone", returns, free=4.4)
+    slopes = {
+        name: np.diff(line.get_ydata())[0] / np.diff(line.get_xdata())[0]
+        for name, line in lines(axes).items()
+        if line.get_linestyle() != "None"
+    }
+    assert slopes == {
+        "unchanged": pytest.approx(1.0),
+        "slope of a multiplier": pytest.approx(-0.4),
+        "slope 4.4, without feedback": pytest.approx(4.4),
+    }
+    assert axes.get_title() == "clone: multipliers 0.50 (turning), -0.40"
+    plt.close(figure)
 
 
 def rolling(intervals: int, steps: int) -> Iterator[Interval]:

@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 
 from agents.comparison.walks import (
-    STEPS,
-    Multiplier,
     ReturnMap,
     WalkedStep,
-    deviation_charts,
     deviations,
     last_middle,
-    multipliers_text,
-    return_chart,
     return_map,
     steps_of,
     touchdown_rates,
@@ -84,10 +79,6 @@ def test_what_is_added_to_a_walk_is_its_deviation(gait: Solution) -> None:
     found = deviations(steps, gait)
     for each in found:
         np.testing.assert_allclose(each.states, np.tile(added, (len(each.states), 1)), atol=1e-9)
-    chart = deviation_charts({"law": (found, "teal")}, "at 0.5 m/s")[1]
-    y = np.asarray(chart.series[0].y)
-    assert np.nanmin(y) == pytest.approx(-2.0)  # mrad
-    assert np.isnan(y).sum() == len(steps)  # no line from one step to the next
 
 
 def test_steps_last_from_touchdown_to_touchdown() -> None:
@@ -135,24 +126,6 @@ def test_a_leg_that_is_changed_out_of_double_stance_does_not_pass_the_vertical(
     counts = {"touchdowns": np.zeros(1), "steps": np.full(1, steps)}
     found = last_middle([interval._replace(after=after, info=counts)])
     assert (found is not None) == upright
-
-
-def test_a_return_map_has_the_slopes_of_what_does_not_turn() -> None:
-    rates = np.linspace(0.9, 1.1, 3 * STEPS).reshape(3, STEPS)
-    found = ReturnMap(rates, 1.0, [Multiplier(0.5, 0), Multiplier(0.4, -1), Multiplier(0.1, 1)])
-    chart = return_chart("clone", found, "orange", free=4.4)
-    slopes = {
-        each.name: np.ptp(each.y) / np.ptp(each.x) * np.sign(np.diff(each.y)[0])
-        for each in chart.series
-        if each.line != "none"
-    }
-    assert slopes == {
-        "unchanged": pytest.approx(1.0),
-        "slope of a multiplier": pytest.approx(-0.4),
-        "slope 4.4, without feedback": pytest.approx(4.4),
-    }
-    assert chart.title == "clone: multipliers 0.50 (turning), -0.40"
-    assert multipliers_text([Multiplier(1.0, 1)]) == "multipliers 1.00"
 
 
 def test_walks_that_all_fall_at_once_have_no_spread_to_draw() -> None:
