@@ -294,12 +294,10 @@ class Extremal:
                 or is of another problem.
         """
         header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        difference = "it has other names"
-        if header["names"] == _names(problem):
-            extremal = _from_file(header, arrays, problem)
-            difference = _difference(extremal)
-            if not difference:
-                return extremal
+        extremal = _from_file(header, arrays, problem)
+        difference = "it has other names" if extremal is None else _difference(extremal)
+        if extremal is not None and not difference:
+            return extremal
         raise ExtremalFileError(
             f"{path}: the solution of another problem than the one given: {difference}; "
             "`load_phases` reads it as a guess"
@@ -364,16 +362,19 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
+
+    def by_phase(name: str) -> tuple[Array, ...]:
+        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+
     return Extremal(
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
         phases=phases,
         parameters=array_of(arrays, "parameters"),
         certificate=Certificate(
-            *(
-                tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
-                for name in ("costates", "hamiltonian", "mean_hamiltonian")
-            ),
+            by_phase("costates"),
+            by_phase("hamiltonian"),
+            by_phase("mean_hamiltonian"),
             array_of(arrays, "duration_price"),
         ),
         resimulation=simulated,
