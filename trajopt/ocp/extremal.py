@@ -355,11 +355,12 @@ def _arrays(extremal: Extremal) -> dict[str, Array]:
     return arrays
 
 
-def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal | None:
-    """What a file has; None if it is the solution of a problem with other names."""
-    if header["names"] != _names(problem):
-        return None
+def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal:
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
+
+    def by_phase(name: str) -> tuple[Array, ...]:
+        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
 
