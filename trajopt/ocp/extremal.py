@@ -294,10 +294,12 @@ class Extremal:
                 or is of another problem.
         """
         header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        extremal = _from_file(header, arrays, problem)
-        difference = "it has other names" if extremal is None else _difference(extremal)
-        if extremal is not None and not difference:
-            return extremal
+        difference = "it has other names"
+        if header["names"] == _names(problem):
+            extremal = _from_file(header, arrays, problem)
+            difference = _difference(extremal)
+            if not difference:
+                return extremal
         raise ExtremalFileError(
             f"{path}: the solution of another problem than the one given: {difference}; "
             "`load_phases` reads it as a guess"
@@ -363,10 +365,6 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
 
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
-
-    def by_phase(name: str) -> tuple[Array, ...]:
-        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
-
     return Extremal(
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
