@@ -162,7 +162,7 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     monkeypatch.setattr(module, "save_gif", lambda *arguments: None)
     monkeypatch.setattr(module, "ANIMATED", 0.1)
     few = {"timesteps": 512, "scratch_timesteps": 512, "evolution_timesteps": 0, "starts": 0}
-    study = Study(**few, further=(0.55,), front_steps=(1,))
+    study = Study(**few, further=(), front=(0.55, 0.57), front_steps=(1,))
 
     def table(out: Path) -> list[Any]:
         return list(json.loads((out / "results.json").read_text())["table"])
