@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, closing, contextmanager
 from contextvars import ContextVar
+from itertools import islice
 from typing import Any, TypeVar
 
 from tqdm import tqdm
@@ -21,8 +22,11 @@ Result = TypeVar("Result")
 #: The environment variable that chooses the backend where no argument does.
 BACKEND = "RIMLESS_BACKEND"
 
-#: The backend of processes on this computer.
-LOCAL = "loky"
+#: The backend of processes on this computer, joblib's "loky".
+LOCAL = "local"
+
+#: Tasks at a time on a cluster whose backend returns lists, and whose size is not given.
+ROUND = 64
 
 #: How often a worker checks that its parent is alive (s).
 WATCH = 0.5
@@ -56,9 +60,8 @@ def run(
         tasks: are drawn one by one, when a worker is about to be free.
         workers: how many processes; by default as many as `cores`, or all of a cluster's.
         progress: title of a progress bar, shown on a terminal; none by default.
-        backend: "loky" for local processes, "dask" (the cluster of DASK_SCHEDULER_ADDRESS, or a
-            local one), "ray", or another of joblib's; by default that of the environment variable
-            RIMLESS_BACKEND, or "loky".
+        backend: "local", "dask" (the cluster of DASK_SCHEDULER_ADDRESS, or a local one), "ray", or
+            another of joblib's; by default that of the environment variable RIMLESS_BACKEND.
 
     Raises:
         KilledError: a worker was killed.
@@ -70,8 +73,10 @@ def run(
     if backend == LOCAL:
         workers = workers or cores()
         workers = workers if total is None else max(1, min(workers, total))
-    alone = backend == LOCAL and workers == 1
-    results = _in_turn(function, tasks) if alone else _shared(function, tasks, workers, backend)
+    if backend == LOCAL and workers == 1:
+        results = ((task, function(task)) for task in tasks)
+    else:
+        results = _shared(function, tasks, workers, backend)
     bar = tqdm(total=total, desc=progress, disable=None if progress else True, smoothing=0.1)
     with closing(results), bar:
         for each in results:
@@ -84,13 +89,6 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return _share.get() or len(os.sched_getaffinity(0))
     return _share.get() or os.cpu_count() or 1
-
-
-def _in_turn(
-    function: Callable[[Task], Result], tasks: Iterable[Task]
-) -> Generator[tuple[Task, Result], None, None]:
-    for task in tasks:
-        yield task, function(task)
 
 
 def _shared(
@@ -107,12 +105,17 @@ def _shared(
             yield joblib.delayed(_call)(function, task, number, share)
 
     with _configured(backend, workers):
-        parallel = joblib.Parallel(
-            batch_size=1,
-            pre_dispatch="n_jobs",
-            max_nbytes=None,  # or tasks would get large arrays as files that are read only
-            return_as="generator_unordered",
-        )
+        settings: dict[str, Any] = {"batch_size": 1, "pre_dispatch": "n_jobs"}
+        settings["max_nbytes"] = None  # or large arrays would reach tasks as read-only files
+        try:
+            parallel = joblib.Parallel(**settings, return_as="generator_unordered")
+        except ValueError:  # Ray's backend returns lists
+            lists = joblib.Parallel(**settings)
+
+            def parallel(calls: Iterator[Any]) -> Generator[Any, None, None]:
+                while some := list(islice(calls, workers or ROUND)):
+                    yield from lists(some)
+
     with _ctrl_c_blocked():  # workers and threads that start in here inherit this
         results = parallel(calls())
     try:
@@ -134,7 +137,7 @@ def _configured(backend: str, workers: int | None) -> AbstractContextManager[Any
 
     if backend == LOCAL:
         settings = {"initializer": _begin, "initargs": (os.getpid(),)}
-        return joblib.parallel_config(backend, n_jobs=workers, **settings)
+        return joblib.parallel_config("loky", n_jobs=workers, **settings)
     if backend == "ray":
         from ray.util.joblib import register_ray
 

@@ -187,7 +187,7 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Write a file's content; an existing file is replaced as a whole.
 
     Raises:
-        OSError: the disk is full, or the folder cannot be written; an existing file is unchanged.
+        OSError: it cannot be written; an existing file is unchanged.
     """
     with _replacing(path) as file:
         file.write(content)

@@ -132,12 +132,18 @@ def test_an_exception_where_results_are_used_abandons_the_work() -> None:
     assert time.monotonic() - begin < 60
 
 
-def test_the_backend_is_one_of_joblibs(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("streams", [True, False])
+def test_the_backend_is_one_of_joblibs(streams: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Cluster(joblib.parallel.ThreadingBackend):
+        supports_retrieve_callback = streams
+
     def thread(number: int) -> int:
         return threading.get_ident()
 
-    monkeypatch.setenv(BACKEND, "cluster")
-    with pytest.raises(ValueError, match="cluster"):
+    monkeypatch.setenv(BACKEND, "nothing")
+    with pytest.raises(ValueError, match="nothing"):
         list(run(thread, range(2)))
-    joblib.register_parallel_backend("cluster", joblib.parallel.ThreadingBackend)
-    assert threading.get_ident() not in {ident for _, ident in run(thread, range(2), workers=2)}
+    joblib.register_parallel_backend("cluster", Cluster)
+    results = dict(run(thread, range(5), workers=2, backend="cluster"))
+    assert list(results) == list(range(5)) or streams
+    assert threading.get_ident() not in results.values()

@@ -163,17 +163,17 @@ def assess(
 def cost_errors(transcription: Transcription, result: Result) -> list[Array]:
     """The program's quadrature compared with a finer one: `Quality.cost_error` of every phase."""
     problem, p = transcription.problem, result.parameters
-    paid = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
-    scale = [1.0 + np.abs(values.sum(axis=0)) for values in paid]
+    integrals = [_integrals(*each, p) for each in zip(problem.phases, result.phases, strict=True)]
+    scale = [1.0 + np.abs(values.sum(axis=0)) for values in integrals]
     for values in scale:
         values[0] = 1.0 + abs(result.cost)
     for each in transcription.equations.element_blocks:
-        block, integrals = each.block, paid[each.phase]
+        block, errors = each.block, integrals[each.phase]
         mapped = block.function.map(block.count)
         outputs, cost = mapped(result.unknowns[block.variables], block.data)
-        quadrature = outputs.full()[len(block.rows) - (integrals.shape[1] - 1) :]
-        integrals[each.group.elements] -= np.vstack([cost.full(), quadrature]).T
-    return [(np.abs(v) / s).max(axis=1) for v, s in zip(paid, scale, strict=True)]
+        quadrature = outputs.full()[len(block.rows) - (errors.shape[1] - 1) :]
+        errors[each.group.elements] -= np.vstack([cost.full(), quadrature]).T
+    return [(np.abs(v) / s).max(axis=1) for v, s in zip(integrals, scale, strict=True)]
 
 
 def _integrals(phase: Phase, trajectory: PhaseTrajectory, p: Array) -> Array:
@@ -354,10 +354,10 @@ def hamiltonian(
 
 
 def running_cost(phase: Phase, x: Array, u: Array, p: Array) -> Array:
-    """What is paid per second at states (..., nx) and controls (..., nu)."""
-    paid = np.zeros(x.shape[:-1])
+    """The running cost at states (..., nx) and controls (..., nu)."""
+    cost = np.zeros(x.shape[:-1])
     if phase.cost is not None:
-        paid = paid + evaluated(phase.cost, x, u, p)[..., 0]
+        cost = cost + evaluated(phase.cost, x, u, p)[..., 0]
     if phase.powers is not None:
-        paid = paid + np.maximum(evaluated(phase.powers, x, u, p), phase.floor).sum(axis=-1)
-    return np.asarray(paid)
+        cost = cost + np.maximum(evaluated(phase.powers, x, u, p), phase.floor).sum(axis=-1)
+    return np.asarray(cost)

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from trajopt.ocp.arrays import Array, Indices
-from trajopt.ocp.constraints import NOTEWORTHY, Constraint, Violation, pair
+from trajopt.ocp.constraints import NOTEWORTHY, Violation, pair
 from trajopt.ocp.layout import Layout, power_count
 from trajopt.ocp.mesh import Group, Mesh
 from trajopt.ocp.problem import Linkage, Phase, Problem
@@ -242,24 +242,14 @@ def _row_bounds(rows: Rows, problem: Problem, links: Iterator[Linkage]) -> tuple
     if rows.kind == "total duration":
         low, high = pair(problem.duration)
         return zeros + low, zeros + high
-    constraint = _constraint(rows, problem)
+    constraint = problem.boundary
+    if rows.kind != "boundary":
+        names = "path constraint", "integral", "start constraint", "end constraint"
+        phase = problem.phases[rows.phase]
+        constraint = dict(zip(names, phase.constraints, strict=True))[rows.kind]
+    assert constraint is not None  # the rows were made from it
     times = rows.count // len(rows.names)
     return np.tile(constraint.lower, times), np.tile(constraint.upper, times)
-
-
-def _constraint(rows: Rows, problem: Problem) -> Constraint:
-    if rows.kind == "boundary":
-        constraint = problem.boundary
-    else:
-        phase = problem.phases[rows.phase]
-        constraint = {
-            "path constraint": phase.path,
-            "integral": phase.integral,
-            "start constraint": phase.at_start,
-            "end constraint": phase.at_end,
-        }[rows.kind]
-    assert constraint is not None  # the rows were made from it
-    return constraint
 
 
 def element(phase: Phase, scheme: Scheme, parameters: int) -> ca.Function:
@@ -304,9 +294,9 @@ def _element(
     if running:
         cost += h * (values(running, weighted) @ b)
     if power:
-        paid = ca.reshape(slacks, k, len(weighted))
-        outputs.append(ca.vec(paid - values(power, weighted)))
-        cost += h * ca.sum1(paid @ b)
+        costs = ca.reshape(slacks, k, len(weighted))
+        outputs.append(ca.vec(costs - values(power, weighted)))
+        cost += h * ca.sum1(costs @ b)
     if integrand:
         outputs.append(h * (values(integrand, weighted) @ b))
     return ca.Function("element", [v, width], [ca.densify(ca.vertcat(*outputs)), cost])

@@ -40,10 +40,6 @@ class Mesh:
     def __post_init__(self) -> None:
         """Check that the edges are in order and that every element has a degree."""
         _require_scheme(self.scheme)
-        for name in ("fractions", "degrees"):
-            rows = getattr(self, name)
-            if not isinstance(rows, Sequence) or not all(isinstance(r, Sequence) for r in rows):
-                raise TypeError(f"{name} = {rows!r}: must be a tuple of tuples, one per phase")
         if len(self.fractions) != len(self.degrees):
             raise ValueError(
                 f"fractions are given for {len(self.fractions)} phases, degrees for "
@@ -90,17 +86,13 @@ class Mesh:
             count = len(phases.phases)
         else:
             count = integer("phases (a Problem, or how many)", phases, 1, MOST_ELEMENTS)
-        several = isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str)
-        each = list(elements) if several else [elements] * count  # type: ignore[arg-type]
+        each = list(elements) if isinstance(elements, Sequence) else [elements] * count
         if len(each) != count:
             raise ValueError(
                 f"elements = {elements}: give one number for all {count} phases, or one for each"
             )
         each = [integer("elements", n, 1, MOST_ELEMENTS) for n in each]
-        if sum(each) > MOST_ELEMENTS:
-            raise ValueError(
-                f"elements = {elements}: must be at most {MOST_ELEMENTS} in all phases together"
-            )
+        integer("elements of all phases together", sum(each), 1, MOST_ELEMENTS)
         _require_scheme(scheme)
         degree = integer("degree", degree, 1, MOST_DEGREE)
         edges = tuple(tuple(float(s) for s in np.linspace(0.0, 1.0, n + 1)) for n in each)

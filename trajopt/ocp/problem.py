@@ -161,9 +161,9 @@ class Phase:
         flow: (x, u, p) -> x'.
         controls: names of the nu controls; none for a passive phase.
         cost: (x, u, p) -> running cost.
-        powers: (x, u, p) -> k powers; max(power, floor) of each is paid. The maximum is exact, by
-            slack variables, not smoothed.
-        floor: the least that is paid for each power; minus infinity pays the powers as they are.
+        powers: (x, u, p) -> k powers; max(power, floor) of each adds to the running cost. The
+            maximum is exact, by slack variables, not smoothed.
+        floor: of each power; minus infinity adds the powers as they are.
         path: constraint on (x, u, p) all along.
         integral: constraint on the integrals of expressions in (x, u, p) over the phase.
         at_start: constraint on (x, p) at the start.

@@ -51,10 +51,10 @@ def resimulate(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) ->
     following = {k.source: k for k in problem.linkages if k.target == k.source + 1}
     start = phases[0].start
     for i, (phase, trajectory) in enumerate(zip(problem.phases, phases, strict=True)):
-        error, end, paid = simulate_phase(phase, trajectory, trajectory.start, p)
+        error, end, integral = simulate_phase(phase, trajectory, trajectory.start, p)
         errors.append(error)
         ends.append(end)
-        cost += paid
+        cost += integral
         if np.array_equal(start, trajectory.start):
             chain.append(error)
         else:
@@ -103,7 +103,7 @@ def simulate_elements(
         (9, nx + 1). Where the integrator fails or takes more than `EFFORT` evaluations, these are
         infinite and the element is the last.
     """
-    nx, effort, paid = len(phase.states), itertools.count(), 0.0
+    nx, effort, cost = len(phase.states), itertools.count(), 0.0
     surplus = _running_cost(phase, start, trajectory.controls[0, 0], p)[1]
     y = np.concatenate([start, [0.0], np.zeros_like(surplus)])
     coefficients = np.linalg.solve(
@@ -132,18 +132,18 @@ def simulate_elements(
 
         def excess(times: Array, control: _Control = control, at: Any = run.sol) -> Array:
             states = at(times)[:nx].T
-            prices = (
+            costs = (
                 _running_cost(phase, x, control(t), p) for t, x in zip(times, states, strict=True)
             )
-            return np.array([surplus for _, surplus in prices])
+            return np.array([surplus for _, surplus in costs])
 
-        marks = with_zeros(excess, np.union1d(times, run.t))
-        work = np.maximum(np.diff(run.sol(marks)[nx + 1 :]), 0.0).sum(axis=0)
-        drawn = np.interp(times, marks, np.append(0.0, np.cumsum(work)))
+        zeros = with_zeros(excess, np.union1d(times, run.t))
+        work = np.maximum(np.diff(run.sol(zeros)[nx + 1 :]), 0.0).sum(axis=0)
+        powers = np.interp(times, zeros, np.append(0.0, np.cumsum(work)))
         values = run.sol(times).T[:, : nx + 1]
-        values[:, nx] += paid + drawn
+        values[:, nx] += cost + powers
         yield times, values
-        paid, y = paid + drawn[-1], run.y[:, -1]
+        cost, y = cost + powers[-1], run.y[:, -1]
 
 
 _Control: TypeAlias = Callable[[float], Array]
@@ -162,12 +162,12 @@ def _polynomial(coefficients: Array, begin: float, h: float) -> _Control:
 def _running_cost(phase: Phase, x: Array, u: Array, p: Array) -> tuple[float, Array]:
     """The smooth part of the running cost, and the powers' excesses over their floor (k,).
 
-    Positive excesses are paid too; they are kept apart because their maximum with 0 has kinks.
+    Positive excesses are costs too; they are apart because their maximum with 0 has kinks.
     """
-    paid = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
+    smooth = 0.0 if phase.cost is None else float(phase.cost(x, u, p))
     if phase.powers is None:
-        return paid, np.zeros(0)
+        return smooth, np.zeros(0)
     powers = phase.powers(x, u, p).full().ravel()
     if math.isinf(phase.floor):
-        return paid + float(powers.sum()), np.zeros(0)
-    return paid + phase.floor * len(powers), powers - phase.floor
+        return smooth + float(powers.sum()), np.zeros(0)
+    return smooth + phase.floor * len(powers), powers - phase.floor

@@ -11,7 +11,6 @@ import pytest
 import trajopt.ocp.continuation
 from trajopt.ocp.continuation import continued, distance, extrapolated
 from trajopt.ocp.extremal import Extremal
-from trajopt.ocp.guesses import straight_lines
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.solve import solve
@@ -84,11 +83,6 @@ def test_no_step_is_as_short_as_rounding(start: Extremal, goal: float, step: flo
     assert curve.reached
 
 
-def test_a_guess_serves_as_a_start(start: Extremal) -> None:
-    curve = continued(lasting, straight_lines(TROLLEY), (1.0, 2.0), mesh=Mesh.uniform(TROLLEY, 5))
-    assert (curve.costs[0], curve.costs[-1]) == pytest.approx((12.0, 1.5))
-
-
 def test_a_curve_that_ends_early_says_why(start: Extremal) -> None:
     curve = continued(slower_than, start, (3.0, 0.5), verify=False, passes=0)
     assert not curve.reached
@@ -115,14 +109,6 @@ def test_bounds_that_contradict_each_other_are_an_obstacle(start: Extremal) -> N
     assert curve.obstacle.attempt is None
     assert "widen" in curve.obstacle.reason
     assert curve.values[-1] == pytest.approx(1.5, abs=0.01)
-
-
-def test_a_start_that_is_no_solution_is_an_obstacle_at_once(start: Extremal) -> None:
-    curve = continued(slower_than, start, (0.5, 3.0), verify=False, passes=0)
-    assert curve.values == ()
-    assert curve.obstacle is not None
-    assert curve.obstacle.value == 0.5
-    assert "empty" in repr(curve)
 
 
 def test_a_step_that_leads_elsewhere_is_not_taken(start: Extremal) -> None:
