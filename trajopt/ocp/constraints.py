@@ -136,7 +136,7 @@ def pair(bounds: float | tuple[float, float], where: str = "bounds") -> tuple[fl
     Raises:
         TypeError: they are neither a number nor a pair of numbers.
     """
-    both = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
+    both: Any = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
     try:
         low, high = both
         if not isinstance(low, str) and not isinstance(high, str):

@@ -357,11 +357,12 @@ def _arrays(extremal: Extremal) -> dict[str, Array]:
     return arrays
 
 
-def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal | None:
-    """What a file has; None if it is the solution of a problem with other names."""
-    if header["names"] != _names(problem):
-        return None
+def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal:
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
+
+    def by_phase(name: str) -> tuple[Array, ...]:
+        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
     return Extremal(
@@ -370,10 +371,9 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         phases=phases,
         parameters=array_of(arrays, "parameters"),
         certificate=Certificate(
-            *(
-                tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
-                for name in ("costates", "hamiltonian", "mean_hamiltonian")
-            ),
+            by_phase("costates"),
+            by_phase("hamiltonian"),
+            by_phase("mean_hamiltonian"),
             array_of(arrays, "duration_price"),
         ),
         resimulation=simulated,
