@@ -77,18 +77,20 @@ class Cloning:
     held_out: float = 0.1
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Cloning:
+    def of(cls, values: Cloning | Mapping[str, Any] | None) -> Cloning:
         """From some of the fields; the others are the defaults.
 
         Raises:
             TypeError: a number is of the wrong kind.
             ValueError: a number is out of its range, or a name is unknown.
         """
+        if isinstance(values, Cloning):
+            return values
         known = [field.name for field in dataclasses.fields(cls)]
-        for name in values:
+        for name in values or {}:
             if name not in known:
                 raise ValueError(f"cloning: {name!r} is not known; choose from {known}")
-        return cls(**values)
+        return cls(**(values or {}))
 
     def __post_init__(self) -> None:
         integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out

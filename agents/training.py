@@ -151,7 +151,7 @@ class TrainingConfig:
         words, usual = self.init, dataclasses.asdict(Cloning())
         if isinstance(self.expert, str) and self.expert != EXPERT:
             words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
-        cloning = dataclasses.asdict(as_cloning(self.cloning))
+        cloning = dataclasses.asdict(Cloning.of(self.cloning))
         changed = {k: v for k, v in cloning.items() if v != usual[k]}
         return words + (f" with {json.dumps(changed)}" if changed else "")
 
@@ -319,7 +319,7 @@ class Trainer:
 
     def imitate(self, expert: Policy) -> None:
         """Clone the expert."""
-        cloning = as_cloning(self._config.cloning)
+        cloning = Cloning.of(self._config.cloning)
         report = self._learner.imitate(expert, cloning, self._progress)
         self._save_policy(CLONE, cloning=dataclasses.asdict(report))
 
@@ -476,11 +476,6 @@ class Trainer:
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
             "another --out and a smaller learning_rate (--settings)"
         )
-
-
-def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
-    """How to clone, from what a config may hold."""
-    return cloning if isinstance(cloning, Cloning) else Cloning.of(cloning or {})
 
 
 def _event_log(folder: Path, step: int | None) -> Logger:

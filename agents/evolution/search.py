@@ -248,7 +248,8 @@ def search(
         best = EvolvingPolicy(settings, family, start, (seed, 0), floor)
     else:
         best = yield from _race(settings, seed, floor)
-    yield from best.evolve(None, refining(settings), None)
+    checked = settings.refining_checked_starts
+    yield from best.evolve(None, refining(settings), checked, None)
 
 
 def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
@@ -305,14 +306,14 @@ def _best(answer: Answer, most: int) -> dict[int, Floats]:
 def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[EvolvingPolicy]:
     """Screen and race."""
     screened = yield from screen(settings, seed)
-    schedule = racing(settings)
+    schedule, checked = racing(settings), settings.checked_starts
     ranked: list[EvolvingPolicy] = []
     leader: EvolvingPolicy | None = None
     for family, policies in screened.items():
         candidates: list[EvolvingPolicy] = []
         for k, policy in enumerate(policies):
             one = EvolvingPolicy(settings, family, policy, (seed, 3, family % 100, k), floor)
-            yield from one.evolve(settings.trial, schedule, leader)
+            yield from one.evolve(settings.trial, schedule, checked, leader)
             candidates.append(one)
             leader = one if leader is None or one.score > leader.score else leader
             if sum(each.gait.share >= LEAST_SHARE for each in candidates) == settings.finalists:
@@ -328,7 +329,7 @@ def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[Evolvi
     for generations in (settings.race, 2 * settings.race):
         for one in finalists:
             [leader] = _ranked(finalists, 1)
-            yield from one.evolve(generations, schedule, leader)
+            yield from one.evolve(generations, schedule, checked, leader)
         finalists = _ranked(finalists, settings.finalists)
     return finalists[0]
 
@@ -362,34 +363,21 @@ class Generation(NamedTuple):
     duration: Duration
 
 
-class Schedule(NamedTuple):
-    """How policies walk while they evolve.
-
-    Attributes:
-        rounds: generations walk in these ways, one after the other.
-        checked_starts: from which the mean policy is checked, in walks as long as the first's.
-    """
-
-    rounds: tuple[Generation, ...]
-    checked_starts: int
-
-
-def racing(settings: EvolutionSettings) -> Schedule:
+def racing(settings: EvolutionSettings) -> tuple[Generation, ...]:
     """Short walks, all alike."""
-    walk = Generation(settings.starts, Duration.second_half(settings.intervals))
-    return Schedule((walk,), settings.checked_starts)
+    return (Generation(settings.starts, Duration.second_half(settings.intervals)),)
 
 
-def refining(settings: EvolutionSettings) -> Schedule:
+def refining(settings: EvolutionSettings) -> tuple[Generation, ...]:
     """Long walks from few starts and short ones from many, in turn.
 
     A long walk shows what the gait costs and whether it lasts. Most falls happen while the pendulum
     is pumped up; few starts would hardly show them.
     """
-    long = Duration.second_half(settings.refining_intervals)
-    short = Duration.second_half(settings.start_up_intervals)
-    rounds = Generation(settings.refining_starts, long), Generation(settings.start_up_starts, short)
-    return Schedule(rounds, settings.refining_checked_starts)
+    return (
+        Generation(settings.refining_starts, Duration.second_half(settings.refining_intervals)),
+        Generation(settings.start_up_starts, Duration.second_half(settings.start_up_intervals)),
+    )
 
 
 class EvolvingPolicy:
@@ -437,24 +425,29 @@ class EvolvingPolicy:
         return economy(self.gait.share, self.gait.cot)
 
     def evolve(
-        self, generations: int | None, schedule: Schedule, leader: EvolvingPolicy | None
+        self,
+        generations: int | None,
+        schedule: tuple[Generation, ...],
+        checked_starts: int,
+        leader: EvolvingPolicy | None,
     ) -> Search[None]:
         """Evolve for some generations, or for ever.
 
         Args:
             generations: None: for ever.
-            schedule: of the walks of every policy.
+            schedule: how the policies of a generation walk, one after the other.
+            checked_starts: from which the mean policy is checked, in walks as long as the first's.
             leader: whose best policy is the best so far, as long as this one's is not.
         """
         least = self._settings.least_counted
-        check = Generation(schedule.checked_starts, schedule.rounds[0].duration)
+        check = Generation(checked_starts, schedule[0].duration)
         if self.gait.share > 0.0 and check != self._check:
             answer = yield self._request(self.best[None], check, leader)
             self.gait = answer.gait  # in longer walks it may fall
         self._check, first = check, self._generation
         while generations is None or self._generation < first + generations:
             drawn = np.array(self._strategy.ask())
-            walks = schedule.rounds[self._generation % len(schedule.rounds)]
+            walks = schedule[self._generation % len(schedule)]
             answer = yield self._request(drawn, walks, leader)._replace(
                 seed=(*self._seed, self._generation),
                 counted=min(max(COUNTED_MULTIPLE * self._share, least), 1.0),

@@ -51,7 +51,6 @@ from agents.sb3.rounds import (
     score,
 )
 from agents.sb3.wrappers import (
-    BackwardSteps,
     ScaledReward,
     StartUpPhase,
     begin_out_of_step,
@@ -105,7 +104,7 @@ class ScreenedPpo(Sb3Learner):
                 "false; leave both as they are in screened_ppo.yml"
             )
         self._schedule: WeightSchedule = schedule
-        self._backward_penalty = wrapped(self._env, BackwardSteps).penalty
+        self._backward_penalty = wrapped(self._env, StartUpPhase).penalty
         self._simulator = PolicySimulator(conditions.params)
         self._objective = WalkReward(conditions.params, training.task, SCREENING.rewarded_speed)
         self._race, self._begun = Tournament(np.zeros((0, SIZE)), np.zeros(0, dtype=np.int64)), 0
@@ -239,7 +238,7 @@ class ScreenedPpo(Sb3Learner):
 
     def _improve(self, until: int, ends: int, callback: Callback) -> None:
         model, rules, decided = self.model, self._race.rules, self._race.decided
-        wrapped(self._env, BackwardSteps).penalty = self._backward_penalty if decided else 0.0
+        wrapped(self._env, StartUpPhase).penalty = self._backward_penalty if decided else 0.0
         assert self._adaptive is not None
         improve = Improve(
             self.actor(model),

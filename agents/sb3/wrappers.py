@@ -146,6 +146,11 @@ class HeldActions(VecEnvWrapper):
 class StartUpPhase(VecEnvWrapper):
     """Makes energy free in the first control intervals of an episode; falls and slips are not.
 
+    Afterwards every touchdown that is a step backward may have a penalty: a wheel that comes out of
+    a touchdown too slowly rocks back onto the leg behind, and then forward again. Some gaits have
+    such a step in every stride, and policies stay in them, because rocking a little less gains
+    little. Leaving double stance backward, which takes no touchdown, costs half.
+
     To pump the pendulum up takes many times the energy of the walk that follows. If both cost
     alike, then near the optimum, where the reward weight of distance is low, starting up never
     pays within a learner's horizon: to fall at once costs less. So a learner whose gait becomes
@@ -156,9 +161,10 @@ class StartUpPhase(VecEnvWrapper):
         intervals: control intervals of an episode in which this is so.
         travel: share of the travel that is rewarded in them. If none is, a policy that has always
             had noise to start it may forget how to leave rest.
+        penalty: for each step backward afterwards (m), as the energy that lifts the wheel so far.
 
     Attributes:
-        intervals, travel: as given.
+        intervals, travel, penalty: as given; the penalty may be changed at any time.
         monitor: `venv`.
         native: the environments that it monitors.
         steps: of each row since this was made, (N,); those backward count as -1.
@@ -168,12 +174,15 @@ class StartUpPhase(VecEnvWrapper):
         ValueError: a number is out of its range, or energy would be free for whole episodes.
     """
 
-    def __init__(self, venv: VecMonitor, intervals: int = 0, travel: float = 0.0) -> None:
+    def __init__(
+        self, venv: VecMonitor, intervals: int = 0, travel: float = 0.0, penalty: float = 0.0
+    ) -> None:
         if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
             raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
         super().__init__(venv)
         self.intervals = integer("intervals", intervals, 0)
         self.travel = not_negative("travel", travel)
+        self.penalty = not_negative("penalty", penalty)
         if travel > 1.0:
             raise ValueError(f"travel = {travel:g}: a share of the travel, must be at most 1")
         self.monitor, self.native = venv, venv.venv
@@ -195,52 +204,16 @@ class StartUpPhase(VecEnvWrapper):
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
-        """What the environments return, with other rewards in the start-up phase."""
+        """What the environments return, with other rewards."""
         starting = self.starting
         observations, rewards, dones, infos = self.venv.step_wait()
         info = self.native.last_info
         self.steps = self.steps + info["steps"]
         free = self.travel * info["reward_distance"] + info["reward_slip"] + info["reward_end"]
-        return observations, np.where(starting, free.astype(np.float32), rewards), dones, infos
-
-
-class BackwardSteps(VecEnvWrapper):
-    """Penalises every touchdown that is a step backward, once the start-up phase is over.
-
-    A wheel that comes out of a touchdown too slowly rocks back onto the leg behind, and then
-    forward again; both touchdowns lose energy. Some gaits have such a step in every stride, and
-    policies stay in them, because rocking a little less gains little. Leaving double stance
-    backward, which takes no touchdown, costs half.
-
-    Args:
-        venv: environments with a `StartUpPhase`. What monitors them below is not changed.
-        penalty: for each step backward (m), as the energy that lifts the wheel so far.
-
-    Attributes:
-        penalty: as given; it may be changed at any time.
-
-    Raises:
-        TypeError: the penalty is not a number, or there is no `StartUpPhase`.
-        ValueError: it is negative.
-    """
-
-    def __init__(self, venv: VecEnv, penalty: float = 0.0) -> None:
-        super().__init__(venv)
-        self.penalty = not_negative("penalty", penalty)
-        self._phase = wrapped(venv, StartUpPhase)
-
-    def reset(self) -> VecEnvObs:
-        """The first observations."""
-        return self.venv.reset()
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """What the environments return, the rewards less the penalties."""
-        walking = ~self._phase.starting
-        observations, rewards, dones, infos = self.venv.step_wait()
+        rewards = np.where(starting, free.astype(np.float32), rewards)
         if self.penalty > 0.0:
-            info = self._phase.native.last_info
             backward = (info["touchdowns"] - info["steps"]) / 2  # `steps` counts them as -1
-            rewards = (rewards - self.penalty * walking * backward).astype(np.float32)
+            rewards = (rewards - self.penalty * ~starting * backward).astype(np.float32)
         return observations, rewards, dones, infos
 
 

@@ -195,12 +195,6 @@ def _table(env: str, results: Mapping[str, Any]) -> str:
     return markdown.table(["policy", "return, mean (m)", "standard deviation", "end early"], lines)
 
 
-def _spread(row: Mapping[str, Any]) -> list[str]:
-    if row["name"] == FRONT:
-        return ["", ""]
-    return [f"{row['spread']:.2f}", f"{100 * row['early']:.0f} %"]
-
-
 def _title(row: Mapping[str, Any], results: Mapping[str, Any]) -> str:
     name = row["name"]
     if name in BASELINES:

@@ -107,11 +107,11 @@ class Walks(NamedTuple):
 def main() -> None:
     """Measure what the settings name, for about so many seconds, and print the answer as JSON."""
     settings = json.loads(sys.argv[1])
-    measure = MEASURES[settings.pop("measure")]
+    measure: Any = MEASURES[settings.pop("measure")]
     print(json.dumps({"version": "rimless-gym", **measure(**settings)}))
 
 
-def single(seconds: float, folder: str, read_info: bool = False) -> dict[str, Any]:
+def single(seconds: float, folder: str) -> dict[str, Any]:
     """One environment, exactly as `gym.make` gives it. Resets are not timed."""
     import gymnasium as gym
 
@@ -119,7 +119,7 @@ def single(seconds: float, folder: str, read_info: bool = False) -> dict[str, An
 
     walks = load_walks(Path(folder))
     env: Any = gym.make("RimlessWheel-v0", params=PRESET)
-    error, replays, touchdowns = 0.0, count(), 0
+    error, replays = 0.0, count()
     for duration in (0.3, seconds):  # the first warms up
         steps, elapsed = 0, 0.0
         while elapsed < duration:
@@ -127,13 +127,8 @@ def single(seconds: float, folder: str, read_info: bool = False) -> dict[str, An
             env.reset(options={"state": walks.starts[i], "mode": MODE_NAMES[walks.modes[i]]})
             actions = list(walks.actions[:, i : i + 1])
             begin = time.perf_counter()
-            if read_info:
-                for action in actions:
-                    env.step(action)
-                    touchdowns += env.unwrapped.measurements["touchdowns"]
-            else:
-                for action in actions:
-                    env.step(action)
+            for action in actions:
+                env.step(action)
             elapsed += time.perf_counter() - begin
             steps += len(actions)
             error = max(error, walks.checked(env.unwrapped.state[:4] - walks.ends[i]))
@@ -248,7 +243,8 @@ def fresh(seconds: float, folder: str, program: str, cold: bool = False) -> dict
 
 def accuracy(seconds: float, folder: str) -> dict[str, Any]:
     """How far the stepping kernel is from the reference simulator over pieces of 2 s."""
-    walks, errors = load_walks(Path(folder)), []
+    errors: list[Any] = []
+    walks = load_walks(Path(folder))
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds or not errors:
         i = 37 * len(errors) % len(walks.starts)

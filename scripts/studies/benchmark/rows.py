@@ -77,14 +77,6 @@ TRAPEZOIDS = f"{SIMPSON}, force linear, cost by trapezoids; no Hessian"
 
 ROWS = (
     Row("ours", SINGLE, "**rimless-gym**", OURS, "single", by=OUR_PHYSICS),
-    Row(
-        "ours-info",
-        SINGLE,
-        "the same, reading all `measurements`",
-        OURS,
-        "single",
-        {"read_info": True},
-    ),
     _gymnasium("CartPole-v1", CARTPOLE),
     _gymnasium("Pendulum-v1", "pendulum, one Euler step of 50 ms"),
     _gymnasium("Acrobot-v1", ACROBOT),

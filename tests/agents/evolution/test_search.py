@@ -16,7 +16,6 @@ from agents.evolution.search import (
     Generation,
     Groups,
     NothingWalksError,
-    Schedule,
     search,
 )
 from agents.evolution.walks import SIZE, Duration
@@ -122,8 +121,8 @@ def test_a_search_that_finds_nothing_ends_with_a_remedy():
 def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best():
     one = EvolvingPolicy(SETTINGS, -1, WANTED, (0, 0), 0.5)
     for intervals, gait in ((100, CleanWalking(1.0, 0.045, 0.6)), (1000, NO_WALK)):
-        schedule = Schedule((Generation(4, Duration.second_half(intervals)),), 8)
-        running = one.evolve(10, schedule, None)
+        schedule = (Generation(4, Duration.second_half(intervals)),)
+        running = one.evolve(10, schedule, 8, None)
         request = next(running)
         for _ in range(1 if gait is NO_WALK else 10):
             request = running.send(pretended(request)._replace(gait=gait))

@@ -6,7 +6,7 @@ from torch import nn
 from agents.learner import learner_class
 from agents.sb3.hyperparameters import FOLDER
 from agents.sb3.reward_weight import WeightSchedule
-from agents.sb3.wrappers import BackwardSteps, HeldActions, ScaledReward, StartUpPhase
+from agents.sb3.wrappers import HeldActions, ScaledReward, StartUpPhase
 
 ADAPTIVE = "agents.sb3.reward_weight.AdaptiveRewardWeight"
 
@@ -27,8 +27,7 @@ def test_what_is_trained_in_is_read_as_rl_zoo3_reads_it():
     screened = settings("screened_ppo")
     assert screened.episode_steps == 1000
     assert screened.wrappers == (
-        (StartUpPhase, {"intervals": 300, "travel": 0.2}),
-        (BackwardSteps, {"penalty": 0.1}),
+        (StartUpPhase, {"intervals": 300, "travel": 0.2, "penalty": 0.1}),
         (ScaledReward, {"scale": 10.0}),
     )
 

@@ -29,7 +29,7 @@ from agents.sb3.rounds import (
     put_policy,
 )
 from agents.sb3.screened_ppo import ScreenedPpo
-from agents.sb3.wrappers import BackwardSteps, StartUpPhase, training_env, wrapped
+from agents.sb3.wrappers import StartUpPhase, training_env, wrapped
 from agents.training import TrainingConfig, read_state, train
 from rimless_gym.envs.task import Task
 from tests.agents.runs import assert_same_policies, killed_after, run, scalars, weights
@@ -71,7 +71,7 @@ def small():
         "batch_size": 32,
         "env_wrapper": [{"gymnasium.wrappers.TimeLimit": {"max_episode_steps": 100}}],
         "vec_env_wrapper": [
-            {"agents.sb3.wrappers.StartUpPhase": {"intervals": 30}},
+            {"agents.sb3.wrappers.StartUpPhase": {"intervals": 30, "penalty": 0.1}},
             *entry["vec_env_wrapper"][1:],
         ],
         "callback": [
@@ -199,7 +199,7 @@ def test_only_the_last_candidate_has_a_penalty_for_steps_backward_and_must_walk_
     for number in range(len(rounds.ROUNDS)):
         learner._race = Tournament(np.zeros((1, SIZE)), np.zeros(1, dtype=np.int64), number)
         learner._begin()
-        wrapper = wrapped(learner._env, BackwardSteps)
+        wrapper = wrapped(learner._env, StartUpPhase)
         learner.model.learn = lambda *_, wrapper=wrapper, **__: penalties.append(wrapper.penalty)
         learner._improve(1, 1, SimpleNamespace(log=None))
         shares.append(learner._adaptive.schedule.least_share)

@@ -8,7 +8,6 @@ from stable_baselines3.common.vec_env import VecMonitor
 from agents.conditions import Conditions
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import (
-    BackwardSteps,
     HeldActions,
     ScaledReward,
     StartUpPhase,
@@ -140,8 +139,8 @@ def backward(env):
 
 
 def test_each_step_backward_has_a_penalty_once_the_start_up_is_over():
-    phase = StartUpPhase, {"intervals": 40}
-    penalised, plain = made(phase, (BackwardSteps, {"penalty": 0.3})), made(phase)
+    phases = [(StartUpPhase, {"intervals": 40, "penalty": penalty}) for penalty in (0.3, 0.0)]
+    penalised, plain = map(made, phases)
     for env in (penalised, plain):
         env.reset()
     rng, counted = np.random.default_rng(0), np.zeros(2)
@@ -162,9 +161,9 @@ def test_each_step_backward_has_a_penalty_once_the_start_up_is_over():
 
 
 def test_the_penalty_may_change_and_what_is_monitored_has_none():
-    env = made((StartUpPhase, {}), (BackwardSteps, {}), episode_steps=20)
+    env = made((StartUpPhase, {}), episode_steps=20)
     env.reset()
-    wrapped(env, BackwardSteps).penalty = 0.5
+    wrapped(env, StartUpPhase).penalty = 0.5
     rng = np.random.default_rng(1)
     rewarded, ended, back = np.zeros(N), {}, np.zeros(N)
     for _ in range(20):
@@ -199,7 +198,7 @@ def test_rows_that_begin_out_of_step_are_of_all_ages():
         (ScaledReward, {"scale": 0.0}, ValueError, r"scale = 0\.0: must be"),
         (StartUpPhase, {"travel": 1.5}, ValueError, r"travel = 1\.5: .* at most 1"),
         (StartUpPhase, {"intervals": 2000}, ValueError, "an episode has 2000, .* energy"),
-        (BackwardSteps, {"penalty": 0.1}, TypeError, "has no StartUpPhase"),
+        (StartUpPhase, {"penalty": -0.1}, ValueError, r"penalty = -0\.1"),
     ],
 )
 def test_arguments_of_wrappers_are_checked(wrapper, arguments, error, message):

@@ -60,7 +60,7 @@ def test_the_documentation_pages_quote_the_table() -> None:
     ):
         assert quoted in text, name
     commanded = " ".join((RimlessWheelSpeedEnv.__doc__ or "").split())
-    assert f"the front, {MEANS[COMMANDED][FRONT]:.0f}" in commanded
+    assert f"for all 20 s, {MEANS[COMMANDED][FRONT]:.0f} m" in commanded
     for env, page in ((WHEEL, text), (COMMANDED, commanded)):
         assert f"`reward_threshold` is {gym.spec(env).reward_threshold:g}" in page
 
