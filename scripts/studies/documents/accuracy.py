@@ -149,9 +149,6 @@ def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
     return table
 
 
-Array = NDArray[np.float64]
-
-
 @dataclasses.dataclass(frozen=True)
 class Motion:
     """A motion to simulate.
@@ -256,9 +253,6 @@ CASES: dict[str, Callable[[str, np.random.Generator], Motion]] = {
 CASES |= {
     f"graze {depth:+.0e} m": grazing(depth) for depth in (1e-5, 1e-7, 1e-9, 1e-11, -1e-11, -1e-9)
 }
-
-
-Array = NDArray[np.float64]
 
 
 def foot_height(params: WheelParams, phi: float, direction: int) -> float:

@@ -42,7 +42,7 @@ from trajopt.gaits.solution import Solution
 from trajopt.store import Store
 
 #: Spacing of the simulated searches' speeds (m/s).
-GRID = 0.1
+GRID = 0.2
 
 
 def known(speed: float = 0.5, turns: int = -1) -> Solution:
@@ -204,10 +204,10 @@ def test_an_interrupted_search_goes_on_without_what_it_had_finished(tmp_path: Pa
     assert len(first.tasks) + len(second.tasks) == len(whole.tasks)
     assert parts.costs(2) == results.costs(2)
     # Damaged results are searched again.
-    (tmp_path / "whole" / "search" / "seed0_1_steps_0.5000.json").write_bytes(b"damaged")
+    (tmp_path / "whole" / "search" / "seed0_1_steps_0.4000.json").write_bytes(b"damaged")
     repair = Imagined()
     Search(again(results), GRID, 1000.0, repair)()
-    assert {task.place for task in repair.tasks} == {Place(0, 0.5, 1)}
+    assert {task.place for task in repair.tasks} == {Place(0, 0.4, 1)}
 
 
 def test_a_search_stops_when_its_budget_is_used_up(results: SearchResults) -> None:
