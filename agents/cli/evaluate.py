@@ -177,9 +177,9 @@ def _row(w: NamedPolicy, result: Evaluation, gap: bool, no_gap: bool) -> dict[st
     """
     from agents.gaps import gap_to_optimum
     from rimless_gym.hybrid import CONTROL_PERIOD
-    from trajopt.gaits.library import shipped
+    from trajopt.gaits.library import index
 
-    quick = any(gait.params == w.params for gait in shipped())
+    quick = any(gait.params == w.params for gait in index())
     wanted = w.period == CONTROL_PERIOD and not no_gap and (gap or quick)
     return {
         **result.to_dict(),

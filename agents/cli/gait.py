@@ -100,7 +100,7 @@ def catalog() -> int:
     from agents.policy_files import PRETRAINED
     from rimless_gym.presets import PRESETS
     from trajopt.feedback import laws
-    from trajopt.gaits.library import shipped
+    from trajopt.gaits.library import index
 
     for title, names in (
         ("policies", PRETRAINED),
@@ -109,7 +109,7 @@ def catalog() -> int:
     ):
         print(f"{title}: {', '.join(names)}")
     for name, params in PRESETS.items():
-        gaits = [each for each in shipped() if each.params == params]
+        gaits = [each for each in index() if each.params == params]
         speeds = [each.speed for each in gaits]
         about = f"{params.n_legs} legs, {params.total_mass:.3g} kg"
         if gaits:

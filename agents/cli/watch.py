@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from agents.cli.options import (
     Count,
@@ -80,7 +80,6 @@ def watch(
     from agents.film import MOST
     from rimless_gym.rendering.display import ffmpeg
 
-    films = {GIF: _gif, VIDEO: _video}
     kind = out and out.suffix.lower()
     longest = LONGEST_GIF if kind == GIF else LONGEST
     if not 1 / GIF_FPS <= seconds <= longest:
@@ -95,17 +94,14 @@ def watch(
     params_ = machine(preset, params) if preset or params else None
     if out is None:
         _require_display("write a GIF with --out walk.gif")
-    elif kind not in films:
-        raise ValueError(f"--out {out}: give a name that ends with {' or '.join(films)}")
+    elif kind not in (GIF, VIDEO):
+        raise ValueError(f"--out {out}: give a name that ends with {GIF} or {VIDEO}")
     else:
         if kind == VIDEO:
             ffmpeg()  # refused before the walks are computed
         require_file(out)
-    race = _race(names, params_, speed, steps, seconds, size, trust_pickle)
-    if out is None:
-        _show(race)
-    else:
-        films[str(kind)](race, out)
+    _write(_film(names, params_, speed, steps, seconds, size, trust_pickle), out)
+    if out is not None:
         print(out)
     return 0
 
@@ -126,7 +122,7 @@ def play(*, preset: Preset = "BUILDABLE", params: Fields = None) -> int:
     return 0
 
 
-def _race(
+def _film(
     names: Sequence[str],
     given: WheelParams | None,
     speed: float,
@@ -146,7 +142,7 @@ def _race(
     from rimless_gym import BUILDABLE
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import Solution, periodic_gait
-    from trajopt.gaits.library import shipped
+    from trajopt.gaits.library import index
 
     saved = {name: Solution.load(name) for name in names if name.lower().endswith(GAIT)}
 
@@ -173,7 +169,7 @@ def _race(
             )
     solved = OPTIMUM in names or any(w.gait for w in policies.values())
     cycle: Solution | None
-    if solved or (not gaits and any(gait.params == params for gait in shipped())):
+    if solved or (not gaits and any(gait.params == params for gait in index())):
         cycle = gait_for(params)
     else:  # a search would take minutes
         cycle = next(iter(gaits.values()), None)
@@ -216,9 +212,9 @@ def _require_near(params: WheelParams, speed: float) -> None:
         ValueError: a search there would take minutes, and most likely find nothing.
     """
     from rimless_gym.presets import machine_name
-    from trajopt.gaits.library import shipped
+    from trajopt.gaits.library import index
 
-    known = [gait.speed for gait in shipped() if gait.params == params]
+    known = [gait.speed for gait in index() if gait.params == params]
     if known and not min(known) <= speed <= max(known):
         chosen = f"--preset {machine_name(params)} --speed {speed:g}"  # a front's is a preset
         raise ValueError(
@@ -227,45 +223,32 @@ def _require_near(params: WheelParams, speed: float) -> None:
         )
 
 
-def _frames(race: GroupFilm, fps: float, title: str) -> Any:
+def _write(film: GroupFilm, out: Path | None) -> None:
+    """Write the walks as an animated GIF or a video, or show them in a window."""
     from tqdm import tqdm
 
     from agents.film import times
-
-    return (race.frame(time) for time in tqdm(times(race.ends, fps), desc=title, unit="picture"))
-
-
-def _gif(race: GroupFilm, path: Path) -> None:
-    """Write the walks as an animated GIF."""
-    from agents.film import times
-    from rimless_gym.rendering.display import save_gif
+    from rimless_gym.rendering.display import Window, save_gif, save_mp4
     from trajopt.store import write_bytes
 
-    moments, encoded = times(race.ends, GIF_FPS), io.BytesIO()
-    samples = [race.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
-    frames = _frames(race, GIF_FPS, "gif")
-    save_gif(frames, encoded, GIF_FPS, colours=COLOURS, samples=samples)
-    write_bytes(path, encoded.getvalue())
-
-
-def _video(race: GroupFilm, path: Path) -> None:
-    """Write the walks as a video."""
-    from rimless_gym.rendering.display import save_mp4
-
-    save_mp4(_frames(race, VIDEO_FPS, "video"), path, VIDEO_FPS)
-
-
-def _show(race: GroupFilm) -> None:
-    """Show walks in a window until it is closed or they end."""
-    from agents.film import times
-    from rimless_gym.rendering.display import Window
-
-    window = Window(race.size, FPS)
-    for time in times(race.ends, FPS):
-        if not window.is_open:
-            break
-        window.show(race.frame(time))
-    window.close()
+    kind = out and out.suffix.lower()
+    fps = FPS if out is None else GIF_FPS if kind == GIF else VIDEO_FPS
+    moments = times(film.ends, fps)
+    if out is None:
+        window = Window(film.size, FPS)
+        for time in moments:
+            if window.is_open:
+                window.show(film.frame(time))
+        window.close()
+        return
+    frames = (film.frame(time) for time in tqdm(moments, desc=out.name, unit="picture"))
+    if kind == VIDEO:
+        save_mp4(frames, out, fps)
+        return
+    encoded = io.BytesIO()
+    samples = [film.frame(time) for time in moments[:: math.ceil(len(moments) / SAMPLES)]]
+    save_gif(frames, encoded, fps, colours=COLOURS, samples=samples)
+    write_bytes(out, encoded.getvalue())
 
 
 def _require_display(remedy: str) -> None:

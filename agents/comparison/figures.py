@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogLocator
 
 from agents.comparison.methods import LearnedMethod, Method
 from agents.comparison.study import Setting
@@ -158,8 +158,9 @@ def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure
     _plot_rows(above, [*walking, *gaits], "cot", 1.0)
     _plot_rows(below, list(filter(_near, walking)), "gap", 100.0)
     above.set(yscale="log", ylabel="cost of transport (E+, no regeneration)")
+    above.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     above.yaxis.set_major_formatter("{x:g}")
-    above.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+    above.minorticks_off()
     below.set(xlabel="speed (m/s)", ylabel="gap to the optimum (%)")
     for axes in (above, below):
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

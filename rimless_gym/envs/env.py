@@ -146,10 +146,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Episode End
     Terminates where the model stops being valid: when the ground would have to pull a foot down
     (contact lost; the step ends at that moment), or when a rate exceeds 60 rad/s (checked a few
-    times within a step and at its end). `info["failure"]` says which. If the new voltage or a push
-    ends the episode at once, `info["elapsed"]` is 0. Resting and whole turns of the pendulum are
-    legal. Any other end of the motion, such as parameters that make it diverge, raises a
-    `RuntimeError`; call `reset` before going on.
+    times within a step and at its end). `info["failure"]` is the reason. If the new voltage or a
+    push ends the episode at once, no time elapses in that step. Resting and whole turns of the
+    pendulum are legal. Any other end of the motion, such as parameters that make it diverge, raises
+    a `RuntimeError`; call `reset` before going on.
 
     Truncates after 20 s. `gym.make` counts steps to do so, {steps} of them unless it is given
     `max_episode_steps`. With a `control_period` longer than {period} s, fewer steps make 20 s:

@@ -110,7 +110,7 @@ def greatest_force(mode, phi, theta, dphi, dtheta, limit, p):
 
 @inner
 def draw_state(slope, weight, limit, bounds, p, streams, i):
-    """A random start from stream i: (found, mode, phi, theta, phi', theta').
+    """A random start from stream i: (pressed, mode, phi, theta, phi', theta').
 
     `bounds` are those of `Starts`. The feet of a wheel at rest press without voltage, the foot of
     a moving one too; that of a wheel with a whirling pendulum at some voltage up to `limit`.
@@ -162,10 +162,10 @@ def draw_start(
 @cached()
 def _draw(constants, slope, weight, limit, bounds, streams, state):
     p = Constants(*to_fixed_tuple(constants, N_CONSTANTS))
-    found, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
+    pressed, state[MODE], state[PHI], state[THETA], state[DPHI], state[DTHETA] = draw_state(
         slope, weight, limit, bounds, p, streams, 0
     )
-    return found
+    return pressed
 
 
 def normal_force(params: WheelParams, state: NDArray[np.float64], limit: float = 0.0) -> float:

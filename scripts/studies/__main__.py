@@ -16,6 +16,7 @@ STUDIES = {
     "figures": "documents.figures",
     "front": "fronts.command",
     "learning": "learning.command",
+    "mutants": "mutants",
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",

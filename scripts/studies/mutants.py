@@ -36,45 +36,63 @@ class Mutant(NamedTuple):
 
 
 EQUATIONS, HYBRID = "rimless_gym/equations.py", "rimless_gym/hybrid.py"
-FOLDER = "rimless_gym/envs"
-MODEL = ("tests/rimless_gym/test_equations.py", "tests/rimless_gym/test_energy.py")
-KERNEL = ("tests/rimless_gym/kernel",)
-ENVS = ("tests/rimless_gym/envs",)
-AGENTS = ("tests/agents",)
+TASK, ACCOUNTING = "rimless_gym/envs/task.py", "rimless_gym/kernel/accounting.py"
+EVALUATE, VERIFY = "agents/evaluate.py", "trajopt/gaits/verify.py"
+
+MODEL = tuple(f"tests/rimless_gym/test_{n}.py" for n in ("equations", "energy", "contact"))
+KERNEL = ("tests/rimless_gym/kernel", "tests/rimless_gym/test_contact.py")
+REWARDS = ("tests/rimless_gym/envs/test_rewards.py", "tests/rimless_gym/envs/test_speed.py")
+EVALUATION = ("tests/agents/test_evaluate.py", "tests/agents/test_rollout.py")
+TRAINING = ("tests/agents/test_training.py", "tests/agents/sb3")
+GAITS = ("tests/trajopt/gaits/test_verify.py", "tests/trajopt/gaits/test_solution.py")
+RULES = ("tests/rimless_gym/test_rules.py",)
 
 MUTANTS = (
-    # Signs and factors of the physics.
+    # Signs and factors of the physics
     Mutant(EQUATIONS, "return -p.L1 * cos(phi), p", "return p.L1 * cos(phi), p", MODEL),
     Mutant(EQUATIONS, "return dtheta + p.d1 * dphi", "return dtheta - p.d1 * dphi", MODEL),
     Mutant(EQUATIONS, "(u * duration - p.K * turn)", "(u * duration + p.K * turn)", MODEL),
-    Mutant(EQUATIONS, "return p.Cd * abs(dphi) * dphi", "return p.Cd * dphi * dphi", MODEL),
-    Mutant(EQUATIONS, "p.F0 * p.F0 + (p.c * torque) ** 2", "p.F0 * p.F0 + p.c * torque", MODEL),
+    Mutant(EQUATIONS, "p.Cd * abs(dphi) * dphi", "p.Cd * dphi * dphi", MODEL),
     Mutant(EQUATIONS, "hub - c * dphi**2 - pendulum", "hub + c * dphi**2 - pendulum", MODEL),
+    Mutant(EQUATIONS, "return phi - p.alpha, theta", "return phi + p.alpha, theta", MODEL),
+    Mutant(EQUATIONS, "abs(fx) / fy if fy > 0.0", "fx / fy if fy > 0.0", MODEL),
+    # Guards and resets
     Mutant(EQUATIONS, "return max(leading, -trailing)", "return max(leading, trailing)", KERNEL),
     Mutant(EQUATIONS, "p.b if direction > 0 else p.a)", "p.a if direction > 0 else p.b)", KERNEL),
-    Mutant(
-        EQUATIONS, "return phi - p.alpha, theta, dphi_new", "return phi, theta, dphi_new", MODEL
-    ),
-    Mutant(EQUATIONS, "return -pull - fy", "return pull - fy", KERNEL),
-    # Guards and resets.
-    Mutant(HYBRID, "return leading <= 0.0 <= trailing", "return leading <= trailing", KERNEL),
-    Mutant(
-        HYBRID,
-        "SINGLE, phi_new, dphi_new, dtheta_new, direction",
-        "SINGLE, phi_new, dphi_new, dtheta_new, 1",
-        KERNEL,
-    ),
     Mutant(HYBRID, "if leading > -trailing:", "if leading < -trailing:", KERNEL),
     Mutant(HYBRID, "dphi_new**2 < REST_ENERGY", "dphi_new**2 > REST_ENERGY", KERNEL),
-    # Rewards, accounting, disturbances, starts and seeds of the environments.
-    Mutant(f"{FOLDER}/task.py", "travel = min(distance, allowance)", "travel = distance", ENVS),
-    Mutant(f"{FOLDER}/task.py", "_positive + interval.idle)", "_positive)", ENVS),
-    Mutant(f"{FOLDER}/task.py", "interval.failed * (task", "0.5 * interval.failed * (task", ENVS),
-    Mutant(f"{FOLDER}/interval.py", "_change, i] += memory", "_change, i] -= memory", ENVS),
-    Mutant(f"{FOLDER}/disturbances.py", "phi, shift = p.b, -1", "phi, shift = p.b, 1", ENVS),
-    Mutant(f"{FOLDER}/disturbances.py", "held[(now + length", "held[(now + 1 + length", ENVS),
-    Mutant(f"{FOLDER}/starts.py", "if kind < bounds[0]:", "if kind > bounds[0]:", ENVS),
-    Mutant(f"{FOLDER}/vector_env.py", "[first + i for i", "[first for i", ENVS),
+    Mutant(HYBRID, "0.0, dtheta_rest, max(direction, 0)", "0.0, dtheta_rest, 0", KERNEL),
+    # The ledger
+    Mutant(ACCOUNTING, "lane, before - after)", "lane, after - before)", KERNEL),
+    Mutant(ACCOUNTING, "ROW.touchdowns, lane, 1.0", "ROW.touchdowns, lane, 2.0", KERNEL),
+    Mutant(ACCOUNTING, "- shift * descent(p)", "+ shift * descent(p)", KERNEL),
+    # Rewards
+    Mutant(
+        TASK, "task.distance_weight * interval.rewarded_travel", "interval.rewarded_travel", REWARDS
+    ),
+    Mutant(TASK, "return 0.0 - slips * (", "return 0.0 + slips * (", REWARDS),
+    Mutant(TASK, "task.fall_penalty + idle)", "task.fall_penalty)", REWARDS),
+    # Rules and the evaluation protocol
+    Mutant("rimless_gym/rules.py", "min_normal_force > 0.0", "min_normal_force > -1.0", RULES),
+    Mutant("rimless_gym/rules.py", "demand > friction *", "demand > 2.0 * friction *", RULES),
+    Mutant(EVALUATE, "seed: int = 20150501", "seed: int = 20150502", EVALUATION),
+    Mutant(EVALUATE, "starts: int = 128", "starts: int = 64", EVALUATION),
+    Mutant(EVALUATE, "late_steps > 0", "late_steps >= 0", EVALUATION),
+    Mutant(EVALUATE, "np.arange(1, n + 1) - n / 4", "np.arange(1, n + 1) - n / 8", EVALUATION),
+    Mutant(
+        "agents/gaps.py",
+        "FRONT_STEPS = (1, 2, 3)",
+        "FRONT_STEPS = (1, 2)",
+        ("tests/agents/test_gaps.py",),
+    ),
+    # Training
+    Mutant("agents/reward_weight.py", "SHARE_EXPONENT = 4", "SHARE_EXPONENT = 1", TRAINING),
+    Mutant("agents/training.py", "    seed: int = 0\n", "    seed: int = 1\n", TRAINING),
+    Mutant("agents/sb3/hyperparameters.py", "max(remaining, 0.0)", "max(remaining, 0.5)", TRAINING),
+    # Optimal control and files
+    Mutant(VERIFY, "STATE_TOLERANCE = 1e-6", "STATE_TOLERANCE = 1e6", GAITS),
+    Mutant(VERIFY, "AUDIT_TOLERANCE = 1e-6", "AUDIT_TOLERANCE = 1e6", GAITS),
+    Mutant("trajopt/store.py", "!= digest(arrays):", "== None:", ("tests/trajopt/test_store.py",)),
 )
 
 

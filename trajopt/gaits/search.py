@@ -68,7 +68,7 @@ def search_gaits(
     """Local optima from random starts; their `kind` is the number of turns of theta per stride.
 
     Raises:
-        Interrupted: Ctrl-C was pressed; see `trajopt.ocp.multi_start.multi_start`.
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     problem = family.problem
     mesh = Mesh.uniform(problem, SEARCH_ELEMENTS, SEARCH_DEGREE, control_degree=CONTROL_DEGREE)

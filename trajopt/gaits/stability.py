@@ -34,8 +34,8 @@ def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> 
     D = differentiation_matrix(degree)
     total = np.eye(4)
     for start, h in zip(phase.edges, phase.element_durations, strict=False):
-        t = start + h * nodes[1:] * (1 - 1e-12)
-        points = zip(phase.state(t), phase.control(t)[:, 0], strict=True)
+        t = start + h * nodes[1:]  # at the last of them the control may jump
+        points = zip(phase.state(t), phase.control(t, "left")[:, 0], strict=True)
         system = np.kron(D[:, 1:], np.eye(4))
         for i, (x, u) in enumerate(points):
             block = slice(4 * i, 4 * i + 4)

@@ -107,7 +107,7 @@ class Walks(NamedTuple):
 def main() -> None:
     """Measure what the settings name, for about so many seconds, and print the answer as JSON."""
     settings = json.loads(sys.argv[1])
-    measure = MEASURES[settings.pop("measure")]
+    measure: Any = MEASURES[settings.pop("measure")]
     print(json.dumps({"version": "rimless-gym", **measure(**settings)}))
 
 
@@ -243,7 +243,8 @@ def fresh(seconds: float, folder: str, program: str, cold: bool = False) -> dict
 
 def accuracy(seconds: float, folder: str) -> dict[str, Any]:
     """How far the stepping kernel is from the reference simulator over pieces of 2 s."""
-    walks, errors = load_walks(Path(folder)), []
+    errors: list[Any] = []
+    walks = load_walks(Path(folder))
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds or not errors:
         i = 37 * len(errors) % len(walks.starts)

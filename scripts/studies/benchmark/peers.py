@@ -18,7 +18,7 @@ from typing import Any
 def main() -> None:
     """Measure what the settings name, for about so many seconds, and print the answer as JSON."""
     settings = json.loads(sys.argv[1])
-    measure = MEASURES[settings.pop("measure")]
+    measure: Any = MEASURES[settings.pop("measure")]
     print(json.dumps(measure(**settings)))
 
 
@@ -77,7 +77,7 @@ def envpool_vector(seconds: float, env: str, n: int, batch: int) -> dict[str, An
     )
     rng, space = np.random.default_rng(0), made.action_space
     if hasattr(space, "n"):
-        drawn = [rng.integers(0, space.n, batch).astype(np.int32) for _ in range(64)]
+        drawn: list[Any] = [rng.integers(0, space.n, batch).astype(np.int32) for _ in range(64)]
     else:
         drawn = [rng.uniform(space.low, space.high, (batch, *space.shape)) for _ in range(64)]
     actions = cycle(drawn)

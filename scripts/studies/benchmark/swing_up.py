@@ -33,7 +33,12 @@ SEGMENTS = 40
 #: The least cost (N^2 s), and by which share of it other discretisations may differ.
 COST, TOLERANCE = 58.81, 0.03
 
-IPOPT = {"expand": True, "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+IPOPT: dict[str, Any] = {
+    "expand": True,
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+}
 
 
 def main() -> None:

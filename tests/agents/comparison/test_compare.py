@@ -162,25 +162,25 @@ def test_a_comparison_killed_at_random_moments_ends_with_the_same_table(
     monkeypatch.setattr(module, "save_gif", lambda *arguments: None)
     monkeypatch.setattr(module, "ANIMATED", 0.1)
     few = {"timesteps": 512, "scratch_timesteps": 512, "evolution_timesteps": 0, "starts": 0}
-    study = Study(**few, further=(0.55,), front_steps=(1,))
+    study = Study(**few, further=(), front=(0.55, 0.57), front_steps=(1,))
 
     def table(out: Path) -> list[Any]:
         return list(json.loads((out / "results.json").read_text())["table"])
 
-    began = time.perf_counter()
-    compare(study, tmp_path / "whole", progress=False, workers=1)
-    longest = 0.3 * (time.perf_counter() - began)
-    rng, out, killed = np.random.default_rng(0), tmp_path / "killed", 0
-    while True:
+    out, names = tmp_path / "killed", [method.name for method in methods(study)]
+    rng = np.random.default_rng(0)
+    for results in (0, 1, 3, 8, 11):  # killed soon after so many are there
         work = functools.partial(compare, study, out, progress=False, workers=1)
         process = get_context("fork").Process(target=work)
         process.start()
-        process.join(rng.uniform(0, longest))
-        if process.exitcode is not None:
-            break
+        while sum((out / f"{name}.json").exists() for name in names) < results:
+            assert process.exitcode is None
+            time.sleep(0.02)
+        time.sleep(rng.uniform(0.0, 2.0))
         process.kill()
         process.join()
-        killed, longest = killed + 1, 1.2 * longest
-    assert killed >= 2
+        assert process.exitcode == -signal.SIGKILL
+    for folder in (out, tmp_path / "whole"):
+        compare(study, folder, progress=False, workers=1)
     assert (out / "table.md").read_text() == (tmp_path / "whole" / "table.md").read_text()
     assert table(out) == table(tmp_path / "whole")

@@ -77,14 +77,14 @@ def press_ctrl_c() -> None:
 
 def solve_fronts() -> None:
     for _ in range(20):
-        cot_front(THESIS_PHYSICAL, (0.47, 0.52), (2,))
+        cot_front(THESIS_PHYSICAL, (0.47, 0.52), (1,))
 
 
 def test_an_interrupted_front_is_not_returned_with_gaits_missing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Ctrl-C reaches the user through CasADi, which catches it."""
-    cot_front(THESIS_PHYSICAL, (0.52,), (2,))
+    cot_front(THESIS_PHYSICAL, (0.52,), (1,))
     capsys.readouterr()
     timer = threading.Timer(0.4, press_ctrl_c)
     timer.start()

@@ -25,6 +25,7 @@ def test_the_two_step_gait_beats_its_target_and_its_audit_closes(gait):
     assert gait.cot_with_regeneration <= gait.cot
 
 
+@pytest.mark.slow
 def test_the_swinging_family_beats_the_target_without_whirling_the_pendulum():
     entry = next(e for e in nearest(THESIS_PHYSICAL, 0.5, 2) if e.theta_turns == 0)
     solved = periodic_gait(THESIS_PHYSICAL, 0.5, 2, guess=entry.load())
@@ -78,6 +79,7 @@ def test_regeneration_never_costs_more(one_step):
     assert solved.cot_with_regeneration <= one_step.cot_with_regeneration + 1e-6
 
 
+@pytest.mark.slow
 def test_at_a_shipped_speed_the_gait_is_verified_and_costs_no_more_than_the_shipped_one():
     slowest = min((e for e in index() if e.steps == 1), key=lambda e: e.speed)
     again = periodic_gait(slowest.params, slowest.speed, 1)
@@ -112,7 +114,7 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
         Outcome(i, "0", times * gait.cost, phases, np.empty(0), 1, "")
         for i, (phases, times) in enumerate(starts)
     ]
-    assert [o.found for o in distinct(outcomes, same_gait)] == [(0, 1), (2,)]
+    assert [o.starts for o in distinct(outcomes, same_gait)] == [(0, 1), (2,)]
 
 
 # -- arguments ------------------------------------------------------------------------------------
@@ -146,6 +148,7 @@ def test_invalid_arguments_are_refused_by_name(arguments, error, message):
         periodic_gait(**({"params": THESIS_PHYSICAL} | arguments))
 
 
+@pytest.mark.slow
 def test_numpy_numbers_are_accepted_as_arguments(one_step):
     gait = periodic_gait(
         THESIS_PHYSICAL, np.float32(0.5), np.int8(1), guess=one_step, starts=np.int64(0)

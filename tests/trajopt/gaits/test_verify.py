@@ -41,7 +41,7 @@ def test_the_energy_audit_measures_the_energy_missing_over_a_stride(phases: list
     assert "the energy balance does not close" in found.failures
 
 
-@pytest.mark.parametrize("slope", [0.01, -0.01], ids=["downhill", "uphill"])
+@pytest.mark.parametrize("slope", [0.01, pytest.param(-0.01, marks=pytest.mark.slow)])
 def test_the_energy_audit_closes_on_a_slope_and_downhill_costs_less(slope: float) -> None:
     sloped = periodic_gait(P.replace(slope=slope), ONE.speed, 1, guess=ONE)
     v, p = sloped.verification, sloped.params
