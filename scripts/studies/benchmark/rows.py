@@ -58,9 +58,8 @@ def _envpool(key: str, name: str, n: int, batch: int, physics: str) -> Row:
     )
 
 
-def _swing_up(key: str, title: str, python: str, by: str, **settings: Any) -> Row:
-    most = 1 if python == "dymos" else 1000
-    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, settings, by, most=most)
+def _swing_up(key: str, title: str, python: str, by: str) -> Row:
+    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, by=by)
 
 
 def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any) -> Row:
@@ -130,18 +129,8 @@ ROWS = (
         "rockit, DirectCollocation",
         "rockit",
         f"2 Gauss points, force linear; {IPOPT}",
-        method="collocation",
     ),
-    _swing_up(
-        "rockit-shooting",
-        "rockit, MultipleShooting",
-        "rockit",
-        f"a step of RK4, force linear; {IPOPT}",
-        method="shooting",
-    ),
-    _swing_up("drake-ipopt", "Drake, IPOPT", "drake", TRAPEZOIDS, solver="ipopt"),
-    _swing_up("drake-snopt", "Drake, SNOPT", "drake", TRAPEZOIDS, solver="snopt"),
-    _swing_up("dymos", "dymos", "dymos", f"{SIMPSON}; SciPy's SLSQP"),
+    _swing_up("drake-ipopt", "Drake, IPOPT", "drake", TRAPEZOIDS),
     _fresh("gait", "`periodic_gait` of two steps, verified; imports not counted", "gait", 3),
     _fresh("import", "`import rimless_gym`", "import"),
     _fresh("single", "import, `gym.make`, first `reset` and `step`", "single"),

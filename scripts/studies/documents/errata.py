@@ -183,20 +183,6 @@ def reach_and_hub(params: WheelParams) -> list[float]:
     return [hub - float(eq.pendulum_clearance(p.a, 0.0, p)), hub]
 
 
-def coming_to_rest() -> dict[str, Any]:
-    """A sequence of ever quicker touchdowns, which ends in double stance."""
-    p = THESIS_PHYSICAL.constants
-    motion = simulate(THESIS_PHYSICAL, [p.a + 0.05, 0.0, 0.0, 0.0], np.zeros(60), 0.6)
-    falls = motion.touchdowns
-    return {
-        "touchdowns": len(falls),
-        "time": [event.time for event in falls],
-        "rate": [abs(float(event.before[2])) for event in falls],
-        "loss": [event.loss for event in falls],
-        "final_mode": motion.final_mode,
-    }
-
-
 def convergence(count: int = 20) -> dict[str, dict[str, Any]]:
     """Errors of the integrator with ever shorter steps, and its order, on the thesis's machines.
 

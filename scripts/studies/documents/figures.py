@@ -26,7 +26,7 @@ from scripts.studies.documents.markdown import table
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")
 
-FIGURES = ("coordinates.png", "modes.png", "convergence.png", "rest.png", "impact.png")
+FIGURES = ("coordinates.png", "convergence.png")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,9 +54,7 @@ def numbers() -> dict[str, Any]:
     """Every number that the two documents quote."""
     return {
         "accuracy": accuracy.accuracy(count=10, grazes=400),
-        "missed_dips": accuracy.missed_dips(200_000),
         "convergence": errata.convergence(),
-        "coming_to_rest": errata.coming_to_rest(),
         "printed_impact": errata.printed_impact(),
         "new_foot_momentum": errata.new_foot_momentum(),
         "generalised_force": errata.generalised_force(),
@@ -73,10 +71,7 @@ def figures(results: dict[str, Any]) -> dict[str, Figure]:
     plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
     drawn = (
         drawings.coordinates_figure(),
-        drawings.modes_figure(),
         drawings.convergence_figure(results["convergence"]),
-        drawings.rest_figure(results["coming_to_rest"]),
-        drawings.impact_figure(),
     )
     return dict(zip(FIGURES, drawn, strict=True))
 
@@ -137,8 +132,7 @@ def accuracy_table(results: Results) -> str:
     for case in CASES:
         cells = [results["accuracy"][name][case] for name in PRESETS]
         each = {
-            key: " / ".join(f"{cell[key]:.0e}" for cell in cells)
-            for key in ("state", "nudged", "height")
+            key: " / ".join(f"{cell[key]:.0e}" for cell in cells) for key in ("state", "nudged")
         }
         total = {
             key: sum(cell[key] for cell in cells)
@@ -146,8 +140,8 @@ def accuracy_table(results: Results) -> str:
         }
         residual = f"{max(cell['residual'] for cell in cells):.0e}"
         row = [case, total["motions"], total["touchdowns"], each["state"], each["nudged"]]
-        rows.append([*row, each["height"], residual, total["disagreements"]])
-    return table([*head, "foot height (m)", "ledger residual (J)", "disagree"], rows)
+        rows.append([*row, residual, total["disagreements"]])
+    return table([*head, "ledger residual (J)", "disagree"], rows)
 
 
 def typical_table(results: Results) -> str:

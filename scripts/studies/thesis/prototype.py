@@ -21,12 +21,10 @@ from scripts.studies.documents import markdown
 from scripts.studies.thesis.variants import (
     SCALES,
     VARIANTS,
-    End,
     Variant,
     binding,
     cheaper,
     cheapest,
-    end_of,
 )
 from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
@@ -113,7 +111,6 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
     points = shared(points)
     results = {
         "gaits": [point.row() for point in points],
-        "ends": [dataclasses.asdict(end) for end in ends(points)],
         "provenance": provenance(),
     }
     write(results, folder)
@@ -215,17 +212,6 @@ def shared(points: Sequence[Point]) -> list[Point]:
     return best
 
 
-def ends(points: Sequence[Point]) -> list[End]:
-    """The ends of all supplies that have no gait for their smallest pendulum."""
-    result = []
-    for variant in dict.fromkeys(point.variant for point in points):
-        ordered = sorted((p for p in points if p.variant == variant), key=lambda p: p.scale)
-        walking = [point.gait for point in ordered if point.gait is not None]
-        if walking and ordered[0].gait is None:
-            result.append(end_of(variant, walking[0]))
-    return result
-
-
 def key_of(variant: Variant, scale: float) -> str:
     """The key of a point in the store."""
     return f"{variant.file_name}/{scale:.3f}"
@@ -274,10 +260,6 @@ def figure(results: dict[str, Any]) -> Figure:
         for key, panel in panels.items():
             scales = [row["scale"] for row in rows]
             panel.plot(scales, [row[key] for row in rows], "o-", ms=4, color=colour, label=name)
-        for end in results["ends"]:
-            if end["variant"] == name and end["scales"]:
-                panels["cot"].plot(end["scales"], end["costs"], ":", color=colour)
-                panels["cot"].plot(end["scales"][-1], end["costs"][-1], "x", ms=9, color=colour)
     for key, panel in panels.items():
         panel.set_ylabel(labels[key])
         panel.axvline(1.0, color="0.6", lw=0.8)
@@ -293,17 +275,9 @@ def figure(results: dict[str, Any]) -> Figure:
 
 
 def table(results: dict[str, Any]) -> str:
-    """A row per gait, and a line on how the gaits of each supply end."""
+    """A row per gait."""
     walking = [row for row in results["gaits"] if row["cot"] and row["scale"] in SHOWN]
-    lines = [markdown.table(COLUMNS, map(_cells, walking)), ""]
-    for end in results["ends"]:
-        last = f"{end['scales'][-1]:.3f}" if end["scales"] else "the first solution"
-        lines.append(
-            f"- **{end['variant']}**: the last verified gait, followed on a coarse mesh, goes on "
-            f"to scale {last} (CoT {end['costs'][-1]:.2f}), where it stops {end['obstacle']}. "
-            "No gait was found for the smaller pendulums."
-        )
-    return "\n".join(lines) + "\n"
+    return markdown.table(COLUMNS, map(_cells, walking)) + "\n"
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

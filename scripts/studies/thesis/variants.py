@@ -305,31 +305,3 @@ def binding(gait: Solution) -> dict[str, float]:
         "rate": np.abs(x[:, 3]) > 0.999 * hybrid.MAX_RATE,
     }
     return {name: float(np.mean(where)) for name, where in reached.items()}
-
-
-#: The scale to which the last gait is followed, if it does not end before.
-FARTHEST = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class End:
-    """How far the last gait of a supply can be followed to smaller pendulums.
-
-    Attributes:
-        variant: its name.
-        scales: along the curve.
-        costs: of transport, on a coarse mesh.
-        obstacle: what stopped it, in words; empty if nothing did.
-    """
-
-    variant: str
-    scales: tuple[float, ...]
-    costs: tuple[float, ...]
-    obstacle: str
-
-
-def end_of(variant: Variant, gait: Solution) -> End:
-    """Follow a gait to smaller pendulums until something stops it."""
-    curve = followed(variant, gait, FARTHEST)
-    obstacle = str(curve.obstacle) if curve.obstacle else ""
-    return End(variant.name, curve.values, curve.costs, obstacle)
