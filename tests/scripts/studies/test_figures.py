@@ -39,11 +39,8 @@ def assert_alike(ours: Any, theirs: Any, where: str) -> None:
 @pytest.mark.parametrize(
     "part",
     [
-        errata.kappa_of_few_legs,
         errata.printed_impact,
-        errata.new_foot_momentum,
         errata.generalised_force,
-        errata.rotor,
     ],
 )
 def test_recorded_numbers_are_what_the_code_gives(part: Callable[[], Any]) -> None:
