@@ -22,7 +22,6 @@ from scripts.studies.thesis.variants import (
     SCALES,
     VARIANTS,
     Variant,
-    binding,
     cheaper,
     cheapest,
 )
@@ -39,12 +38,9 @@ ROUNDS = 2
 #: The scales of the page's table; results.json has all.
 SHOWN = (4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0)
 
-#: Limits that a gait reaches for a smaller share of its time are not named.
-LEAST_SHARE = 0.005
-
 COLUMNS = (
     *("supply", "scale", "CoT", "speed (m/s)", "turns", "gear", "least Fy / weight"),
-    *("friction demand", "peak V", "clearance (m)", "state error", "at its limit"),
+    *("friction demand", "peak V", "clearance (m)", "state error"),
 )
 
 MARKS = markdown.marks("thesis", ("prototype",))
@@ -84,7 +80,6 @@ class Point:
             "clearance": v.clearance,
             "state_error": v.state_error,
             "energy_audit": v.energy_audit,
-            "binding": binding(self.gait),
         }
 
 
@@ -281,8 +276,6 @@ def table(results: dict[str, Any]) -> str:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    shares = row["binding"]
-    limits = [f"{name} {share:.0%}" for name, share in shares.items() if share > LEAST_SHARE]
     return [
         row["variant"],
         f"{row['scale']:g}",
@@ -295,5 +288,4 @@ def _cells(row: dict[str, Any]) -> list[str]:
         f"{row['peak_voltage']:.1f}",
         f"{row['clearance']:.2f}",
         f"{row['state_error']:.0e}",
-        ", ".join(limits) or "-",
     ]
