@@ -1,7 +1,7 @@
 """What Sphinx needs to build the site from pages that code-hosting sites show too.
 
-An environment's class docstring is its documentation page, written in Markdown as Gymnasium's are: a
-block `class-page` puts it into a page.
+An environment's class docstring is its documentation page, written in Markdown as Gymnasium's
+are: a block `class-page` puts it into a page.
 """
 
 from __future__ import annotations
