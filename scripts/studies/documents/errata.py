@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rimless_gym import THESIS_PHYSICAL, WheelParams, simulate
+from rimless_gym import THESIS_PHYSICAL, WheelParams
 from rimless_gym.equations import equations
 from rimless_gym.kernel.integration import smooth_states
 from rimless_gym.presets import PRESETS
@@ -63,43 +63,6 @@ def printed_impact(count: int = 200_000) -> dict[str, Any]:
         p, q = THESIS_PHYSICAL.constants, single_inertia(THESIS_PHYSICAL).constants
         typical[-1]["closed_form_rate"] = -float(eq.impact(p.a, p.b, theta, 1.0, 0.0, q)[0])
     return {"random": shares, "typical": typical}
-
-
-def generalised_force() -> dict[str, dict[str, float]]:
-    """Energy balance of one step at 20 V, with the printed force f = (0, T) and the right one.
-
-    The printed force acts as if the stator did not turn (mount `frame`), but the back-EMF is that
-    of a stator on the wheel. The voltage reduced by K phi' gives the same.
-    """
-    wheel, volts = THESIS_PHYSICAL, 20.0
-    p, start = wheel.constants, [THESIS_PHYSICAL.constants.a, 0.0, 4.0, 0.0]
-    laws: dict[str, tuple[WheelParams, Any]] = {
-        "printed": (
-            wheel.replace(motor_mount="frame"),
-            lambda t, x: volts - eq.relative_rate(x[2], 0.0, p) * p.K,
-        ),
-        "right": (wheel, lambda t, x: volts),
-    }
-    table = {}
-    for name, (machine, law) in laws.items():
-        motion = simulate(machine, start, law, 1.0)
-        end = motion.touchdowns[0].time
-        t = np.linspace(0, end, 20_001)
-        x = motion.state(t, side="left").T
-        dpsi = eq.relative_rate(x[2], x[3], p)
-        drawn = np.trapezoid(eq.electrical_power(dpsi, volts, p), t)
-        copper = np.trapezoid(p.Rm * eq.motor_current(dpsi, volts, p) ** 2, t)
-        energy = eq.mechanical_energy(*x, p)
-        gained = energy[-1] - energy[0]
-        table[name] = {
-            "time": float(end),
-            "drawn": float(drawn),
-            "copper": float(copper),
-            "gained": float(gained),
-            "missing": float(drawn - copper - gained),
-            "rate_at_touchdown": float(x[2, -1]),
-        }
-    return table
 
 
 eq = equations(np.sin, np.cos, sqrt=np.sqrt)  # of arrays

@@ -55,7 +55,6 @@ def numbers() -> dict[str, Any]:
         "accuracy": accuracy.accuracy(count=10, grazes=400),
         "convergence": errata.convergence(),
         "printed_impact": errata.printed_impact(),
-        "generalised_force": errata.generalised_force(),
         "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
         "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
         "kappa": {name: errata.kappa_range(of) for name, of in PRESETS.items()},
@@ -151,17 +150,6 @@ def typical_table(results: Results) -> str:
     return table([*head, "rate, (3.85-3.87)"], rows)
 
 
-def force_table(results: Results) -> str:
-    """Energy balance of a step with the printed generalised force and the right one."""
-    head = ["", "step time (s)", "drawn (J)", "copper (J)", "mechanical gain (J)"]
-    rows = [
-        [f"$f = {f}$", *(f"{of[key]:.2f}" for key in ("time", "drawn", "copper", "gained"))]
-        + [f"{abs(of['missing']):.2f}", f"{of['rate_at_touchdown']:.2f}"]
-        for f, of in zip(("(0, T)", "(T, T)"), results["generalised_force"].values(), strict=True)
-    ]
-    return table([*head, "unexplained (J)", "rate at the end (rad/s)"], rows)
-
-
 def shares_table(results: Results) -> str:
     """How often the printed impact creates energy or reverses the wheel."""
     head = ["machine", "(3.82) creates energy", "(3.82) reverses the wheel"]
@@ -185,7 +173,6 @@ def tables(results: Results) -> dict[str, str]:
     return {
         "accuracy": accuracy_table(results),
         "typical": typical_table(results),
-        "force": force_table(results),
         "shares": shares_table(results),
         "channels": channels_table(),
         "parameters": parameters_table(),
