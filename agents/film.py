@@ -1,4 +1,4 @@
-"""Walks as pictures: one alone, or several on one ground with the phase plane and the energies."""
+"""Walks as pictures: one alone, or several on one ground with their energies."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 
 from agents.recording import DRAWN, STEPS, Recording, Touchdown, record_gait
 from rimless_gym.equations import LOSSES
-from rimless_gym.kernel.stepping import DPHI, PHI
 from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, STANCE, Colour, Frame
-from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
+from rimless_gym.rendering.panels import Shown, draw_several, draw_spending
 from rimless_gym.rendering.wheel import Point
 from trajopt.gaits.solution import Solution
 
@@ -22,14 +21,11 @@ AVERAGED = f"over {STEPS} steps"
 #: Seconds through which the hub's trail reaches back, and between points of it.
 TRAIL, FINE = 1.6, 0.04
 
-#: Name of the gait whose ghost is blue, as is its cycle in the phase plane.
+#: Name of the gait whose ghost is blue.
 GHOST = "optimum"
 
 #: Steps by which it walks ahead of the first walk when it joins.
 AHEAD = 2
-
-#: Seconds of the walk that are shown in the phase plane.
-RECENT = 0.25
 
 #: Most walks in one picture.
 MOST = 2 + len(OTHERS)
@@ -40,8 +36,8 @@ LETTERS = 22
 #: Width and height (pixels).
 SIZE = (720, 468)
 
-#: Share of the height that the walks take, and of the width that the phase plane takes below.
-GROUND, PLANE = 0.64, 0.42
+#: Share of the height that the walks take.
+GROUND = 0.64
 
 #: Energies that never reach as much (J) are left out.
 NOTHING = 1e-6
@@ -64,7 +60,6 @@ class GroupFilm:
     Args:
         walks: the first is drawn solid, followed by the camera and measured; the others are ghosts,
             which appear when their recordings begin. `MOST` of them at most, of one machine.
-        cycle: the gait whose cycle the phase plane shows, if any.
         size: width and height in pixels.
 
     Attributes:
@@ -75,9 +70,7 @@ class GroupFilm:
         ValueError: there are too many walks, or of several machines.
     """
 
-    def __init__(
-        self, walks: Sequence[Recording], cycle: Solution | None, size: tuple[int, int] = SIZE
-    ) -> None:
+    def __init__(self, walks: Sequence[Recording], size: tuple[int, int] = SIZE) -> None:
         if len(walks) > MOST:
             raise ValueError(f"{len(walks)} walks: at most {MOST} fit into one picture")
         first = walks[0]
@@ -92,9 +85,7 @@ class GroupFilm:
         titled = [dataclasses.replace(walk, name=_title(walk.name)) for walk in walks]
         self._walks = list(zip(titled, _colours([walk.name for walk in walks]), strict=True))
         self._above = width, round(GROUND * height)
-        left = round(PLANE * width), height - self._above[1]
-        self._plane = PhasePlane(first.params, _rates(walks, cycle), _cycle(cycle), left)
-        self._right = width - left[0], left[1]
+        self._below = width, height - self._above[1]
         self._parts = parts(titled[0])
 
     def frame(self, time: float) -> Frame:
@@ -113,13 +104,9 @@ class GroupFilm:
         part = next((each for each in self._parts if time < each.until), self._parts[-1])
         since = part.since + first.period
         others = [(walk, colour) for walk, colour in present[1:] if walk.begins <= since]
-        below = (
-            self._plane.frame([(colour, _recent(walk, time)) for walk, colour in present]),
-            part.frame(time, others, self._right),
-        )
         lines = len(self._walks)
         ground = draw_several(first.params, shown, self._above, lines=lines, averaged=AVERAGED)
-        return np.concatenate([ground, np.concatenate(below, axis=1)])
+        return np.concatenate([ground, part.frame(time, others, self._below)])
 
 
 def ghost(gait: Solution, first: Recording) -> Recording:
@@ -142,27 +129,6 @@ def _colours(names: Sequence[str]) -> list[Colour]:
     """Colours of the first walk and of the ghosts."""
     others = iter((*OTHERS, OPTIMUM))
     return [FIRST, *(OPTIMUM if name == GHOST else next(others) for name in names[1:])]
-
-
-def _recent(walk: Recording, time: float) -> list[Point]:
-    """Where the wheel has been in the phase plane."""
-    first, last = walk.index(max(walk.begins, time - RECENT)), walk.index(time)
-    return [(float(x[PHI]), float(x[DPHI])) for x in walk.states[first : last + 1]]
-
-
-def _cycle(gait: Solution | None) -> list[Point]:
-    """The closed curve of a gait in the phase plane."""
-    if gait is None:
-        return []
-    states = gait.state(np.linspace(0.0, gait.duration, 1 + round(200 * gait.duration)))
-    return [(float(x[0]), float(x[2])) for x in states]
-
-
-def _rates(walks: Sequence[Recording], cycle: Solution | None) -> tuple[float, float]:
-    """Least and greatest phi' (rad/s) of some walks and a cycle."""
-    rates = [rate for _, rate in _cycle(cycle)]
-    rates += [float(rate) for walk in walks for rate in walk.states[:, DPHI]]
-    return min(rates), max(*rates, min(rates) + 1e-3)
 
 
 def drawn_between(walk: Recording, since: float, time: float) -> float:

@@ -59,9 +59,9 @@ def watch(
 ) -> int:
     """Watch gaits, feedback laws and policies walk: in a window, as a GIF or a video.
 
-    The first is drawn solid, the others as ghosts. Below are the phase plane and where the energy
-    goes. Laws and policies start from rest. The optimum has no start of its own: behind another it
-    joins once that has walked some steps.
+    The first is drawn solid, the others as ghosts. Below is where the energy goes. Laws and
+    policies start from rest. The optimum has no start of its own: behind another it joins once that
+    has walked some steps.
 
     Args:
         names: at most 4 of: optimum (the optimal gait whose voltage is held for 10 ms), a feedback
@@ -142,7 +142,6 @@ def _film(
     from rimless_gym import BUILDABLE
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import Solution, periodic_gait
-    from trajopt.gaits.library import index
 
     saved = {name: Solution.load(name) for name in names if name.lower().endswith(GAIT)}
 
@@ -167,12 +166,6 @@ def _film(
                 f"{name}: is a gait of another machine: {gait.params.differences(params)}; watch "
                 "it without policies of other machines, --preset and --params"
             )
-    solved = OPTIMUM in names or any(w.gait for w in policies.values())
-    cycle: Solution | None
-    if solved or (not gaits and any(gait.params == params for gait in index())):
-        cycle = gait_for(params)
-    else:  # a search would take minutes
-        cycle = next(iter(gaits.values()), None)
     walks: list[Recording] = []
     for name in names:
         if name in gaits:
@@ -184,7 +177,7 @@ def _film(
             walks.append(ghost(gait_for(params), walks[0]))
         else:
             walks.append(record_gait(OPTIMUM, gait_for(params), seconds))
-    return GroupFilm(walks, cycle, size)
+    return GroupFilm(walks, size)
 
 
 def _held(gait: Solution) -> Solution:

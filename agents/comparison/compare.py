@@ -137,7 +137,7 @@ def _animate(setting: Setting, learned: LearnedMethod) -> None:
     walk = walk_from_rest(setting.params, policy, ANIMATED)
     recording = record(learned.name, walk, setting.params, CONTROL_PERIOD)
     gait = setting.held_gait(setting.study.speed)
-    race = GroupFilm([recording, ghost(gait, recording)], gait)
+    race = GroupFilm([recording, ghost(gait, recording)])
     frames = [race.frame(moment) for moment in times(race.ends, FPS)]
     save_gif(frames, setting.out / f"{learned.name}.gif", FPS)
 

@@ -25,7 +25,6 @@ from rimless_gym.rendering.canvas import (
     SHADOW,
     SKY,
     STANCE,
-    TEXT,
     TICKS,
     TRACK,
     USUAL,
@@ -54,9 +53,8 @@ class Scene:
         foot_x: stance foot's position along the ground (m).
         voltage: motor voltage (V), shown as a bar; None leaves it out, as for the texts below.
         time: time (s), shown as text.
-        speed: walking speed (m/s), shown as text.
-        cot: cost of transport, shown as text.
-        averaged: over what speed and cost are averaged, shown as text.
+        speed: walking speed (m/s), which `draw_several` shows.
+        cot: cost of transport, which `draw_several` shows.
     """
 
     phi: float
@@ -67,10 +65,9 @@ class Scene:
     time: float | None = None
     speed: float | None = None
     cot: float | None = None
-    averaged: str | None = None
 
     def hub(self, params: WheelParams) -> Point:
-        """The hub's position in the ground's frame (m), as `draw` takes it in its `trail`."""
+        """The hub's position in the ground's frame (m)."""
         x, y = _hub_position(self.phi, params.constants)
         return self.foot_x + x, y
 
@@ -85,7 +82,6 @@ def draw(
     scene: Scene,
     *,
     size: tuple[int, int] = (600, 400),
-    trail: Sequence[Point] = (),
 ) -> Frame:
     """The picture of a scene.
 
@@ -93,7 +89,6 @@ def draw(
         params: the machine; its lengths set the scale, its slope tilts the ground.
         scene: what to show.
         size: width and height in pixels.
-        trail: earlier positions of the hub in the ground's frame (m), oldest first.
 
     Returns:
         Pixels, uint8 of shape (height, width, 3).
@@ -108,7 +103,6 @@ def draw(
     canvas = Canvas(params, scene.hub(params)[0], size, SKY)
     draw_hills(canvas)
     draw_track(canvas, params, scene)
-    draw_trail(canvas, trail, NEAR_HILLS)
     draw_wheel(canvas, params, scene, USUAL)
     draw_pendulum(canvas, params, scene, USUAL)
     draw_captions(canvas, params, scene)
@@ -209,18 +203,11 @@ def draw_pendulum(canvas: Canvas, params: WheelParams, scene: Scene, paint: Pain
 
 
 def draw_captions(sheet: Sheet, params: WheelParams, scene: Scene) -> None:
-    """Whatever of speed, cost of transport, time and voltage the scene has."""
+    """The time and the voltage, where the scene has them."""
     line = sheet.height / 13
-    x, y = 0.6 * line, 0.5 * line
-    for value, text in ((scene.speed, "{:.2f} m/s"), (scene.cot, "CoT {:.3f}")):
-        if value is not None:
-            sheet.text(text.format(value), (x, y), line, TEXT, "topleft")
-            y += 0.85 * line
-    if scene.cot is not None and scene.averaged:
-        sheet.text(scene.averaged, (x, y), 0.7 * line, FAINT, "topleft")
-        y += 0.65 * line
     if scene.time is not None:
-        sheet.text(f"{scene.time:.1f} s", (x, y), 0.7 * line, FAINT, "topleft")
+        place = 0.6 * line, 0.5 * line
+        sheet.text(f"{scene.time:.1f} s", place, 0.7 * line, FAINT, "topleft")
     if scene.voltage is not None:
         draw_voltage(sheet, params, scene.voltage, line, NEAR_HILLS, FAINT)
 

@@ -26,7 +26,7 @@ from rimless_gym.rendering.canvas import (
     pygame,
 )
 from rimless_gym.rendering.display import Window, save_gif, save_mp4
-from rimless_gym.rendering.panels import PhasePlane, Shown, draw_several, draw_spending
+from rimless_gym.rendering.panels import Shown, draw_several, draw_spending
 from rimless_gym.rendering.wheel import Scene, draw
 
 STANDING = Scene(phi=math.pi / 2, theta=0.0)
@@ -47,7 +47,7 @@ def near(frame: np.ndarray, colour: tuple[int, int, int], tolerance: int = 8) ->
     st.sampled_from([0, 1]),
 )
 def test_the_wheel_is_visible_in_any_scene(params, phi, theta, foot_x, slope, mode):
-    scene = Scene(phi=phi, theta=theta, foot_x=foot_x, mode=mode, voltage=3.0, time=1.0, cot=0.1)
+    scene = Scene(phi=phi, theta=theta, foot_x=foot_x, mode=mode, voltage=3.0, time=1.0)
     frame = draw(params.replace(slope=slope), scene, size=(300, 200))
     assert (frame.shape, frame.dtype) == ((200, 300, 3), np.uint8)
     for colour in (ROD, STANCE):
@@ -176,17 +176,6 @@ def test_a_walker_out_of_the_picture_is_named_at_its_edge():
     assert not np.array_equal(near, far)
     lit = np.argwhere(far.max(axis=2) > 150)
     assert 600 < lit[:, 1].min() < lit[:, 1].max() < 720
-
-
-def test_the_point_in_the_phase_plane_moves_and_the_cycle_stays():
-    cycle = [(1.2, 1.0), (1.5, 3.0), (1.9, 1.0)]
-    plane = PhasePlane(BUILDABLE, (0.0, 4.0), cycle, (300, 160))
-    low, high = (plane.frame([(FIRST, [(1.5, rate)])]) for rate in (0.5, 3.5))
-    points = [near(frame, FIRST).mean(axis=0) for frame in (low, high)]
-    assert points[0][0] > points[1][0] + 50  # rows count downwards
-    assert points[0][1] == pytest.approx(points[1][1], abs=1)
-    assert len(near(low, OPTIMUM)) == pytest.approx(len(near(high, OPTIMUM)), rel=0.2)
-    assert len(near(PhasePlane(BUILDABLE, (0, 4), [], (300, 160)).frame([]), OPTIMUM)) == 0
 
 
 def test_bars_are_as_long_as_their_energies_and_begin_where_the_last_one_ends():
