@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import as_instance, real, real_array
 from rimless_gym.envs import EPISODE_STEPS
-from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.layout import (
     COMMANDED_BOUND,
     COMMANDED_SIZE,
@@ -200,8 +199,7 @@ class EpisodeStart:
 DRAWN_START = EpisodeStart()
 
 
-OPTION_NAMES = ("state", "mode", "params", "task", "starts", "ranges", "disturbances")
-_FOR_ALL = ("starts", "ranges", "disturbances")
+OPTION_NAMES = ("state", "mode", "params", "task")
 
 
 def read_options(
@@ -213,25 +211,20 @@ def read_options(
 
     Raises:
         TypeError: a value has the wrong type.
-        ValueError: an option is unknown or its value out of range, or starts, ranges or
-            disturbances, which hold for all rows, are given for some.
+        ValueError: an option is unknown or its value out of range.
     """
     options = options or {}
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
     for name in options:
         if name not in names:
             raise ValueError(f"unknown reset option {name!r}: choose from {names}")
-        if name in _FOR_ALL and len(rows) < len(batch):
-            raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
     changes: dict[str, Any] = {}
     params, n = list(batch.params), len(rows)
     if "params" in options:
         for i, one in zip(rows, as_params_list(options["params"], n), strict=True):
             params[i] = one
-    if "params" in options or "ranges" in options:
-        ranges = as_ranges(options["ranges"]) if "ranges" in options else batch.ranges
-        ranges.require_valid(params)
-        changes |= {"params": params, "ranges": ranges}
+        batch.ranges.require_valid(params)
+        changes["params"] = params
     if "task" in options:
         task, tasks = options["task"], list(batch.tasks)
         each = list(task) if isinstance(task, (list, tuple)) else [task] * n
@@ -240,10 +233,6 @@ def read_options(
             tasks[i] = as_task(one, tasks[i])
         batch.require_no_target(tasks)
         changes["tasks"] = tasks
-    if "starts" in options:
-        changes["starts"] = as_starts(options["starts"])
-    if "disturbances" in options:
-        changes["disturbances"] = as_disturbances(options["disturbances"])
     speeds = as_speeds("speed", options["speed"], n) if "speed" in options else None
     if "state" in options:
         modes = options.get("mode", "single_stance")

@@ -9,12 +9,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
-import itertools
 import math
-import os
-import reprlib
-from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,13 +45,10 @@ from rimless_gym.envs.starts import (
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
-from rimless_gym.params import N_CONSTANTS, WheelParams
+from rimless_gym.params import WheelParams
 
 if TYPE_CHECKING:
     from rimless_gym.rendering.canvas import Frame
-
-#: Fewest rows for a thread; waking it for fewer does not pay off.
-LEAST_ROWS = 256
 
 #: The arrays that a snapshot copies; its other parts, `_SETTINGS`, are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")
@@ -73,7 +66,6 @@ class Batch:
         disturbances: what disturbs every episode.
         control: how long an action is held, and what it commands.
         starts: how often each kind of start is drawn.
-        num_threads: threads that share a step.
         limit: greatest number of intervals in an episode.
 
     Attributes:
@@ -96,19 +88,16 @@ class Batch:
         disturbances: Disturbances | Mapping[str, Any] | None = None,
         control: Control = USUAL,
         starts: Starts | Mapping[str, Any] | None = None,
-        num_threads: int = 1,
         limit: int = NO_LIMIT,
     ) -> None:
         n, ranges = len(params), as_ranges(ranges)
         ranges.require_valid(params)
-        self.control, self.num_threads, self.limit = control, num_threads, limit
+        self.control, self.limit = control, limit
         self.memory = np.zeros((len(MEMORY), columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
-        self._works = [scratch() for _ in range(num_threads)]
-        self._pool: ThreadPoolExecutor | None = None
-        self._pool_process = 0  # the process that made it
-        self._arguments: list[NDArray[np.int64]] | None = None
+        self._work = scratch()
+        self._arguments: NDArray[np.int64] | None = None
         self.numbers, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_params(params, ranges, np.arange(n))
         self.set_tasks([task] * n, np.arange(n))
@@ -192,7 +181,7 @@ class Batch:
             )
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
-        """Set the disturbances of all rows; every row must then begin a new episode."""
+        """Set the disturbances of all rows."""
         self.disturbances = disturbances
         self._settings = disturbances.settings(self.control.period)
         self._disturbed = disturbances != Disturbances()
@@ -209,19 +198,13 @@ class Batch:
         self,
         rows: NDArray[np.int64],
         params: Sequence[WheelParams] | None = None,
-        ranges: Ranges | None = None,
         tasks: Sequence[Task] | None = None,
-        starts: Starts | None = None,
-        disturbances: Disturbances | None = None,
     ) -> None:
         """Set what is given, for the episodes that `rows` are about to begin."""
-        self.starts = starts or self.starts
         if tasks is not None:
             self.set_tasks(tasks, rows)
         if params is not None:
-            self.set_params(params, ranges or self.ranges, rows)
-        if disturbances is not None:
-            self.set_disturbances(disturbances)
+            self.set_params(params, self.ranges, rows)
 
     def begin(
         self,
@@ -274,47 +257,29 @@ class Batch:
         `step_rows` returns. Get a new one after any change of the batch.
         """
         if self._arguments is None:
-            self._arguments = self._divide()
-        steps = []
-        for arguments in self._arguments:
-            arguments[ARGUMENT.results] = results.ctypes.data
-            arguments[ARGUMENT.observations] = observations.ctypes.data
-            step: Any = functools.partial(compiled_step(), arguments.ctypes.data)
-            step.alive = arguments, results, observations, self.memory, self.constants, self.poles
-            if self._disturbed:
-                rows = int(arguments[ARGUMENT.begin]), int(arguments[ARGUMENT.end])
-                step = functools.partial(self._step_disturbed, step, observations, *rows)
-            steps.append(step)
-        return steps[0] if len(steps) == 1 else functools.partial(self._together, steps)
+            control, arrays = self.control, (self.memory, self.constants, self.poles, self._work)
+            addresses = [array.ctypes.data for array in arrays]
+            sizes = self.memory.shape[1], self.constants.shape[1], self.limit
+            held = control.ticks, control.by_current, control.width
+            values = Arguments(0, 0, *addresses, *sizes, *held, 0, len(self))
+            self._arguments = np.array(values, dtype=np.int64)
+        arguments = self._arguments
+        arguments[ARGUMENT.results] = results.ctypes.data
+        arguments[ARGUMENT.observations] = observations.ctypes.data
+        step: Any = functools.partial(compiled_step(), arguments.ctypes.data)
+        step.alive = arguments, results, observations, self.memory, self.constants, self.poles
+        if self._disturbed:
+            return functools.partial(self._step_disturbed, step, observations)
+        alive: Callable[[], int] = step
+        return alive
 
-    def _divide(self) -> list[NDArray[np.int64]]:
-        """Arguments of `step_rows` for each thread that is worth waking."""
-        n, control = len(self), self.control
-        parts = max(1, min(self.num_threads, n // LEAST_ROWS))
-        cuts = [n * k // parts for k in range(parts + 1)]
-        arrays = [array.ctypes.data for array in (self.memory, self.constants, self.poles)]
-        sizes = self.memory.shape[1], self.constants.shape[1]
-        common = *sizes, self.limit, control.ticks, control.by_current, control.width
-        return [
-            np.array(Arguments(0, 0, *arrays, work.ctypes.data, *common, *rows), dtype=np.int64)
-            for work, rows in zip(self._works, itertools.pairwise(cuts), strict=False)
-        ]
-
-    def _step_disturbed(
-        self, step: Callable[[], int], observations: NDArray[np.float32], first: int, last: int
-    ) -> int:
+    def _step_disturbed(self, step: Callable[[], int], observations: NDArray[np.float32]) -> int:
         memory, streams, settings = self.memory, self.streams, self._settings
-        disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
+        disturb_rows(memory, self.constants, streams, self.held, settings)
         unusual = step()
         if any(settings.noise):
-            width = self.control.width
-            observe_noisily(observations, width, memory, streams, settings.noise, first, last)
+            observe_noisily(observations, self.control.width, memory, streams, settings.noise)
         return unusual
-
-    def _together(self, steps: Sequence[Callable[[], int]]) -> int:
-        if self._pool is None or self._pool_process != os.getpid():  # a fork has no threads
-            self._pool, self._pool_process = ThreadPoolExecutor(self.num_threads), os.getpid()
-        return sum(self._pool.map(lambda step: step(), steps))
 
     def diverged(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""
@@ -362,73 +327,18 @@ class Batch:
                 setattr(self, name, theirs.copy())
                 self._arguments = None
 
-    def close(self) -> None:
-        """Shut down the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
-
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_pool": None, "_arguments": None}
+        return self.__dict__ | {"_arguments": None}
 
 
-def require_snapshot(
-    state: Any, parts: Collection[str], n: int, control: Control, owner: str
-) -> None:
-    """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
-
-    What compiled code reads is checked in full: shapes, types, and that numbers are finite.
+def require_snapshot(state: dict[str, Any], n: int, control: Control) -> None:
+    """Refuse a snapshot of another number of rows or of another control.
 
     Raises:
-        ValueError: its parts, number of rows or control differ, or an array is not as it must be.
+        ValueError: either differs.
     """
-    remedy = f"give what get_state() of a {owner} returned"
-    if not isinstance(state, dict) or state.keys() != set(parts):
-        raise ValueError(f"state = {reprlib.repr(state)}: must have the parts {parts}; {remedy}")
-    batch = state["batch"]
-    if not isinstance(batch, dict) or batch.keys() != {*ARRAYS, *_SETTINGS}:
-        raise ValueError(f"state['batch'] = {reprlib.repr(batch)}: {remedy}")
-    if len(batch["params"]) != n or len(state["generators"]) != n:
-        raise ValueError(f"the state is of {len(batch['params'])} rows, not of {n}; {remedy}")
-    if batch["control"] != control:
-        raise ValueError(f"the state is of {batch['control']}, not of {control}")
-    each = bool(batch["ranges"].bounds) or np.size(batch["poles"]) == n
-    machines, numbers = n if each else 1, np.float64
-    expected: dict[str, tuple[tuple[int, ...], type]] = {
-        "memory": ((len(MEMORY), columns(n)), numbers),
-        "streams": ((n,), np.uint64),
-        "held": ((batch["disturbances"].delays[1] + 1, n), numbers),
-        "constants": ((N_CONSTANTS, machines), numbers),
-        "poles": ((machines,), numbers),
-        "numbers": ((len(NUMBERS), n), numbers),
-        "ended": ((n,), np.bool_),
-        "seen": ((n, control.width), np.float32),  # of a vector environment only
-    }
-    for name, array in (batch | state).items():
-        if name not in expected:
-            continue
-        shape, dtype = expected[name]
-        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
-            raise ValueError(f"state: {name} must be an array {shape} of {dtype}; {remedy}")
-        finite = np.isfinite(array)
-        if name == "memory":  # where there is no target, it is infinite
-            finite[MEMORY.target_speed] |= array[MEMORY.target_speed] == np.inf
-        if not finite.all():
-            raise ValueError(f"state: {name} must be finite; {remedy}")
-
-
-def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str, Any]]) -> None:
-    """Put each generator into its state, all or none.
-
-    Raises:
-        ValueError: one of them is not a state of these generators.
-    """
-    before = [dict(one.bit_generator.state) for one in generators]
-    try:
-        for one, state in zip(generators, states, strict=True):
-            one.bit_generator.state = state
-    except Exception as error:
-        for one, state in zip(generators, before, strict=True):
-            one.bit_generator.state = state
-        kind = type(generators[0].bit_generator).__name__
-        raise ValueError(f"state: generators: {error}: must be states of NumPy's {kind}") from error
+    rows = len(state["generators"]), len(state["batch"]["params"])
+    if rows != (n, n):
+        raise ValueError(f"the state is of {rows[1]} rows, not of {n}: use one with as many rows")
+    if state["batch"]["control"] != control:
+        raise ValueError(f"the state is of {state['batch']['control']}, not of {control}")

@@ -296,13 +296,13 @@ def _push(memory, impulse, p, i):
     memory[MEMORY.push_shift, i] = shift
 
 
-@cached(nogil=True)
-def disturb_rows(memory, constants, streams, held, settings, first, last):
+@cached()
+def disturb_rows(memory, constants, streams, held, settings):
     """Before the interval: delay the actions, and push.
 
     `held` (longest delay + 1, N) keeps actions until they take effect.
     """
-    for i in range(first, last):
+    for i in range(len(streams)):
         _delay_action(memory, held, i)
         memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
         if settings.push_chance > 0.0 and next_uniform(streams, i) < settings.push_chance:
@@ -313,8 +313,8 @@ def disturb_rows(memory, constants, streams, held, settings, first, last):
                 _push(memory, impulse, params_at(constants, i), i)
 
 
-@cached(nogil=True)
-def observe_noisily(observations, width, memory, streams, noise, first, last):
+@cached()
+def observe_noisily(observations, width, memory, streams, noise):
     """After the interval: observe again with the sensors' errors, still within bounds."""
-    for i in range(first, last):
+    for i in range(len(streams)):
         observe_row(memory, errors(noise, streams, i), observations, np.uint64(width), np.uint64(i))

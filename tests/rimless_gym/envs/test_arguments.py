@@ -53,7 +53,7 @@ OF_VECTORS: dict[str, dict[str, Any]] = {
     "a machine for each row": {"params": [PROTOTYPE, "THESIS_NOMINAL", UPHILL]},
     "numbers and modes": {"max_episode_steps": np.int64(15), "autoreset_mode": SAME},
     "numpy's numbers": {"ranges": {"slope": np.array([-0.02, 0.02], np.float32)}},
-    "no limit": {"max_episode_steps": None, "num_threads": 2},
+    "no limit": {"max_episode_steps": None},
 }
 
 
@@ -117,7 +117,7 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
     disturbances = Disturbances(actuator_delay=delays)
     delays[1] = 99
     assert hash(disturbances) == hash(Disturbances(actuator_delay=(1, 2)))
-    envs = RimlessWheelVectorEnv(np.int64(2), num_threads=np.uint8(1), max_episode_steps=np.int8(3))
+    envs = RimlessWheelVectorEnv(np.int64(2), max_episode_steps=np.int8(3))
     assert [type(n) for n in (envs.num_envs, envs.max_episode_steps)] == [int, int]
     assert RimlessWheelVectorEnv(max_episode_steps=10**30).max_episode_steps == 10**30
 
@@ -201,7 +201,6 @@ def test_an_environment_names_value_limit_and_remedy(
     [
         ({"num_envs": 0}, ValueError, "num_envs = 0: must be an integer of at least 1"),
         ({"num_envs": 2.0}, TypeError, "num_envs = 2.0: must be an integer"),
-        ({"num_threads": True}, TypeError, "num_threads = True: must be an integer"),
         ({"max_episode_steps": math.nan}, TypeError, "max_episode_steps = nan: must be an integer"),
         ({"autoreset_mode": "sometimes"}, ValueError, "'sometimes' is not a valid"),
         ({"render_mode": "human"}, ValueError, "render_mode = 'human': choose from"),
@@ -258,18 +257,12 @@ OPTIONS = [
     ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "params: 2 for . rows"),
     ({"task": [Task()] * 2}, ValueError, "task: 2 for . rows"),
     ({"task": {"fall_penalty": -1.0}}, ValueError, "fall_penalty = -1.0: must be at least 0"),
-    ({"ranges": {"slope": (0, 2)}}, ValueError, "slope = 2"),
-    ({"starts": {"rest": math.inf}}, ValueError, "rest = inf: must be finite"),
 ]
 SEEDS = [(2.5, TypeError), (True, TypeError), ("7", TypeError), (-1, ValueError)]
 MASKS = [
     ({"reset_mask": [True, False, True]}, TypeError, "NumPy array of bool"),
     ({"reset_mask": np.array([True])}, ValueError, r"must have shape \(3,\)"),
     ({"reset_mask": np.zeros(3, bool)}, ValueError, "mark a row"),
-    *(
-        ({name: {}, "reset_mask": np.array([True, False, False])}, ValueError, "holds for all rows")
-        for name in ("starts", "ranges", "disturbances")
-    ),
 ]
 ROW_SEEDS = [([5, -1, 7], ValueError), ([1, True, 3], TypeError), (np.ones(3), TypeError)]
 
@@ -279,7 +272,7 @@ def test_refused_options_and_seeds_are_named_and_change_nothing(n: int | None) -
     env: Any = RimlessWheelEnv() if n is None else make(n)
     env.reset(seed=0)
     before = pickle.dumps(env.get_state())
-    good = {"params": "PROTOTYPE", "task": {"distance_weight": 9.0}, "starts": {"whirling": 1.0}}
+    good = {"params": "PROTOTYPE", "task": {"distance_weight": 9.0}}
     for options, error, message in OPTIONS + (MASKS if n else []):
         kept = {} if "reset_mask" in options else good
         with pytest.raises(error, match=message):
