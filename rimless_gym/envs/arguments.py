@@ -49,11 +49,6 @@ class Control:
         actions: what an action commands, one of `ACTIONS`.
         speeds: least and greatest speed (m/s) between which each episode draws the one that is
             commanded; None where none is.
-
-    Raises:
-        TypeError: a value has the wrong type.
-        ValueError: the period is no such multiple, the actions are unknown, or the speeds are not
-            in order or out of their range.
     """
 
     period: float = CONTROL_PERIOD
@@ -112,12 +107,7 @@ USUAL = Control()
 
 
 def as_speeds(name: str, speeds: Any, n: int) -> NDArray[np.float64]:
-    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,).
-
-    Raises:
-        TypeError: they are not real numbers.
-        ValueError: there is not one for each, or one is out of its range.
-    """
+    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,)."""
     given = real_array(name, speeds)
     if given.shape not in ((), (n,)):
         raise ValueError(f"{name} = {speeds!r}: give one number, or {n}, not {given.shape}")
@@ -133,10 +123,6 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
     """The task, given as such or as a mapping of the fields that differ from the present one's.
 
     None stands for the present one.
-
-    Raises:
-        TypeError: it has the wrong type.
-        ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
         task = dataclasses.asdict(present) | dict(task)
@@ -145,23 +131,13 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
 
 
 def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
-    """Shares, given as such or as a mapping of their fields; None for the usual ones.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: a share is unknown or out of range.
-    """
+    """Shares, given as such or as a mapping of their fields; None for the usual ones."""
     checked: Starts = as_instance(Starts, "starts", starts, USUAL_STARTS)
     return checked
 
 
 def as_params_list(params: Any, n: int) -> list[WheelParams]:
-    """`params`, one for all rows or one per row, as a list of N.
-
-    Raises:
-        TypeError: a machine has the wrong type.
-        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
-    """
+    """`params`, one for all rows or one per row, as a list of N."""
     many = isinstance(params, (list, tuple))
     each = [as_params(one) for one in params] if many else [as_params(params)] * n
     _require_one_per_row("params", each, n)
@@ -171,11 +147,7 @@ def as_params_list(params: Any, n: int) -> list[WheelParams]:
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
-    """Refuse a render mode that an environment does not have.
-
-    Raises:
-        ValueError: it is neither one of them nor None.
-    """
+    """Refuse a render mode that an environment does not have."""
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
 
@@ -208,10 +180,6 @@ def read_options(
     """What the options for `rows` of a batch change, for `Batch.change`, and how episodes begin.
 
     The options are checked, and the batch is not changed.
-
-    Raises:
-        TypeError: a value has the wrong type.
-        ValueError: an option is unknown or its value out of range.
     """
     options = options or {}
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")

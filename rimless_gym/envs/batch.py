@@ -74,10 +74,6 @@ class Batch:
         memory: what is remembered of each row; see `rimless_gym.envs.layout`.
         numbers: current values of the parameters that are numbers, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
-
-    Raises:
-        TypeError: ranges, disturbances or starts have the wrong type.
-        ValueError: they have unknown fields, or a machine cannot be stepped at an end of a range.
     """
 
     def __init__(
@@ -113,11 +109,7 @@ class Batch:
         return bool(self.memory[MEMORY.phi].any())  # phi is never 0 on the ground
 
     def require_begun(self) -> None:
-        """Refuse to go on before the first reset.
-
-        Raises:
-            RuntimeError: no row has begun an episode.
-        """
+        """Refuse to go on before the first reset."""
         if not self.begun:
             raise RuntimeError("no episode has begun: call reset() first")
 
@@ -168,11 +160,7 @@ class Batch:
         self.tasks = list(tasks)
 
     def require_no_target(self, tasks: Sequence[Task]) -> None:
-        """Refuse tasks with a target speed where speeds are commanded.
-
-        Raises:
-            ValueError: there is one.
-        """
+        """Refuse tasks with a target speed where speeds are commanded."""
         targets = [task.target_speed for task in tasks if task.target_speed != math.inf]
         if targets and self.control.speeds is not None:
             raise ValueError(
@@ -213,11 +201,7 @@ class Batch:
         observations: NDArray[np.float32],
         start: EpisodeStart = DRAWN_START,
     ) -> None:
-        """Begin the episodes of `rows`; their first observations go into `observations`, flat.
-
-        Raises:
-            RuntimeError: a row found no start, or drew a machine that cannot be stepped.
-        """
+        """Begin the episodes of `rows`; their first observations go into `observations`, flat."""
         self.ended[rows] = True
         self.streams[rows] = keys
         if self.ranges.bounds:
@@ -332,11 +316,7 @@ class Batch:
 
 
 def require_snapshot(state: dict[str, Any], n: int, control: Control) -> None:
-    """Refuse a snapshot of another number of rows or of another control.
-
-    Raises:
-        ValueError: either differs.
-    """
+    """Refuse a snapshot of another number of rows or of another control."""
     rows = len(state["generators"]), len(state["batch"]["params"])
     if rows != (n, n):
         raise ValueError(f"the state is of {rows[1]} rows, not of {n}: use one with as many rows")

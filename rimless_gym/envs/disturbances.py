@@ -26,10 +26,6 @@ from rimless_gym.params import CHOICES, WheelParams
 
 MAX_DELAY = 100  # control intervals
 
-#: Largest standard deviation of a sensor's error (rad or rad/s). The sines of the resulting angles
-#: are still accurate; after millions of turns they would not be.
-MOST_NOISE = 1e3
-
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
 DRAWABLE = tuple(
     field.name
@@ -63,8 +59,6 @@ class Pushes:
 class SensorNoise:
     """Normally distributed errors of the observation; the state itself is not changed.
 
-    No standard deviation may exceed `MOST_NOISE`, far beyond any useful sensor.
-
     Args:
         leg_angle: standard deviation for the leg's angle (rad).
         pendulum_angle: for the pendulum's angle (rad).
@@ -80,11 +74,6 @@ class SensorNoise:
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
             object.__setattr__(self, name, not_negative(name, value))
-            if value > MOST_NOISE:
-                raise ValueError(
-                    f"{name} = {value}: must be at most {MOST_NOISE:g} (rad or rad/s); a noisier "
-                    "sensor carries no information"
-                )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -167,12 +156,7 @@ class Ranges:
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
-    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: see `Ranges`.
-    """
+    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges."""
     if isinstance(ranges, Ranges):
         return ranges
     if not isinstance(ranges, Mapping | None):
@@ -183,12 +167,7 @@ def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
 
 
 def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Disturbances:
-    """Disturbances, given as such or as a mapping of their fields; None means none.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: a field is unknown or its value out of range.
-    """
+    """Disturbances, given as such or as a mapping of their fields; None means none."""
     return as_instance(Disturbances, "disturbances", disturbances, Disturbances())
 
 

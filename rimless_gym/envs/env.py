@@ -175,10 +175,6 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Snapshots
     `get_state` and `set_state` save and restore everything, including the random generator, so that
     a planner can branch. Pickled and deep-copied environments continue in the same way.
-
-    ## Vectorized environment
-    `gym.make_vec("RimlessWheel-v0", num_envs=N)` makes a `rimless_gym.RimlessWheelVectorEnv`. Its
-    rows are this environment bit for bit, stepped together.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
@@ -232,15 +228,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.tasks[0]
 
     def set_task(self, task: Task | Mapping[str, float]) -> None:
-        """Change the reward from the next step on, while the episode goes on.
-
-        Args:
-            task: as in the constructor; what a mapping leaves out stays as it is.
-
-        Raises:
-            TypeError: it is neither a task nor a mapping.
-            ValueError: a field is unknown or out of range.
-        """
+        """Change the reward from the next step on; what a mapping leaves out stays as it is."""
         self._batch.set_tasks([as_task(task, self.task)], np.arange(1))
 
     @cached_property
@@ -315,11 +303,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return step_result(self._results, self._observation.copy(), self._ended, truncated)
 
     def _end(self) -> bool:
-        """End the episode if the motion failed; returns whether the time is up.
-
-        Raises:
-            RuntimeError: the motion left the model's range.
-        """
+        """End the episode if the motion failed; returns whether the time is up."""
         flags = Flags(*flags_of(self._buffer)[: len(FLAG), 0].tolist())
         self._ended = bool(flags.failure)
         if flags.failure and not flags.terminated:
@@ -399,12 +383,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def _as_number(action: Any) -> float:
-    """The number in an action that is not the usual array (1,) of floats.
-
-    Raises:
-        TypeError: it is not a real number.
-        ValueError: it is NaN, or the action is not of shape (1,) or ().
-    """
+    """The number in an action that is not the usual array (1,) of floats."""
     array = real_array("action", action)
     if array.shape not in ((1,), ()):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")

@@ -36,9 +36,6 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     page describes all that is the same. What differs: a speed is commanded and observed, distance
     is rewarded up to that speed, and a step takes 40 ms.
 
-    ## Action Space
-    `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 40 ms.
-
     ## Observation Space
     `Box` of 8 float32 numbers: the six of `RimlessWheelEnv`, and
 
@@ -82,13 +79,8 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     given as such has the defaults of `RimlessWheel-v0`; a dictionary changes those of this
     environment.
 
-    ## Changes of command
     `env.unwrapped.set_command(speed)` changes the command within an episode. The reward follows at
     once, and the next observation has it. `env.unwrapped.command` is the present one (m/s).
-
-    ## Vectorized environment
-    `gym.make_vec("RimlessWheelSpeed-v0", num_envs=N)` makes a
-    `rimless_gym.RimlessWheelSpeedVectorEnv`. Its rows are this environment bit for bit.
     """
 
     default_task: ClassVar[Task] = TASK

@@ -255,10 +255,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         Args:
             task: as in the single environment; what a mapping leaves out stays as it is.
             mask: bool (num_envs,), as `reset_mask`: the rows whose reward changes.
-
-        Raises:
-            TypeError: it is neither a task nor a mapping, or the mask is not an array of bool.
-            ValueError: a field is unknown or out of range, or the mask's shape is wrong.
         """
         rows = masked_rows(mask, self.num_envs, "mask")
         tasks = list(self.tasks)
@@ -330,10 +326,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         A generator without a seed gets one from the system's entropy. Seeds are checked before
         anything changes.
-
-        Raises:
-            TypeError: a seed is not an integer.
-            ValueError: there is not one seed per row, or one is negative.
         """
         seeds = _one_seed_per_row(seed, self.num_envs)
         chosen = np.arange(self.num_envs)

@@ -165,11 +165,7 @@ def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
 
 
 def ffmpeg() -> str:
-    """The program that writes videos.
-
-    Raises:
-        MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
-    """
+    """The program that writes videos."""
     with extra("video"):
         import imageio_ffmpeg
     try:

@@ -84,9 +84,6 @@ def draw_several(
 
     Returns:
         Pixels, uint8 of shape (height, width, 3).
-
-    Raises:
-        ValueError: the names leave no room for the walkers.
     """
     width, height = size
     strip = round(width * LINE * (1.1 * max(lines, len(walkers)) + 0.4))

@@ -138,7 +138,6 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
         (Pushes, {"rate": 1.0, "impulse": (2, 1)}, ValueError, "impulse = .*: must be in order"),
         (Pushes, {"rate": 1.0, "impulse": 1.0}, TypeError, "give the least and the greatest"),
         (SensorNoise, {"leg_rate": math.nan}, ValueError, "leg_rate = nan: must be finite"),
-        (SensorNoise, {"pendulum_angle": 1e18}, ValueError, r"angle = 1e\+18: must be at most"),
         (Disturbances, {"pushes": 3.0}, TypeError, "pushes = 3.0: give a rimless_gym.Pushes"),
         (Disturbances, {"sensor_noise": {"leg": 1}}, ValueError, "'leg' .*choose from .*leg_angle"),
         (Disturbances, {"actuator_delay": (3, 1)}, ValueError, "actuator_delay = .* in order"),
