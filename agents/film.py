@@ -12,14 +12,10 @@ from agents.recording import DRAWN, STEPS, Recording, Touchdown, record_gait
 from rimless_gym.equations import LOSSES
 from rimless_gym.rendering.canvas import FIRST, OPTIMUM, OTHERS, STANCE, Colour, Frame
 from rimless_gym.rendering.panels import Shown, draw_several, draw_spending
-from rimless_gym.rendering.wheel import Point
 from trajopt.gaits.solution import Solution
 
 #: Over what speed and cost are averaged, in words.
 AVERAGED = f"over {STEPS} steps"
-
-#: Seconds through which the hub's trail reaches back, and between points of it.
-TRAIL, FINE = 1.6, 0.04
 
 #: Name of the gait whose ghost is blue.
 GHOST = "optimum"
@@ -46,12 +42,6 @@ NOTHING = 1e-6
 def times(ends: float, fps: float) -> list[float]:
     """When pictures are taken of a walk until it ends (s), one or more."""
     return [k / fps for k in range(max(1, round(ends * fps)))]
-
-
-def _trail(walk: Recording, time: float) -> list[Point]:
-    """Where the hub has been lately."""
-    since = max(walk.begins, time - TRAIL)
-    return [walk.pose(t).hub(walk.params) for t in np.arange(time, since - 1e-9, -FINE)[::-1]]
 
 
 class GroupFilm:
@@ -97,7 +87,6 @@ class GroupFilm:
                 name=walk.name,
                 colour=colour,
                 scene=walk.scene(time),
-                trail=_trail(walk, time) if walk is first else (),
             )
             for walk, colour in present
         ]

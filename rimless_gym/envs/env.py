@@ -154,8 +154,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `electrical_positive` and `idle`: the energy drawn, without regeneration (J);
     - the terms of the reward;
     - `mode`: 0 on one foot, 1 on two;
-    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
-      exceeded.
+    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`.
 
     `reset` gives the same entries, all 0 except the mode. `env.unwrapped.measurements` is a
     dictionary of these and of all else that was measured in the last step:
@@ -256,7 +255,6 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Seed and options are checked before anything changes.
 
         Raises:
-            TypeError: the seed or an option has the wrong type.
             ValueError: an option is unknown or a value out of range.
             RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
@@ -346,8 +344,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment with the same control period and
-        kind of action. A `TimeLimit` wrapper keeps its own count of steps.
+        It can be pickled, and restored in another environment. A `TimeLimit` wrapper keeps its own
+        count of steps.
         """
         self._batch.ended[0] = self._ended
         generator = self.np_random.bit_generator.state

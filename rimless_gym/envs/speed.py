@@ -50,15 +50,12 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     In metres: `r = distance_weight * rewarded_travel - E+ / ((m1+m2) g)`, less penalties for
     slipping and for an early end.
 
-    `rewarded_travel` is the hub's travel, but never more than the allowance. The allowance is one
-    step length when an episode begins. Travel uses it up, and it grows at the commanded speed, up
-    to one step length again. So going faster than commanded is not rewarded, while a walk may vary
-    its speed within a step. Distance weighs more than it costs: the optimum is the most efficient
-    walk at the commanded speed.
+    `rewarded_travel` is the hub's travel, but never more than the allowance (see `Task`). So going
+    faster than commanded is not rewarded, while a walk may vary its speed within a step. Distance
+    weighs more than it costs: the optimum is the most efficient walk at the commanded speed.
 
     The default weights, `TASK`, have been chosen for learning, not for a battery. The registered
-    `reward_threshold` is 32, two thirds of what the front would return on average if it were walked
-    at the commanded speed for all 20 s, 48 m.
+    `reward_threshold` is 32, two thirds of the front's mean return.
 
     ## Starting State
     As in `RimlessWheelEnv`. The command is drawn uniformly from `speeds`. `reset(options=...)` also
@@ -108,9 +105,7 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
         """Command another speed (m/s) for the rest of the episode.
 
         Raises:
-            TypeError: the speed is not a real number.
             ValueError: it is not greater than 0, or more than 2.
-            RuntimeError: no episode has begun.
         """
         _command(self._batch, speed, np.arange(1))
 
@@ -156,9 +151,7 @@ class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
             mask: bool (num_envs,), as `reset_mask`.
 
         Raises:
-            TypeError: the speed is not a real number, or the mask is not an array of bool.
             ValueError: a speed is not greater than 0, or more than 2, or a shape is wrong.
-            RuntimeError: no episode has begun.
         """
         _command(self._batch, speed, masked_rows(mask, self.num_envs, "mask"))
 

@@ -190,11 +190,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         Returns:
             Observations and info of all rows; rows that are not reset keep their observations.
             Every entry of info is 0, except the modes.
-
-        Raises:
-            TypeError: a seed or option has the wrong type.
-            ValueError: a seed or option is unknown or out of range.
-            RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
         batch = self._batch
         options = dict(options or {})
@@ -274,11 +269,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return tuple(self._batch.frame(i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
-        """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
-
-        It can be pickled, and restored in another environment with as many rows, and the same
-        control period and kind of action.
-        """
+        """A snapshot. After `set_state` of it, everything goes on the same to the last bit."""
         states = [generator.bit_generator.state for generator in self.np_random]
         batch = self._batch.get_state()
         return {"batch": batch, "generators": states, "seen": self._seen.copy()}

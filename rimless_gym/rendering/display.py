@@ -27,16 +27,15 @@ class Window:
     Args:
         size: width and height in pixels.
         fps: frames per second that `show` keeps to by waiting.
-        title: of the window.
 
     Attributes:
         is_open: False once the user or `close` has closed the window.
     """
 
-    def __init__(self, size: tuple[int, int], fps: float, title: str = "rimless-gym") -> None:
+    def __init__(self, size: tuple[int, int], fps: float) -> None:
         pygame.display.init()
         self._screen = pygame.display.set_mode(size)
-        pygame.display.set_caption(title)
+        pygame.display.set_caption("rimless-gym")
         self._clock = pygame.time.Clock()
         self._fps = fps
         self.is_open = True
@@ -132,7 +131,6 @@ def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
 
     Raises:
         MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
-        ValueError: there are no frames.
         OSError: the file cannot be written.
     """
     pictures = iter(frames)

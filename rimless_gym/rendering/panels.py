@@ -32,11 +32,9 @@ from rimless_gym.rendering.canvas import (
     text_width,
 )
 from rimless_gym.rendering.wheel import (
-    Point,
     Scene,
     draw_pendulum,
     draw_track,
-    draw_trail,
     draw_voltage,
     draw_wheel,
 )
@@ -56,13 +54,11 @@ class Shown:
         name: written under it.
         colour: of its name, and of its ghost.
         scene: where it is; `speed` and `cot` are written beside its name.
-        trail: earlier positions of the hub (m), oldest first.
     """
 
     name: str
     colour: Colour
     scene: Scene
-    trail: Sequence[Point] = ()
 
 
 def draw_several(
@@ -95,7 +91,6 @@ def draw_several(
     first, *ghosts = walkers
     canvas = Canvas(params, first.scene.hub(params)[0], (width, height - strip), PAPER)
     draw_track(canvas, params, first.scene)
-    draw_trail(canvas, first.trail, PAPER)
     for ghost in reversed(ghosts):
         layer, paint = canvas.layer(), Paint.of_one(ghost.colour)
         draw_wheel(layer, params, ghost.scene, paint)

@@ -10,8 +10,6 @@ from __future__ import annotations
 import cmath
 import dataclasses
 import math
-from collections.abc import Sequence
-from itertools import pairwise
 
 from rimless_gym.equations import DOUBLE, SINGLE, equations
 from rimless_gym.params import WheelParams
@@ -151,16 +149,6 @@ def draw_track(canvas: Canvas, params: WheelParams, scene: Scene) -> None:
             place = canvas.pixel(k * spacing + edge - 0.17j * unit)
             height = max(canvas.height / 21, canvas.width / 52)
             canvas.text(f"{k * spacing:g} m", place, height, TICKS, "midtop")
-
-
-def draw_trail(canvas: Canvas, trail: Sequence[Point], behind: Colour) -> None:
-    """The hub's path, fading with age into the colour behind it."""
-    radius = canvas.height / 180 / canvas.scale
-    points = [complex(*point) for point in trail]
-    for k, (start, end) in enumerate(pairwise(points), start=1):
-        share = k / len(points)
-        colour = blend(behind, STANCE, 0.8 * share**1.5)
-        canvas.bar(start, end, radius * share, radius * share, colour)
 
 
 def draw_wheel(canvas: Canvas, params: WheelParams, scene: Scene, paint: Paint) -> None:
