@@ -108,7 +108,8 @@ def test_the_ledger_of_a_pushed_episode_balances_and_counts_its_steps():
     env = make(disturbances=Disturbances(pushes=Pushes(rate=20.0, impulse=(0.2, 1.0))))
     for seed in range(3):
         env.reset(seed=seed, options={"mode": "double_stance"})
-        start, feet, work, blows, total = env.model.mechanical_energy, 0.0, 0.0, 0, 0.0
+        start = env.model.functions["mechanical_energy"]
+        feet, work, blows, total = 0.0, 0.0, 0, 0.0
         before = float(start(env.state[:4]))
         for action in swinging(200, seed):
             _, _, terminated, _, _ = env.step(0.2 * action)

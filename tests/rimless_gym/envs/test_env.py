@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from typing import Any
 
@@ -16,10 +15,9 @@ from gymnasium.utils.play import play
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rimless_gym import THESIS_PHYSICAL, RimlessWheelSpeedEnv, RimlessWheelVectorEnv
+from rimless_gym import THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.layout import INFO_NAMES, OBSERVATION_BOUND, observe
-from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
 from rimless_gym.hybrid import MAX_RATE, Failure
 from rimless_gym.rendering.canvas import pygame
@@ -48,15 +46,6 @@ def test_the_checker_of_stable_baselines3_is_silent(id: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sb3_check_env(gym.make(id))
-
-
-@pytest.mark.parametrize("kind", [RimlessWheelEnv, RimlessWheelSpeedEnv, RimlessWheelVectorEnv])
-def test_pages_are_completed_and_not_indented_on_any_python(kind: Any) -> None:
-    page = kind.__doc__
-    assert not re.search(r"\{\w+\}", page)
-    assert all(not line.startswith("    ") for line in page.splitlines())
-    if kind is not RimlessWheelVectorEnv:
-        assert [f"\n- `{name}`: " in page for name in TERM_NAMES] == [True] * len(TERM_NAMES)
 
 
 def test_the_environment_itself_enforces_the_order_of_calls() -> None:
