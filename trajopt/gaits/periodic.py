@@ -16,7 +16,7 @@ from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.held_gait import held_gait
 from trajopt.gaits.held_stride import held_speed, ticks_of_stride
 from trajopt.gaits.library import warm_starts
-from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem, lacks_power
+from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem
 from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
 from trajopt.gaits.solution import LocalOptimum, Optimality, Solution
 from trajopt.gaits.stability import monodromy
@@ -265,8 +265,6 @@ def _arguments(
             f"{MAX_ELEMENTS} elements and each step needs {ELEMENTS}; solve for a shorter stride, "
             "which repeats itself"
         )
-    if lacking := lacks_power(params, speed, steps):
-        raise NoGaitError(lacking)
     if guess is not None and not isinstance(guess, Solution):
         raise TypeError(
             f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"
