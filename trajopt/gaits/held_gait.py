@@ -405,11 +405,7 @@ def verified(
         replay: the same on the kernel.
         phases: the same from touchdown to touchdown.
     """
-    intervals = held.hold / CONTROL_PERIOD
-    known: tuple[float, str] | None = None
-    if math.isclose(intervals, round(intervals), abs_tol=1e-9):
-        known = replay.ledger.cost_of_transport(held.params), ""
-    reference = verify(held.params, phases, held.theta_turns, known)
+    reference = verify(held.params, phases, held.theta_turns)
     ledger = replay.ledger
     repeat = float(np.abs(replay.states[-1] - replay.states[0] - held.shift).max())
     twin = simulated(held.params, phases, len(held.voltages) * held.hold).ledger

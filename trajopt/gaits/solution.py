@@ -340,7 +340,6 @@ class Solution:
 def _report(gait: Solution) -> str:
     v = gait.verification
     outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
-    hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
     demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
     lines = [
         f"Periodic gait, {gait.steps} step(s) per stride at {gait.speed:.4f} m/s{_held(gait)}",
@@ -357,10 +356,8 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
-        f"{v.phase_state_error:.1e} (a phase)",
+        f"  re-simulated state      off by {v.state_error:.1e}",
         f"  energy audit            off by {v.energy_audit:.1e} J",
-        f"  CoT if held for 10 ms   {hold}",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
         f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
