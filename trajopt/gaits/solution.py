@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -31,31 +30,12 @@ from trajopt.store import jsonable, read_arrays, write_arrays
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: A gait that costs this many times an optimum of the search, whose mesh is coarse, clearly costs
-#: more.
-CLEARLY_MORE = 1.05
-
 #: The format of a gait's file, and what to do about a file that is not of it.
 FORMAT, REMEDY = "rimless-gym gait 3", "copy it again, or solve it again with `rimless gait`"
 
 
 class GaitFileError(ValueError):
     """A file is not a gait that this version saved, or was edited or damaged since."""
-
-
-@dataclasses.dataclass(frozen=True)
-class LocalOptimum:
-    """A local optimum met in a search.
-
-    Attributes:
-        cot: its cost of transport.
-        theta_turns: whole turns that theta gains in a stride.
-        found: number of starts that led there.
-    """
-
-    cot: float
-    theta_turns: int
-    found: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +74,6 @@ class Solution:
         regeneration: whether the objective was E (the battery takes energy back), not E+.
         verification: what independent re-simulation measures.
         optimality: of the problem's solution that it came from.
-        optima: distinct local optima met in the search, best first.
         provenance: versions, git revision and settings with which it was made.
         hold: period of the clock (s) between whose ticks the voltage is constant; None if it may
             change at any time.
@@ -106,7 +85,6 @@ class Solution:
     regeneration: bool
     verification: Verification
     optimality: Optimality
-    optima: tuple[LocalOptimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
     hold: float | None = None
 
@@ -279,7 +257,6 @@ class Solution:
             "passed": self.verification.passed,
             "verification": self.verification.to_dict(),
             "optimality": dataclasses.asdict(self.optimality),
-            "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
         return dict(jsonable(figures))
@@ -314,7 +291,6 @@ class Solution:
             "params": self.params.to_dict(),
             "verification": self.verification.to_dict(),
             "optimality": dataclasses.asdict(self.optimality),
-            "optima": [dataclasses.asdict(optimum) for optimum in self.optima],
         }
         write_arrays(path, FORMAT, header, phases_to_arrays(self.phases))
 
@@ -329,7 +305,16 @@ class Solution:
         """
         header, arrays = read_arrays(path, FORMAT, GaitFileError, REMEDY)
         try:
-            return cls(**_fields(header, arrays))
+            return cls(
+                params=WheelParams(**header["params"]),
+                phases=phases_from_arrays(arrays),
+                theta_turns=header["theta_turns"],
+                regeneration=header["regeneration"],
+                verification=Verification.from_dict(header["verification"]),
+                optimality=Optimality(**header["optimality"]),
+                provenance=header["provenance"],
+                hold=header.get("hold"),  # gaits saved by earlier versions have none
+            )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise GaitFileError(f"{path}: no valid gait ({error!r}); {REMEDY}") from error
 
@@ -362,21 +347,7 @@ def _report(gait: Solution) -> str:
         *_certainty(gait),
         f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
     ]
-    for o in gait.optima:
-        turns = f"{o.theta_turns} turn(s)"
-        lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
-    return "\n".join([*lines, *_doubt(gait)])
-
-
-def _doubt(gait: Solution) -> list[str]:
-    """A warning if the search met an optimum of clearly less cost that did not become a gait."""
-    least = min((o.cot for o in gait.optima), default=gait.cot)
-    if CLEARLY_MORE * least >= gait.cot:
-        return []
-    return [
-        f"  LESS COST WAS MET       CoT {least:.4f}, but it did not become a verified "
-        "gait; try more starts, another seed, or a guess"
-    ]
+    return "\n".join(lines)
 
 
 def _held(gait: Solution) -> str:
@@ -400,20 +371,3 @@ def _certainty(gait: Solution) -> list[str]:
         f"ledger off by {v.repeat_residual:.1e} J",
         f"  first tick              {gait.first_tick:.6f} s after the touchdown",
     ]
-
-
-# -- file -----------------------------------------------------------------------------------------
-
-
-def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Any]:
-    return {
-        "params": WheelParams(**header["params"]),
-        "phases": phases_from_arrays(arrays),
-        "theta_turns": header["theta_turns"],
-        "regeneration": header["regeneration"],
-        "verification": Verification.from_dict(header["verification"]),
-        "optimality": Optimality(**header["optimality"]),
-        "optima": tuple(LocalOptimum(**optimum) for optimum in header["optima"]),
-        "provenance": header["provenance"],
-        "hold": header.get("hold"),  # gaits saved by earlier versions have none
-    }

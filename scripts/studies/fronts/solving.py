@@ -301,7 +301,7 @@ def polish(params: WheelParams, gait: SearchGait) -> Polished:
         if not extremal.succeeded:
             failure = failure or f"no gait on a fine mesh: {extremal.status}"
             break
-        solution = finished(params, extremal, gait.turns, False, (), settings)
+        solution = finished(params, extremal, gait.turns, False, settings)
         failure = "; ".join(solution.verification.failures)
         if not failure:
             break

@@ -90,8 +90,6 @@ def test_its_speed_is_the_nearest_possible_one_and_its_cost_a_little_above_the_o
     assert held.duration == pytest.approx(0.88, abs=1e-12)
     assert held.speed == pytest.approx(P.step_length / 0.88)
     assert continuous.cot < held.cot < 1.04 * continuous.cot
-    # What was minimised was never less than what is paid, and hardly more.
-    assert held.cot < held.optima[0].cot < held.cot * (1 + 2e-4)
 
 
 def test_the_reference_simulator_agrees_with_the_kernel(held):
