@@ -203,9 +203,9 @@ def training(seconds: float, folder: str, n: int, ppo: dict[str, Any]) -> dict[s
 
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
+    from scripts.studies.textbook import cart_pole
     from trajopt.ocp.guesses import straight_lines
     from trajopt.ocp.mesh import Mesh
-    from trajopt.ocp.textbook import cart_pole
     from trajopt.ocp.transcription import Transcription
 
     def once() -> dict[str, float]:

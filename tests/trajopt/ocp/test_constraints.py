@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import FREE, move, solve_once, solved
 from trajopt import Constraint, Mesh, Phase, Problem, equal, nonnegative, solve
-from trajopt.ocp import textbook
 from trajopt.ocp.guesses import straight_lines
 from trajopt.ocp.schemes import radau_nodes
 from trajopt.ocp.solve import tightened

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from trajopt import (
     Constraint,
     InfeasibleBoundsError,
@@ -22,7 +23,6 @@ from trajopt import (
     multi_start,
     solve,
 )
-from trajopt.ocp import textbook
 from trajopt.ocp.guesses import Waypoints, straight_lines
 from trajopt.ocp.transcription import Transcription
 

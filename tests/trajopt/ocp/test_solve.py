@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import FREE, move, solve_once, solved, valley
 from trajopt import Extremal, Mesh, Phase, Problem, solve
-from trajopt.ocp import textbook
 from trajopt.ocp.guesses import polyline, straight_lines
 from trajopt.ocp.ranking import clearly_less, least_first, tied
 from trajopt.ocp.solve import OPTION_SETS
@@ -61,7 +61,7 @@ def test_a_solution_is_a_guess_that_leads_back_to_itself_at_once(swing: Extremal
 
 
 def test_problems_survive_pickling() -> None:
-    for example in textbook.EXAMPLES[::3]:
+    for example in textbook.PROBLEMS[::3]:
         problem = pickle.loads(pickle.dumps(example.problem()))
         mesh = Mesh.uniform(problem, 4)
         costs = [
