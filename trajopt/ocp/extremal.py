@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
 from trajopt.store import array_of, read_arrays, write_arrays
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -255,21 +253,6 @@ class Extremal:
         retried = [a for a in self.attempts if not a.succeeded]
         lines += [f"  retried              {a.status} with {a.options}" for a in retried]
         return "\n".join(lines)
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """States, controls and Hamiltonian against time; see `trajopt.ocp.plots.plot`.
-
-        Args:
-            path: where to write a picture too, if anywhere; its suffix says which kind.
-        """
-        from trajopt.ocp.plots import plot  # matplotlib takes a second to import
-
-        outcome = "converged" if self.converged else "FAILED: " + self.failures[0]
-        title = f"cost {self.cost:.6g}, {outcome}"
-        figure = plot(self.problem, self.phases, self.parameters, title, self.certificate)
-        if path is not None:
-            figure.savefig(Path(path))
-        return figure
 
     # -- files ----------------------------------------------------------------------------------
 
