@@ -27,7 +27,6 @@ from trajopt.ocp.trajectory import (
 from trajopt.provenance import provenance
 from trajopt.store import jsonable, read_arrays, write_arrays
 
-
 #: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
 MOST_TURNS = 600
 

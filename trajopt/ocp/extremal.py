@@ -30,7 +30,6 @@ from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
 from trajopt.store import array_of, read_arrays, write_arrays
 
-
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
 
