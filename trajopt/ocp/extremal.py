@@ -1,7 +1,7 @@
 """A solved problem, as users see it: states and controls by time, whether it converged, its file.
 
 A file has everything but the problem, whose functions are not plain data. `Extremal.load` is
-therefore given the problem, and detects a wrong one; `load_phases` needs none.
+therefore given the problem; `load_phases` needs none.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rimless_gym.checks import real
-from trajopt.ocp.accuracy import Certificate, audit, hamiltonian
+from trajopt.ocp.accuracy import Certificate
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Violation
 from trajopt.ocp.mesh import Mesh
@@ -116,11 +116,6 @@ class Extremal:
         return float(self._ends[-1])
 
     @property
-    def cost_gaps(self) -> tuple[Array, ...]:
-        """What each element may cost too much; see `Certificate.cost_gaps`."""
-        return self.certificate.cost_gaps(self.phases, self.cost)
-
-    @property
     def succeeded(self) -> bool:
         """Whether IPOPT solved the program on the mesh; this says nothing about accuracy."""
         return self.status == SUCCESS
@@ -139,7 +134,9 @@ class Extremal:
         """What is wrong, in words; empty if the solution converged."""
         failures = []
         if not self.succeeded:
-            failures.append(f"IPOPT: {self.status}{self._divergence}")
+            failures.append(f"IPOPT: {self.status}")
+        if self.status == DIVERGING:
+            failures.append("the cost has no minimum, or limits contradict each other")
         failures += [str(violation) for violation in self.violations[:3]]
         if not self.mesh_error <= self.tolerance:
             failures.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
@@ -156,25 +153,6 @@ class Extremal:
     def outcome(self) -> str:
         """Whether the solution converged, or why not, in one line."""
         return "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
-
-    @property
-    def _divergence(self) -> str:
-        """What grew, where the cost has no minimum."""
-        if self.status != DIVERGING:
-            return ""
-        pairs = zip(self.problem.parameters, self.parameters, strict=True)
-        sizes = {f"parameter {name}": abs(float(value)) for name, value in pairs}
-        for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
-            sizes[f"the duration of phase {phase.name!r}"] = abs(trajectory.duration)
-            both = (phase.states, trajectory.states), (phase.controls, trajectory.controls)
-            for names, values in both:
-                for name, size in zip(names, np.abs(values).max(axis=(0, 1)), strict=True):
-                    sizes[f"{name} of phase {phase.name!r}"] = float(size)
-        name, size = max(sizes.items(), key=lambda item: item[1])
-        return (
-            f": {name} grew to {size:.1e} and the cost came to {self.transcribed_cost:.1e}: it has "
-            "no minimum, or limits contradict each other; bound what grows"
-        )
 
     # -- by time --------------------------------------------------------------------------------
 
@@ -225,7 +203,7 @@ class Extremal:
         """Everything worth knowing, as text; failures in capitals."""
         elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
         iterations = sum(a.iterations for a in self.attempts)
-        gap = sum(gaps.sum() for gaps in self.cost_gaps)
+        gap = sum(g.sum() for g in self.certificate.cost_gaps(self.phases, self.cost))
         lines = [
             f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
             f"  outcome              {self.outcome}",
@@ -267,25 +245,18 @@ class Extremal:
     def load(cls, path: str | Path, problem: Problem) -> Extremal:
         """Read what `save` wrote, a solution of `problem`.
 
-        To detect another problem, its names, the Hamiltonian along the trajectory and the limits
-        between the nodes are compared with what was saved.
-
         Raises:
             FileNotFoundError: there is no such file.
             ExtremalFileError: it is not a solution saved by this version, was edited or damaged,
-                or is of another problem.
+                or its problem has other names.
         """
         header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        difference = "it has other names"
-        if header["names"] == _names(problem):
-            extremal = _from_file(header, arrays, problem)
-            difference = _difference(extremal)
-            if not difference:
-                return extremal
-        raise ExtremalFileError(
-            f"{path}: the solution of another problem than the one given: {difference}; "
-            "`load_phases` reads it as a guess"
-        )
+        if header["names"] != _names(problem):
+            raise ExtremalFileError(
+                f"{path}: the solution of another problem than the one given, which has other "
+                "names; `load_phases` reads it as a guess"
+            )
+        return _from_file(header, arrays, problem)
 
 
 def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
@@ -364,22 +335,3 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         audit=tuple(Violation(**v) for v in header["audit"]),
         **{name: header[name] for name in _PLAIN},
     )
-
-
-def _difference(extremal: Extremal) -> str:
-    """How the saved figures differ from those computed with the problem; "" if they agree."""
-    problem, p, certificate = extremal.problem, extremal.parameters, extremal.certificate
-    saved = zip(certificate.costates, certificate.hamiltonian, strict=True)
-    pairs = zip(problem.phases, extremal.phases, saved, strict=True)
-    for phase, trajectory, (costates, before) in pairs:
-        if phase.integral is not None:  # its multipliers, which are not saved, count as well
-            continue
-        gap = before - hamiltonian(phase, trajectory, costates, p)
-        if np.any(np.abs(gap) > 1e-8 * (1.0 + np.abs(before))):
-            return f"the flow or the running cost of phase {phase.name!r} is different"
-    known = {(v.kind, v.name, v.phase): v.amount for v in extremal.audit}
-    for violation in audit(problem, extremal.phases, p):
-        key = violation.kind, violation.name, violation.phase
-        if violation.amount > known.get(key, 0.0) + 1e-8:
-            return str(violation)
-    return ""

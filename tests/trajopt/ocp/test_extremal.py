@@ -54,15 +54,15 @@ def test_solutions_survive_pickling() -> None:
 # -- files --------------------------------------------------------------------------------------
 
 
-def relay(weight: float = 1.0, fastest: float = 5.0) -> Problem:
+def relay() -> Problem:
     """A trolley hands a load of mass m to another one halfway; m may be chosen."""
     leg = Phase(
         "first",
         states=("x", "v"),
         controls=("f",),
         flow=lambda x, u, p: [x[1], u[0] / p[0]],
-        cost=lambda x, u, p: weight * u[0] ** 2 + 1.0 / p[0],
-        bounds={"v": (0.0, fastest)},
+        cost=lambda x, u, p: u[0] ** 2 + 1.0 / p[0],
+        bounds={"v": (0.0, 5.0)},
         start={"x": 0.0, "v": 0.0},
         end={"x": 0.5},
         duration=(0.2, 2.0),
@@ -113,17 +113,9 @@ def test_a_loaded_trajectory_is_a_guess_on_any_mesh(extremal: Extremal, path: Pa
     assert again.cost == pytest.approx(extremal.cost, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("other", "reason"),
-    [
-        (relay(weight=1.1), "flow or the running cost"),
-        (relay(fastest=0.6), "bound of v"),
-        (Problem((RELAY.phases[0],), parameters={"m": 1.0}), "other names"),
-    ],
-)
-def test_a_solution_of_another_problem_is_refused(path: Path, other: Problem, reason: str) -> None:
-    with pytest.raises(ExtremalFileError, match=reason):
-        Extremal.load(path, other)
+def test_a_solution_of_a_problem_of_other_names_is_refused(path: Path) -> None:
+    with pytest.raises(ExtremalFileError, match="other names"):
+        Extremal.load(path, Problem((RELAY.phases[0],), parameters={"m": 1.0}))
 
 
 def rewritten(path: Path, change: dict[str, Any], **closed: Any) -> None:
