@@ -28,7 +28,7 @@ from trajopt.ocp.trajectory import (
 )
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
-from trajopt.store import array_of, read_arrays, write_arrays
+from trajopt.store import read_arrays, write_arrays
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -314,7 +314,7 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
 
     def by_phase(name: str) -> tuple[Array, ...]:
-        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+        return tuple(arrays[f"phase{i}_{name}"] for i in range(len(phases)))
 
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
@@ -322,12 +322,12 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
         phases=phases,
-        parameters=array_of(arrays, "parameters"),
+        parameters=arrays["parameters"],
         certificate=Certificate(
             by_phase("costates"),
             by_phase("hamiltonian"),
             by_phase("mean_hamiltonian"),
-            array_of(arrays, "duration_price"),
+            arrays["duration_price"],
         ),
         resimulation=simulated,
         attempts=tuple(Attempt(**a) for a in header["attempts"]),
