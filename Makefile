@@ -74,7 +74,9 @@ format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Compiled by one process first: on Python 3.13 the process that compiles rounds otherwise than those that load.
 test: lint
+	$(BIN)/rimless warmup
 	$(PYTEST) -m "not slow and not peers" $(TESTS)
 
 test-slow: $(INSTALLED)

@@ -39,7 +39,8 @@ EQUATIONS, HYBRID = "rimless_gym/equations.py", "rimless_gym/hybrid.py"
 TASK, ACCOUNTING = "rimless_gym/envs/task.py", "rimless_gym/kernel/accounting.py"
 EVALUATE, VERIFY = "agents/evaluate.py", "trajopt/gaits/verify.py"
 
-MODEL = tuple(f"tests/rimless_gym/test_{n}.py" for n in ("equations", "energy", "contact"))
+MODEL_TESTS = ("equations", "energy", "contact", "against_mujoco")
+MODEL = tuple(f"tests/rimless_gym/test_{name}.py" for name in MODEL_TESTS)
 KERNEL = ("tests/rimless_gym/kernel", "tests/rimless_gym/test_contact.py")
 REWARDS = ("tests/rimless_gym/envs/test_rewards.py", "tests/rimless_gym/envs/test_speed.py")
 EVALUATION = ("tests/agents/test_evaluate.py", "tests/agents/test_rollout.py")

@@ -58,7 +58,7 @@ def test_the_same_seed_gives_the_same_policy_and_the_default_is_seed_0(tmp_path)
 
 
 def test_the_best_policy_is_the_one_that_evaluates_best(tmp_path):
-    scores = iter([1, 3.0, np.nan, *[0.0] * 20])
+    scores = iter([1, 3.0, 3.0, np.nan, *[0.0] * 20])
     result = run(tmp_path, score=lambda evaluation: next(scores))
     assert read_record(result.best)["score"] == 3.0
     assert read_record(result.best)["timesteps"] == result.curve[1].intervals / 4

@@ -164,43 +164,6 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
     }
 
 
-def training(seconds: float, folder: str, n: int, ppo: dict[str, Any]) -> dict[str, Any]:
-    """Stable-baselines3's PPO; `share` is the part of its time that is in the environments."""
-    import gymnasium as gym
-    import torch
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecMonitor
-
-    from agents import Sb3VecEnv
-
-    torch.set_num_threads(1)
-    native = gym.make_vec(
-        "RimlessWheel-v0",
-        num_envs=n,
-        params=PRESET,
-        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
-    )
-    envs = Sb3VecEnv(native)
-    step, inside = envs.step_wait, 0.0
-
-    def timed() -> Any:
-        nonlocal inside
-        begin = time.perf_counter()
-        result = step()
-        inside += time.perf_counter() - begin
-        return result
-
-    envs.step_wait = timed  # type: ignore[method-assign]
-    model = PPO("MlpPolicy", VecMonitor(envs), device="cpu", seed=0, **ppo)
-    rollout = model.n_steps * n
-    model.learn(rollout)
-    inside, steps, begin = 0.0, 0, time.perf_counter()
-    while (elapsed := time.perf_counter() - begin) < seconds:
-        model.learn(rollout, reset_num_timesteps=False)
-        steps += rollout
-    return {"steps": steps, "seconds": elapsed, "share": inside / elapsed}
-
-
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
     from scripts.studies.textbook import cart_pole
@@ -260,8 +223,7 @@ def compare(start: Floats, mode: Any, actions: NDArray[np.float32]) -> dict[str,
         `state_error`: of the states (rad, rad/s) at the ends of the control intervals, where kernel
         and reference have the same start and walk on their own. `event_error`: of the times of
         touchdowns (s), where the kernel starts from the reference's state at the beginning of the
-        touchdown's control interval. `event_drift`: of the same times (s), where both walk on their
-        own; without feedback the gait magnifies rounding errors.
+        touchdown's control interval.
 
     Raises:
         RuntimeError: the two have different numbers of touchdowns.
@@ -274,28 +236,19 @@ def compare(start: Floats, mode: Any, actions: NDArray[np.float32]) -> dict[str,
 
     params = preset(PRESET)
 
-    def touchdown_time(state: Floats, u: float, number: int) -> float:
-        """When in the interval the kernel finds its touchdown of that number (s), by bisection."""
-        early, late = 0.0, CONTROL_PERIOD
-        while early < (middle := (early + late) / 2) < late:
-            rows = advance(params, state.copy(), np.array([u]), middle)
-            early, late = (early, middle) if rows[0, ROW.touchdowns] >= number else (middle, late)
-        return late
-
     volts = params.voltage_limit * actions.astype(np.float64)
     reference = simulate(params, start, volts, CONTROL_PERIOD * len(volts), mode=MODE_NAMES[mode])
     state = np.zeros((1, STATE_SIZE))
     state[0, :4], state[0, MODE] = start, mode
     located: list[float] = []
-    drifted: list[float] = []
     error = 0.0
     for i, u in enumerate(volts):
-        begin, before = CONTROL_PERIOD * i, state.copy()
+        begin = CONTROL_PERIOD * i
         theirs = np.array([[*reference.state(begin), *state[0, 4:]]])
-        touchdowns = int(advance(params, state, np.array([u]))[0, ROW.touchdowns])
-        for number in range(1, touchdowns + 1):
-            located.append(begin + touchdown_time(theirs, u, number))
-            drifted.append(begin + touchdown_time(before, u, number))
+        row = advance(params, theirs, np.array([u]))[0]
+        if row[ROW.touchdowns]:
+            located.append(begin + row[ROW.touchdown_time])
+        advance(params, state, np.array([u]))
         after = reference.state(begin + CONTROL_PERIOD)
         error = max(error, float(np.abs(state[0, :4] - after).max()))
     times = [event.time for event in reference.touchdowns]
@@ -304,7 +257,6 @@ def compare(start: Floats, mode: Any, actions: NDArray[np.float32]) -> dict[str,
     return {
         "state_error": error,
         "event_error": float(np.abs(np.subtract(located, times)).max(initial=0.0)),
-        "event_drift": float(np.abs(np.subtract(drifted, times)).max(initial=0.0)),
     }
 
 
@@ -379,7 +331,6 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
 MEASURES = {
     "single": single,
     "vector": vector,
-    "training": training,
     "optimisation": optimisation,
     "fresh": fresh,
     "accuracy": accuracy,

@@ -8,7 +8,7 @@ from typing import Any
 #: The Python that runs this study; other names are those of files in requirements/.
 OURS = "ours"
 
-SINGLE, VECTOR, TRAINING, OPTIMISATION = "single", "vector", "training", "optimisation"
+SINGLE, VECTOR, OPTIMISATION = "single", "vector", "optimisation"
 PROCESS, ACCURACY = "process", "accuracy"
 
 OUR_PHYSICS = "hybrid walking, impacts located, every joule accounted; float64, 8th order, 10 ms"
@@ -51,16 +51,8 @@ def _gymnasium(name: str, physics: str) -> Row:
     return Row(name, SINGLE, title, "gymnasium", "gymnasium_single", settings, physics)
 
 
-def _envpool(key: str, name: str, n: int, batch: int, physics: str) -> Row:
-    settings = {"env": name, "n": n, "batch": batch}
-    return Row(
-        key, VECTOR, f"EnvPool {name}", "envpool", "envpool_vector", settings, physics, False
-    )
-
-
-def _swing_up(key: str, title: str, python: str, by: str, **settings: Any) -> Row:
-    most = 1 if python == "dymos" else 1000
-    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, settings, by, most=most)
+def _swing_up(key: str, title: str, python: str, by: str) -> Row:
+    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, by=by)
 
 
 def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any) -> Row:
@@ -70,8 +62,6 @@ def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any
 
 SIZES = (1024, 16384)
 CARTPOLE_NATIVE = {"env": "CartPole-v1"}
-ACROBOT_GYMNAX = {"env": "Acrobot-v1", "n": 16384}
-BIG_BATCHES = {"n_steps": 256, "batch_size": 4096}
 SIMPSON = "Hermite-Simpson"
 TRAPEZOIDS = f"{SIMPSON}, force linear, cost by trapezoids; no Hessian"
 
@@ -97,29 +87,24 @@ ROWS = (
         )
         for n in SIZES
     ),
-    _envpool("envpool-acrobot", "Acrobot-v1", 2048, 1024, ACROBOT),
-    _envpool("envpool-double-pendulum", "InvertedDoublePendulum-v5", 64, 64, MUJOCO),
-    *(
-        Row(
-            f"gymnax-acrobot-{cores}",
-            VECTOR,
-            "gymnax Acrobot-v1",
-            "gymnax",
-            "gymnax_vector",
-            ACROBOT_GYMNAX,
-            f"{ACROBOT}, float32",
-            one_core=cores == "one",
-        )
-        for cores in ("one", "all")
-    ),
-    Row("ppo-8", TRAINING, "8 environments, its defaults", OURS, "training", {"n": 8, "ppo": {}}),
     Row(
-        "ppo-1024",
-        TRAINING,
-        "1024 environments, 256 steps a roll-out, batches of 4096",
-        OURS,
-        "training",
-        {"n": 1024, "ppo": BIG_BATCHES},
+        "envpool-acrobot",
+        VECTOR,
+        "EnvPool Acrobot-v1",
+        "envpool",
+        "envpool_vector",
+        {"env": "Acrobot-v1", "n": 2048, "batch": 1024},
+        ACROBOT,
+        one_core=False,
+    ),
+    Row(
+        "gymnax-acrobot-one",
+        VECTOR,
+        "gymnax Acrobot-v1",
+        "gymnax",
+        "gymnax_vector",
+        {"env": "Acrobot-v1", "n": 16384},
+        f"{ACROBOT}, float32",
     ),
     Row(
         "swing-up-ours", OPTIMISATION, "**trajopt**", OURS, "optimisation", by=f"{SIMPSON}; {IPOPT}"
@@ -130,18 +115,8 @@ ROWS = (
         "rockit, DirectCollocation",
         "rockit",
         f"2 Gauss points, force linear; {IPOPT}",
-        method="collocation",
     ),
-    _swing_up(
-        "rockit-shooting",
-        "rockit, MultipleShooting",
-        "rockit",
-        f"a step of RK4, force linear; {IPOPT}",
-        method="shooting",
-    ),
-    _swing_up("drake-ipopt", "Drake, IPOPT", "drake", TRAPEZOIDS, solver="ipopt"),
-    _swing_up("drake-snopt", "Drake, SNOPT", "drake", TRAPEZOIDS, solver="snopt"),
-    _swing_up("dymos", "dymos", "dymos", f"{SIMPSON}; SciPy's SLSQP"),
+    _swing_up("drake-ipopt", "Drake, IPOPT", "drake", TRAPEZOIDS),
     _fresh("gait", "`periodic_gait` of two steps, verified; imports not counted", "gait", 3),
     _fresh("import", "`import rimless_gym`", "import"),
     _fresh("single", "import, `gym.make`, first `reset` and `step`", "single"),

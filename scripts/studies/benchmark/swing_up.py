@@ -9,7 +9,6 @@ what it measures.
 
 import json
 import math
-import os
 import re
 import sys
 import tempfile
@@ -45,12 +44,9 @@ IPOPT: dict[str, Any] = {
 def main() -> None:
     """Solve with the tool that the settings name again and again, and print medians as JSON."""
     settings = json.loads(sys.argv[1])
-    seconds, tool = settings.pop("seconds"), TOOLS[settings.pop("measure")]
-    with tempfile.TemporaryDirectory() as folder:  # dymos writes files
-        os.chdir(folder)
-        once, name = tool(**settings)
-        print(json.dumps(repeated(once, seconds) | {"version": f"{name} {version(name)}"}))
-        os.chdir("/")
+    seconds, tool = settings["seconds"], TOOLS[settings["measure"]]
+    once, name = tool()
+    print(json.dumps(repeated(once, seconds) | {"version": f"{name} {version(name)}"}))
 
 
 def repeated(once: Callable[[], dict[str, float]], seconds: float) -> dict[str, Any]:
@@ -143,14 +139,14 @@ def casadi_script() -> tuple[Callable[[], dict[str, float]], str]:
     return once, "casadi"
 
 
-def rockit(method: str) -> tuple[Callable[[], dict[str, float]], str]:
-    """rockit, whose force is linear within a segment.
+def rockit() -> tuple[Callable[[], dict[str, float]], str]:
+    """rockit's collocation, whose force is linear within a segment.
 
     It makes its solver within the first solve. The time by which that takes longer than a second
     solve counts as building.
     """
     import casadi as ca
-    from rockit import DirectCollocation, MultipleShooting, Ocp  # type: ignore[import-not-found]
+    from rockit import DirectCollocation, Ocp  # type: ignore[import-not-found]
 
     def build() -> tuple[Any, Any]:
         ocp = Ocp(T=DURATION)
@@ -164,10 +160,7 @@ def rockit(method: str) -> tuple[Callable[[], dict[str, float]], str]:
             ocp.subject_to(-bound <= (signal <= bound))
         ocp.set_initial(x, ca.vertcat(*line(ocp.t / DURATION)))
         ocp.solver("ipopt", IPOPT | {"detect_simple_bounds": True})
-        if method == "collocation":
-            ocp.method(DirectCollocation(N=SEGMENTS, degree=2, scheme="legendre"))
-        else:
-            ocp.method(MultipleShooting(N=SEGMENTS, intg="rk"))
+        ocp.method(DirectCollocation(N=SEGMENTS, degree=2, scheme="legendre"))
         return ocp, cost
 
     def once() -> dict[str, float]:
@@ -187,16 +180,16 @@ def rockit(method: str) -> tuple[Callable[[], dict[str, float]], str]:
     return once, "rockit-meco"
 
 
-def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
-    """Drake's Hermite-Simpson, on a symbolic system: a multibody plant is several times slower."""
+def drake() -> tuple[Callable[[], dict[str, float]], str]:
+    """Drake's Hermite-Simpson and IPOPT, on a symbolic system: a multibody plant is slower."""
     import numpy as np
     from pydrake.planning import DirectCollocation
-    from pydrake.solvers import CommonSolverOption, IpoptSolver, SnoptSolver, SolverOptions
+    from pydrake.solvers import CommonSolverOption, IpoptSolver, SolverOptions
     from pydrake.symbolic import Variable, cos, sin
     from pydrake.systems.primitives import SymbolicVectorSystem
     from pydrake.trajectories import PiecewisePolynomial
 
-    chosen: Any = {"ipopt": IpoptSolver, "snopt": SnoptSolver}[solver]()
+    ipopt = IpoptSolver()
 
     def build() -> Any:
         x, u = [Variable(name) for name in ("q1", "q2", "v1", "v2")], Variable("u")
@@ -220,13 +213,13 @@ def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
         return collocation
 
     def count() -> int:
-        """The solver's iterations, from its own report."""
-        path, options = Path("report").resolve(), SolverOptions()
-        options.SetOption(CommonSolverOption.kPrintFileName, str(path))
-        options.SetOption(SnoptSolver.id(), "Major print level", 1)
-        chosen.Solve(build().prog(), None, options)
-        reported = r"(?:Number of Iterations\.+:|No\. of major iterations) *(\d+)"
-        return int(re.findall(reported, path.read_text())[-1])
+        """The iterations, from IPOPT's own report."""
+        options = SolverOptions()
+        with tempfile.NamedTemporaryFile() as report:
+            options.SetOption(CommonSolverOption.kPrintFileName, report.name)
+            ipopt.Solve(build().prog(), None, options)
+            text = Path(report.name).read_text()
+        return int(re.findall(r"Number of Iterations\.+: *(\d+)", text)[-1])
 
     iterations = count()
 
@@ -234,7 +227,7 @@ def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
         begin = time.perf_counter()
         collocation = build()
         built = time.perf_counter()
-        result = chosen.Solve(collocation.prog())
+        result = ipopt.Solve(collocation.prog())
         return {
             "build": built - begin,
             "solve": time.perf_counter() - built,
@@ -245,82 +238,10 @@ def drake(solver: str) -> tuple[Callable[[], dict[str, float]], str]:
     return once, "drake"
 
 
-def dymos() -> tuple[Callable[[], dict[str, float]], str]:
-    """dymos: its own example's equations, Gauss-Lobatto of order 3, SciPy's SLSQP.
-
-    With IPOPT or SNOPT from pyOptSparse it would be faster, but pip cannot install pyOptSparse
-    without compiling it. Linear algebra runs on one thread, because SLSQP on small dense matrices
-    is several times as slow on two.
-    """
-    os.environ |= {"OPENMDAO_REPORTS": "0", "OPENBLAS_NUM_THREADS": "1"}
-    import dymos as dm  # type: ignore[import-not-found]
-    import openmdao.api as om  # type: ignore[import-not-found]
-    from dymos.examples.cart_pole import (  # type: ignore[import-not-found]
-        cartpole_dynamics,
-    )
-
-    #: Names of the states, in the order of START, and of their rates, and units.
-    states = (
-        ("x", "x_dot", "m"),
-        ("theta", "theta_dot", "rad"),
-        ("x_dot", "x_dotdot", "m/s"),
-        ("theta_dot", "theta_dotdot", "rad/s"),
-    )
-
-    def build() -> Any:
-        problem = om.Problem(reports=False)
-        trajectory = problem.model.add_subsystem("trajectory", dm.Trajectory())
-        lobatto = dm.GaussLobatto(num_segments=SEGMENTS, order=3)
-        dynamics = cartpole_dynamics.CartPoleDynamics
-        phase = trajectory.add_phase("phase", dm.Phase(ode_class=dynamics, transcription=lobatto))
-        phase.set_time_options(fix_initial=True, fix_duration=True, duration_val=DURATION)
-        ends = {"fix_initial": True, "fix_final": True, "shape": (1,)}
-        for name, rate, units in states:
-            track = {"lower": -TRACK, "upper": TRACK} if name == "x" else {}
-            phase.add_state(name, rate_source=rate, units=units, **ends, **track)
-        phase.add_state("energy", rate_source="e_dot", units="N**2*s", fix_initial=True, shape=(1,))
-        force = {"lower": -FORCE, "upper": FORCE}
-        phase.add_control("f", shape=(1,), units="N", rate_continuity=False, **force)
-        for name, value, units in (
-            ("m_cart", CART, "kg"),
-            ("m_pole", POLE, "kg"),
-            ("l_pole", LENGTH, "m"),
-        ):
-            phase.add_parameter(name, val=value, units=units, static_target=True)
-        phase.add_objective("energy", loc="final")
-        problem.driver = om.ScipyOptimizeDriver(optimizer="SLSQP", maxiter=1000, disp=False)
-        problem.driver.declare_coloring(show_summary=False)
-        problem.setup(check=False)
-        phase.set_time_val(initial=0.0)
-        for (name, _, _), first, last in zip(states, line(0), line(1), strict=True):
-            phase.set_state_val(name, [first, last])
-        phase.set_state_val("energy", [0.0, 0.0])
-        phase.set_control_val("f", [0.0, 0.0])
-        problem.run_model()
-        problem.driver._get_coloring()
-        return problem
-
-    def once() -> dict[str, float]:
-        begin = time.perf_counter()
-        problem = build()
-        built = time.perf_counter()
-        result = problem.run_driver()
-        energy = problem.get_val("trajectory.phase.states:energy")
-        return {
-            "build": built - begin,
-            "solve": time.perf_counter() - built,
-            "iterations": result.deriv_evals,
-            "cost": float(energy[-1, 0]) if result.success else math.nan,
-        }
-
-    return once, "dymos"
-
-
 TOOLS: dict[str, Callable[..., Any]] = {
     "casadi": casadi_script,
     "rockit": rockit,
     "drake": drake,
-    "dymos": dymos,
 }
 
 if __name__ == "__main__":

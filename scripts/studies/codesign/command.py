@@ -118,7 +118,7 @@ def codesign(
         if name.isupper() and name not in ("MARKS", "OTHERS", "HIGHEST", "SHOWN")
     }
     with Store(out, {"constants": constants}) as store:
-        study = Study(store, workers)
+        study = CodesignStudy(store, workers)
         landscape = study.landscape()
         results = {
             "landscape": {k: figures(g) for k, g in landscape.items() if isinstance(g, Solution)},
@@ -135,7 +135,7 @@ def codesign(
     return 0
 
 
-class Study:
+class CodesignStudy:
     """The stages of the study, each result of which is in the store."""
 
     def __init__(self, store: Store, workers: int | None) -> None:

@@ -28,7 +28,7 @@ from rimless_gym.presets import as_params
 from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, SearchResults, disagreements
-from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, Search, Sweep
+from scripts.studies.fronts.search import LAST, SEEDS, FineMeshes, FrontSearch, Sweep
 from scripts.studies.fronts.solving import Polished
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront
@@ -89,7 +89,7 @@ def front(
     run = partial(_run, workers)
     with Store(folder, {"params": wheel.to_dict(), "grid": grid}) as store:
         results = SearchResults(wheel, store)
-        sweeps = Search(results, grid, budget, run)()
+        sweeps = FrontSearch(results, grid, budget, run)()
         done = FineMeshes(results, budget, run)()
         gaits = chosen(done, [gait for gait in shipped(wheel) if not gait.regeneration])
         content = record(

@@ -10,12 +10,12 @@ from typing import Any
 
 from rimless_gym.params import WheelParams
 from scripts.studies.fronts.solving import (
-    Attempt,
     Continuation,
     Joint,
     Place,
     RandomStarts,
     SearchGait,
+    SolveAttempt,
     Task,
 )
 from trajopt.ocp.trajectory import phases_from_arrays, phases_to_arrays
@@ -88,7 +88,7 @@ class PlaceResults:
         """Whether the gait is among those found."""
         return any(gait.same_as(other) for other in self.gaits)
 
-    def after(self, attempt: Attempt) -> PlaceResults:
+    def after(self, attempt: SolveAttempt) -> PlaceResults:
         """The results with one more attempt."""
         starts, known = dict(self.starts), self.known
         if attempt.known is not None:
@@ -174,7 +174,7 @@ class SearchResults:
         key = f"search/seed{place.seed}_{place.steps}_steps_{place.speed:.4f}"
         self.store.save(key, results.to_value())
 
-    def add(self, place: Place, made: Iterable[Attempt], source: float | None = None) -> None:
+    def add(self, place: Place, made: Iterable[SolveAttempt], source: float | None = None) -> None:
         """Add attempts; `source` is the speed from which a gait was continued, if it was."""
         before = after = self.at(place)
         for attempt in made:
@@ -182,7 +182,7 @@ class SearchResults:
             if source is None or attempt.gait is None or before.has(attempt.gait):
                 continue
             # The way back ends where it came from.
-            back = Attempt(attempt.turns, attempt.gait.key, None, 0.0)
+            back = SolveAttempt(attempt.turns, attempt.gait.key, None, 0.0)
             self.save(self.at(place._replace(speed=source)).after(back))
         self.save(after)
 

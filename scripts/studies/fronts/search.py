@@ -91,7 +91,7 @@ class Sweep(NamedTuple):
     complete: bool
 
 
-class Search:
+class FrontSearch:
     """The stages of a search.
 
     Args:

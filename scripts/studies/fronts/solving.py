@@ -132,7 +132,7 @@ class Joint(NamedTuple):
 Task: TypeAlias = RandomStarts | Continuation | Joint
 
 
-class Attempt(NamedTuple):
+class SolveAttempt(NamedTuple):
     """A solve, and its result.
 
     Attributes:
@@ -156,13 +156,13 @@ class Timed(Protocol):
         """Its time (s)."""
 
 
-def attempts(params: WheelParams, task: Task) -> list[Attempt]:
+def attempts(params: WheelParams, task: Task) -> list[SolveAttempt]:
     """Solve a task."""
     if isinstance(task, Continuation):
         return [continued(params, task)]
     if isinstance(task, Joint):
         return [joined(params, task)]
-    made: list[Attempt] = []
+    made: list[SolveAttempt] = []
     for turns, first, starts in task.families:
         for index in range(first, first + starts):
             made.append(started(params, task.place, turns, index))
@@ -174,7 +174,7 @@ def attempts(params: WheelParams, task: Task) -> list[Attempt]:
     return made
 
 
-def started(params: WheelParams, place: Place, turns: int, index: int) -> Attempt:
+def started(params: WheelParams, place: Place, turns: int, index: int) -> SolveAttempt:
     """A random start, solved with regeneration first, where the landscape is smoother."""
     begin = time.process_time()
     label = f"seed {place.seed}, random start {index} at {place.speed:g} m/s"
@@ -191,10 +191,10 @@ def started(params: WheelParams, place: Place, turns: int, index: int) -> Attemp
         guess = result.phases
     assert result is not None
     gait = _gait(params, place, turns, result, label)
-    return Attempt(turns, None, gait, time.process_time() - begin)
+    return SolveAttempt(turns, None, gait, time.process_time() - begin)
 
 
-def continued(params: WheelParams, task: Continuation) -> Attempt:
+def continued(params: WheelParams, task: Continuation) -> SolveAttempt:
     """A gait continued to another speed at once, or else in two steps."""
     begin, (place, gait) = time.process_time(), task
     halfway = place._replace(speed=(gait.speed + place.speed) / 2)
@@ -206,10 +206,10 @@ def continued(params: WheelParams, task: Continuation) -> Attempt:
             result = _solved(params, place, gait.turns, between.phases, False, **options)
     label = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
     there = _gait(params, place, gait.turns, result, label)
-    return Attempt(gait.turns, task.key, there, time.process_time() - begin)
+    return SolveAttempt(gait.turns, task.key, there, time.process_time() - begin)
 
 
-def joined(params: WheelParams, task: Joint) -> Attempt:
+def joined(params: WheelParams, task: Joint) -> SolveAttempt:
     """One-step gaits joined to a stride: the pendulum goes on from step to step."""
     begin, (place, parts) = time.process_time(), task
     phases, turns = [], 0
@@ -221,7 +221,7 @@ def joined(params: WheelParams, task: Joint) -> Attempt:
     speeds = ", ".join(f"{part.speed:g}" for part in parts)
     label = f"{parts[0].origin.split('; ')[0]}; steps of {speeds} m/s joined"
     gait = _gait(params, place, turns, result, label)
-    return Attempt(turns, task.key, gait, time.process_time() - begin)
+    return SolveAttempt(turns, task.key, gait, time.process_time() - begin)
 
 
 def _gait(

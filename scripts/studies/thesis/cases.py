@@ -32,8 +32,6 @@ from scripts.studies.thesis.problems import (
     Table,
     Weights,
     from_state,
-    least_final_swing,
-    least_pull,
     rod_of_mass,
     steps,
     symmetric,
@@ -53,13 +51,11 @@ class Printed:
         variant: name of the case.
         cost: its cost; None if not printed, as the others below.
         energy: its energy (J).
-        late: error of the last touchdown's time in the thesis's verification (s).
     """
 
     variant: str
     cost: float | None = None
     energy: float | None = None
-    late: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,8 +95,6 @@ class Case:
         appended: whether the motion is a further step of that case's, simulated together with it.
         effort: of the search.
         quickest: whether the quickest of equally good solutions is kept, not the first.
-        limit: whether the case only shows what is possible. Its solution grazes the guards, where
-            a simulation cannot follow it well, so that `Solved.converged` does not ask for one.
         design: what is to be chosen of the machine, if anything.
         family: problem -> family of starts; random waypoints by default.
     """
@@ -113,7 +107,6 @@ class Case:
     appended: bool = False
     effort: Effort = USUAL
     quickest: bool = False
-    limit: bool = False
     design: Design | None = None
     family: Callable[[Problem], StartFamily] | None = None
 
@@ -155,39 +148,31 @@ def experiment_1() -> tuple[Case, ...]:
 
 @cache
 def experiment_2() -> tuple[Case, ...]:
-    """One step that ends without a collision, Table 4.4, and the least that such a step needs.
+    """One step that ends without a collision, Table 4.4.
 
     The printed bound of 3 pi on the last theta' admits no such step.
     """
     table = dataclasses.replace(TABLE_4_4, swing=symmetric(8 * pi, 8 * pi, 8 * pi))
     quick = Effort(30, elements=10, durations=(0.15, 1.5))
-    much = Effort(60, elements=10, durations=(0.3, 1.2))
     printed = Printed("|theta'| <= 8 pi at the end", 1.246894, 139.855118)
-    slow, light = Printed("least |theta'| at the end"), Printed("least pull of the foot")
-    swing = partial(least_final_swing, NOMINAL, table)
-    pull = partial(least_pull, NOMINAL, table)
-    return (
-        _case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),
-        Case(2, (slow,), NOMINAL, lambda _: swing(), effort=much, limit=True),
-        Case(2, (light,), NOMINAL, lambda _: pull(), effort=quick, limit=True),
-    )
+    return (_case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),)
 
 
 @cache
 def experiment_3() -> tuple[Case, ...]:
     """Two steps with "perfectly elastic" touchdowns, Table 4.5, m2 given or chosen."""
     costs = {
-        "cost 4.6": (COST_4_6, 1344.993117, 61.615496, 0.5),
-        "cost 4.7": (COST_4_7, 855.575987, 43.886971, 0.2),
-        "cost 4.8": (COST_4_8, 1223.694360, 11.050817, 1.75),
-        "cost 4.9": (COST_4_9, 1933.139004, 17.157731, 4.8),
+        "cost 4.6": (COST_4_6, 1344.993117, 61.615496),
+        "cost 4.7": (COST_4_7, 855.575987, 43.886971),
+        "cost 4.8": (COST_4_8, 1223.694360, 11.050817),
+        "cost 4.9": (COST_4_9, 1933.139004, 17.157731),
     }
     masses = {"m2 = 1 kg": None, "m2 free": MASS}
     cases = []
     for (cost, (weights, *numbers)), (name, mass) in product(costs.items(), masses.items()):
         printed = [Printed(f"{cost}, {name}", *numbers)]
         if weights is COST_4_9:  # (4.10) has the same weights
-            printed.append(Printed(f"cost 4.10, {name}", 903.897130, 48.547980, 0.3))
+            printed.append(Printed(f"cost 4.10, {name}", 903.897130, 48.547980))
         posed = (NOMINAL, TABLE_4_5, weights, 2)
         cases.append(_case(3, printed, posed, Effort(20), mass=mass))
     wider = [Printed("cost 4.6, m2 free from 0.1 kg")]
@@ -213,7 +198,7 @@ def experiment_5() -> tuple[Case, ...]:
         name = f"{law}, phi'(0) <= {limit:g}"
         posed = (params, table, COST_4_12, 2)
         short = (0.15, 1.2)
-        printed = [Printed(name, 1999.992695, 74.206063, 0.2089)]
+        printed = [Printed(name, 1999.992695, 74.206063)]
         starts = 40 if limit == 10.0 else 80  # many optima have phi'(0) at its bound
         cases.append(_case(5, printed, posed, Effort(starts, durations=short)))
         if law == "plastic":
@@ -228,7 +213,7 @@ def experiment_6() -> tuple[Case, ...]:
     """Single steps, each from where the one before ended: elastic, and plastic towards 5's end."""
     elastic = Case(
         experiment=6,
-        printed=(Printed("elastic, step 2", 0.040907, 0.003125, 1e-8),),
+        printed=(Printed("elastic, step 2", 0.040907, 0.003125),),
         params=NOMINAL,
         problem=_continued(NOMINAL, TABLE_4_3, COST_4_4),
         after=experiment_1()[1],
@@ -246,7 +231,7 @@ def experiment_6() -> tuple[Case, ...]:
     )
     second = Case(
         experiment=6,
-        printed=(Printed("plastic, step 2", 4.741788, 57.619640, 1e-8),),
+        printed=(Printed("plastic, step 2", 4.741788, 57.619640),),
         params=plastic,
         problem=_continued(plastic, TABLE_4_7, COST_4_12),
         after=first,

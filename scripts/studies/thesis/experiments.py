@@ -156,13 +156,13 @@ def write(folder: Path, solutions: Sequence[Solved], rows: Sequence[dict[str, An
 
 
 def figure(solution: Solved) -> Figure:
-    """Angles, rates and voltage; dashed: simulated at 1 kHz, as in the thesis."""
+    """Angles, rates and voltage; dashed: simulated."""
     drawn = Figure(figsize=(11, 2.6), layout="constrained")
     angles, rates, volts = drawn.subplots(1, 3)
-    coarse, begin = solution.resampled, 0.0
-    jumps = np.flatnonzero(np.diff(coarse.times) == 0.0) + 1  # no line is drawn over a jump
-    dashed_times = np.insert(coarse.times, jumps, np.nan)
-    dashed = np.insert(coarse.states, jumps, np.nan, axis=0)
+    played, begin = solution.simulated, 0.0
+    jumps = np.flatnonzero(np.diff(played.times) == 0.0) + 1  # no line is drawn over a jump
+    dashed_times = np.insert(played.times, jumps, np.nan)
+    dashed = np.insert(played.states, jumps, np.nan, axis=0)
     for panel, columns, unit in ((angles, (0, 1), "rad"), (rates, (2, 3), "rad/s")):
         for column, colour in zip(columns, ("C0", "C1"), strict=True):
             panel.plot(dashed_times, dashed[:, column] / math.pi, "--", color="k", lw=0.8)

@@ -8,13 +8,13 @@ import warnings
 from typing import Any
 
 import gymnasium as gym
+import hypothesis
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.play import play
 from hypothesis import given
 from hypothesis import strategies as st
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from rimless_gym import THESIS_PHYSICAL, RimlessWheelSpeedEnv, RimlessWheelVectorEnv
 from rimless_gym.envs.env import RimlessWheelEnv
@@ -31,14 +31,23 @@ STATES = st.tuples(ANY, ANY, ANY, ANY, st.sampled_from([0.0, 1.0]), st.just(0.0)
 
 
 @pytest.mark.parametrize("id", [ID, SPEED_ID])
-def test_both_checkers_are_silent(id: str) -> None:
+def test_gymnasiums_checker_is_silent(id: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(gym.make(id, render_mode="rgb_array").unwrapped)
-        sb3_check_env(gym.make(id))
         checked = gym.make(id, disable_env_checker=False)
         checked.reset(seed=0)
         checked.step(STILL)
+
+
+@pytest.mark.slow  # for the import of torch
+@pytest.mark.parametrize("id", [ID, SPEED_ID])
+def test_the_checker_of_stable_baselines3_is_silent(id: str) -> None:
+    from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sb3_check_env(gym.make(id))
 
 
 @pytest.mark.parametrize("kind", [RimlessWheelEnv, RimlessWheelSpeedEnv, RimlessWheelVectorEnv])
@@ -78,6 +87,7 @@ def unbounded(x: np.ndarray) -> np.ndarray:
     return np.array([leg, math.sin(x[1]), math.cos(x[1]), x[2] / 5, x[3] / 10, x[4]])
 
 
+@hypothesis.settings(max_examples=50)
 @given(st.lists(STATES, min_size=1, max_size=5))
 def test_observations_are_clipped_to_their_bounds_and_otherwise_exact(states: list) -> None:
     seen = observe(P, np.array(states))

@@ -67,6 +67,7 @@ print(hashlib.sha256(seen).hexdigest(), flush=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_child_keeps_stepping_with_its_own_threads() -> None:
     command = [sys.executable, "-c", FORKS]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
-from scripts.studies.codesign.command import MARKS, Study, tables
+from scripts.studies.codesign.command import MARKS, CodesignStudy, tables
 from scripts.studies.codesign.gaits import (
     LIFTED_SHARE,
     BuildCase,
@@ -121,7 +121,7 @@ def doubled(number: float) -> dict[str, float]:
 
 
 def test_a_stage_computes_only_what_is_missing_or_damaged(tmp_path: Path) -> None:
-    study = Study(Store(tmp_path), 1)
+    study = CodesignStudy(Store(tmp_path), 1)
     gait = shipped(BUILDABLE)[0]
     assert study.stage("doubling", {"three": (3,)}, doubled) == {"three": {"twice": 6}}
     assert study.stage("gaits", {"one": (gait,)}, lambda g: g)["one"].to_dict() == gait.to_dict()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,34 +20,12 @@ RECORDED: dict[str, Any] = json.loads((FIGURES / "numbers.json").read_text())
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in DOCUMENTS}
 
 
-def assert_alike(ours: Any, theirs: Any, where: str) -> None:
-    if isinstance(ours, dict):
-        assert ours.keys() == theirs.keys(), where
-        for key in ours:
-            assert_alike(ours[key], theirs[key], f"{where}.{key}")
-    elif isinstance(ours, list):
-        assert len(ours) == len(theirs), where
-        for i, (mine, other) in enumerate(zip(ours, theirs, strict=True)):
-            assert_alike(mine, other, f"{where}[{i}]")
-    elif isinstance(ours, float):
-        assert ours == pytest.approx(theirs, rel=1e-6, abs=1e-7), where
-    else:
-        assert ours == theirs, where
-
-
-@pytest.mark.parametrize(
-    "part",
-    [
-        errata.coming_to_rest,
-        errata.kappa_of_few_legs,
-        errata.printed_impact,
-        errata.new_foot_momentum,
-        errata.generalised_force,
-        errata.rotor,
-    ],
-)
-def test_recorded_numbers_are_what_the_code_gives(part: Callable[[], Any]) -> None:
-    assert_alike(part(), RECORDED[part.__name__], part.__name__)
+def test_the_printed_impact_does_what_is_recorded() -> None:
+    measured, recorded = errata.printed_impact(), RECORDED["printed_impact"]
+    for name, shares in measured["random"].items():
+        assert shares == pytest.approx(recorded["random"][name], rel=1e-6, abs=1e-7)
+    for ratios, known in zip(measured["typical"], recorded["typical"], strict=True):
+        assert ratios == pytest.approx(known, rel=1e-6, abs=1e-7)
 
 
 def test_properties_of_the_presets_are_as_recorded() -> None:
@@ -67,13 +44,11 @@ def test_the_integrator_converges_at_the_recorded_order() -> None:
 def test_the_recorded_accuracy_meets_its_targets() -> None:
     for name, params in PRESETS.items():
         rounding = 3e-9 if params.hub_friction > 0 else 1e-9  # friction turns round so quickly
-        assert RECORDED["missed_dips"][name]["unlike"] == 0
         for case in CASES:
             recorded = RECORDED["accuracy"][name][case]
             assert recorded["disagreements"] == 0, (name, case)
-            assert recorded["height"] <= 1e-10, (name, case)
             assert recorded["state"] <= max(rounding, recorded["nudged"]), (name, case)
-            assert "graze" in case or recorded["state"] <= rounding, (name, case)
+            assert case == "graze" or recorded["state"] <= rounding, (name, case)
 
 
 def test_the_documents_hold_the_tables_of_the_recorded_numbers() -> None:
@@ -97,12 +72,9 @@ def test_the_text_of_the_model_quotes_the_recorded_numbers() -> None:
         assert f"{low:.2f} to {high:.2f}" in text
     for result in RECORDED["convergence"].values():
         assert f"{result['order']:.1f} for `" in text
-    touchdowns = sum(result["touchdowns"] for result in RECORDED["missed_dips"].values())
-    assert f"{touchdowns / 1e6:.1f} million touchdowns" in text
-    for key, most in (("height", "5e-13 m"), ("energy", "1e-7 J")):
-        worst = max(case[key] for of in RECORDED["accuracy"].values() for case in of.values())
-        assert worst <= float(most.split()[0])
-        assert f"within {most}" in text
+    energies = [case["energy"] for of in RECORDED["accuracy"].values() for case in of.values()]
+    assert max(energies) <= 1e-7
+    assert "within 1e-7 J" in text
     for name in errata.OF_THE_THESIS:
         reach, hub = RECORDED["reach_and_hub"][name]
         assert f"{reach:.2f} m against {hub:.2f} m" in text
@@ -118,8 +90,8 @@ def test_every_figure_is_shown_and_its_file_is_small() -> None:
 @pytest.mark.parametrize("name", PRESETS)
 def test_the_kernel_is_as_near_the_reference_as_recorded(name: str) -> None:
     for case in CASES:
-        measured = accuracy.measured(name, case, 10 if "graze" in case else 2)
+        measured = accuracy.measured(name, case, 10 if case == "graze" else 2)
         recorded = RECORDED["accuracy"][name][case]
         assert measured.disagreements == 0
-        for key in ("state", "height", "energy", "residual"):
+        for key in ("state", "energy", "residual"):
             assert getattr(measured, key) <= 3 * recorded[key] + 1e-11, (case, key)

@@ -24,15 +24,15 @@ from scripts.studies.fronts.results import (
     midpoints,
     one_step,
 )
-from scripts.studies.fronts.search import FineMeshes, Search, different
+from scripts.studies.fronts.search import FineMeshes, FrontSearch, different
 from scripts.studies.fronts.solving import (
-    Attempt,
     Continuation,
     Joint,
     Place,
     Polished,
     RandomStarts,
     SearchGait,
+    SolveAttempt,
     Task,
     attempts,
 )
@@ -61,16 +61,16 @@ def found(speed: float, cot: float, turns: int = -1, steps: int = 1) -> SearchGa
     return SearchGait(speed, turns, cot, (short,) * steps, origin)
 
 
-def imagined(task: Task) -> list[Attempt]:
+def imagined(task: Task) -> list[SolveAttempt]:
     """Gaits of one turn backwards, whose cost grows with speed, up to 0.6 m/s; no others."""
     place = task.place
     gait = found(place.speed, round(0.01 + 0.1 * place.speed, 6), -1, place.steps)
     there = gait if place.speed < 0.6 else None
     if not isinstance(task, RandomStarts):
-        return [Attempt(-1, task.key, there, 0.01)]
+        return [SolveAttempt(-1, task.key, there, 0.01)]
     made = []
     for turns, _, starts in task.families:
-        made += [Attempt(turns, None, there if turns == -1 else None, 0.01)] * starts
+        made += [SolveAttempt(turns, None, there if turns == -1 else None, 0.01)] * starts
     return made
 
 
@@ -128,9 +128,9 @@ def test_results_read_again_are_the_same(results: SearchResults) -> None:
     results.add(
         place,
         (
-            Attempt(-1, None, found(0.5, 0.03), 1.5),
-            Attempt(0, None, None, 0.5),
-            Attempt(-1, "another gait", found(0.5, 0.02), 0.25),
+            SolveAttempt(-1, None, found(0.5, 0.03), 1.5),
+            SolveAttempt(0, None, None, 0.5),
+            SolveAttempt(-1, "another gait", found(0.5, 0.02), 0.25),
         ),
     )
     here = again(results).at(place)
@@ -155,7 +155,7 @@ def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(
     for task in one_step(0, [0.5], results):
         assert isinstance(task, RandomStarts)
         results.add(place, imagined(task)[: 2 if task.families[0][0] == -1 else None])
-    results.add(place, [Attempt(-2, None, None, 0.0)])
+    results.add(place, [SolveAttempt(-2, None, None, 0.0)])
     backwards = [
         task.families
         for task in one_step(0, [0.5], results, rounds=2)
@@ -190,28 +190,28 @@ def test_a_gait_that_was_continued_to_a_speed_is_not_continued_back(
 def test_an_interrupted_search_goes_on_without_what_it_had_finished(tmp_path: Path) -> None:
     whole, first, second = Imagined(), Imagined(40), Imagined()
     results = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "whole"))
-    (sweep,) = Search(results, GRID, 1000.0, whole)()
+    (sweep,) = FrontSearch(results, GRID, 1000.0, whole)()
     assert sweep.complete
     assert sweep.gain == pytest.approx(0.0)
     assert results.costs(0) == results.costs(1) == results.costs(2)
     assert max(results.costs(0)) == pytest.approx(0.6 - GRID / 4)
     parts = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "parts"))
     with pytest.raises(KeyboardInterrupt):
-        Search(parts, GRID, 1000.0, first)()
+        FrontSearch(parts, GRID, 1000.0, first)()
     parts = again(parts)
-    Search(parts, GRID, 1000.0, second)()
+    FrontSearch(parts, GRID, 1000.0, second)()
     assert not {repr(task) for task in first.tasks} & {repr(task) for task in second.tasks}
     assert len(first.tasks) + len(second.tasks) == len(whole.tasks)
     assert parts.costs(2) == results.costs(2)
     # Damaged results are searched again.
     (tmp_path / "whole" / "search" / "seed0_1_steps_0.4000.json").write_bytes(b"damaged")
     repair = Imagined()
-    Search(again(results), GRID, 1000.0, repair)()
+    FrontSearch(again(results), GRID, 1000.0, repair)()
     assert {task.place for task in repair.tasks} == {Place(0, 0.4, 1)}
 
 
 def test_a_search_stops_when_its_budget_is_used_up(results: SearchResults) -> None:
-    (sweep,) = Search(results, GRID, 1.0, Imagined())()
+    (sweep,) = FrontSearch(results, GRID, 1.0, Imagined())()
     assert not sweep.complete
     assert results.seconds < 1.0
 
@@ -328,7 +328,7 @@ def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
 def test_the_record_the_page_and_the_figure_are_written_and_the_gaits_shipped(
     results: SearchResults, tmp_path: Path
 ) -> None:
-    sweeps = Search(results, GRID, 1000.0, Imagined())()
+    sweeps = FrontSearch(results, GRID, 1000.0, Imagined())()
     gaits = [dataclasses.replace(known(speed), provenance={}) for speed in (0.45, 0.5)]
     text = command.record("TRIAL", results, gaits, [], sweeps, {"budget": 10.0, "workers": 1})
     assert json.loads(json.dumps(text, allow_nan=False)) == text
@@ -388,7 +388,7 @@ def test_only_a_search_of_a_preset_itself_is_shipped(
         folders.append(folder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "Search", lambda *_: lambda: ())
+    monkeypatch.setattr(command, "FrontSearch", lambda *_: lambda: ())
     monkeypatch.setattr(command, "FineMeshes", lambda *_: list)
     monkeypatch.setattr(command, "record", lambda *_: {})
     monkeypatch.setattr(command, "ship", shipping)

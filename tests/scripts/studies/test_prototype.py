@@ -16,7 +16,6 @@ from scripts.studies.thesis.variants import (
     SCALES,
     VARIANTS,
     StartsAtScale,
-    binding,
     cheapest,
     followed,
     whirling,
@@ -77,14 +76,6 @@ def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:
     assert curve.costs[0] <= slow_whirl().cot * 1.01  # at a speed of its own
     problem = curve.solutions[-1].problem
     assert dict(problem.parameters) == {"scale": 3.9, "gear": 1.0}
-
-
-def test_limits_that_a_gait_reaches_are_named_with_their_share_of_time() -> None:
-    shares = binding(slow_whirl())
-    v = slow_whirl().verification
-    assert shares["normal force"] == 0.0
-    assert v.min_normal_force_over_weight > 1.01 * MIN_NORMAL_FORCE
-    assert (shares["voltage"] > 0.0) == (v.peak_voltage > 0.999 * 20.0)
 
 
 def test_stored_points_are_not_searched_again(tmp_path: Path) -> None:

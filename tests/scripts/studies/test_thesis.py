@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +51,6 @@ def test_experiments_1_and_6_come_out_to_all_printed_digits(chain: tuple[Solved,
     assert f"{second['cost']:.6f}" == "0.040907"
     assert second["energy_J"] == pytest.approx(0.003125, abs=5e-6)
     assert second["touchdown_time_error"] < 1e-8
-    assert max(second["thesis_style_touchdown_time_errors"]) < 1e-8
     assert first["converged"]
     assert second["converged"]
 
@@ -170,17 +168,16 @@ def test_the_mass_goes_to_its_bound_unless_the_cost_is_that_of_transport(
 
 
 @pytest.mark.slow
-def test_a_collisionless_step_needs_a_floor_that_pulls(everything: dict[Key, Any]) -> None:
-    assert everything[2, "least pull of the foot"].extremal.parameters[0] > 3
+def test_the_foot_is_pulled_unless_it_must_press(everything: dict[Key, Any]) -> None:
+    (collisionless,) = everything[2, "|theta'| <= 8 pi at the end"].rows()
+    assert collisionless["min_normal_force_over_weight"] < -3
     for key, solution in everything.items():
         if "not held down" in key[1]:
             assert solution.rows()[0]["min_normal_force_over_weight"] > -1e-6
 
 
 @pytest.mark.slow
-def test_the_printed_bound_admits_no_collisionless_step(everything: dict[Key, Any]) -> None:
-    slowest = everything[2, "least |theta'| at the end"].extremal
-    assert math.sqrt(slowest.cost) > 4 * math.pi
+def test_the_printed_bound_admits_no_collisionless_step() -> None:
     problem = steps(experiment_2()[0].params, TABLE_4_4, COST_4_5)
     starts = WaypointStarts(problem, durations=(0.15, 1.5))
     assert not multi_start(problem, starts, 10, mesh=Mesh.uniform(problem, 10)).optima
