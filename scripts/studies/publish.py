@@ -25,7 +25,7 @@ from scripts.studies.documents import markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PRETRAINED = ROOT / "agents" / "pretrained"
-PICTURES = ("cot_against_speed.png", "learning_curves.png", "deviations.png", "return_maps.png")
+PICTURES = ("cot_against_speed.png", "learning_curves.png")
 
 #: Policies that come with the package, by name, in the folder of the study.
 POLICIES = {

@@ -166,9 +166,9 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
 
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
+    from scripts.studies.textbook import cart_pole
     from trajopt.ocp.guesses import straight_lines
     from trajopt.ocp.mesh import Mesh
-    from trajopt.ocp.textbook import cart_pole
     from trajopt.ocp.transcription import Transcription
 
     def once() -> dict[str, float]:

@@ -200,9 +200,9 @@ def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
         *(problem, gait.phases, mesh), parameters=parameters, mu_init=WARM_BARRIER, **settings
     )
     if not start.succeeded:
-        return Curve(scale, obstacle=Obstacle(begin, "; ".join(start.failures), start))
+        return Curve(obstacle=Obstacle(begin, "; ".join(start.failures), start))
     if math.isclose(begin, scale, rel_tol=1e-9):  # the gait's own scale, read off its machine
-        return Curve(scale, (scale,), (start,))
+        return Curve((scale,), (start,))
     return continued(
         lambda s: variant.problem(s, gait.theta_turns),
         start,

@@ -68,18 +68,6 @@ def test_the_report_shows_a_failed_verification(one_step: Solution) -> None:
     assert "FAILED" in dataclasses.replace(one_step, verification=spoilt).report()
 
 
-def test_the_plot_of_a_gait_shows_its_states_and_voltage(
-    one_step: Solution, tmp_path: Path
-) -> None:
-    figure = one_step.plot(tmp_path / "gait.png")
-    assert (tmp_path / "gait.png").stat().st_size > 10_000
-    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
-    assert sorted(labels) == ["V", "phi", "phi'", "theta", "theta'"]
-    volts = next(axes for axes in figure.axes if axes.get_ylabel() == "V").lines
-    limit = one_step.params.voltage_limit
-    assert max(np.max(line.get_ydata()) for line in volts) <= limit * (1 + 1e-9)
-
-
 # -- file -----------------------------------------------------------------------------------------
 
 
