@@ -127,13 +127,13 @@ class FrontSearch:
         for speed in self.results.grid:
             for steps in STEPS:
                 self._unite(speed, steps)
-        gain, seeds = math.inf, SEEDS
+        gain, seeds = math.inf, list(SEEDS)
         for number in range(1, SWEEPS + 1):
             before = self.results.costs(*seeds)
             self._join((LAST,))
             self._starts(LAST, f"last sweep {number}", self.results.grid, STEPS, number)
             self._settle((LAST,))
-            after, seeds = self.results.costs(LAST), (*SEEDS, LAST)
+            after, seeds = self.results.costs(LAST), [*SEEDS, LAST]
             gain = max(1 - after[speed] / before.get(speed, math.inf) for speed in after)
             if gain <= AGREEMENT:
                 break
