@@ -14,18 +14,14 @@ from matplotlib.lines import Line2D
 
 from agents.comparison import figures
 from agents.comparison.figures import (
-    WALK,
     PlottedWalk,
-    is_steady,
     learning_figure,
     milestone_gap,
-    plot_return_map,
     speed_figure,
     write_figures,
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, Row
-from agents.comparison.walks import STEPS, Multiplier, ReturnMap
 from agents.rollout import Interval
 from rimless_gym import BUILDABLE
 from trajopt.gaits.fronts import CotFront, NoFrontError
@@ -88,25 +84,6 @@ def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front:
     plt.close(figure)
 
 
-def test_a_return_map_has_the_slopes_of_what_does_not_turn() -> None:
-    rates = np.linspace(0.9, 1.1, 3 * STEPS).reshape(3, STEPS)
-    returns = ReturnMap(rates, 1.0, [Multiplier(0.5, 0), Multiplier(0.4, -1), Multiplier(0.1, 1)])
-    figure, axes = plt.subplots()
-    plot_return_map(axes, "clone", returns, free=4.4)
-    slopes = {
-        name: np.diff(line.get_ydata())[0] / np.diff(line.get_xdata())[0]
-        for name, line in lines(axes).items()
-        if line.get_linestyle() != "None"
-    }
-    assert slopes == {
-        "unchanged": pytest.approx(1.0),
-        "slope of a multiplier": pytest.approx(-0.4),
-        "slope 4.4, without feedback": pytest.approx(4.4),
-    }
-    assert axes.get_title() == "clone: multipliers 0.50 (turning), -0.40"
-    plt.close(figure)
-
-
 def rolling(intervals: int, steps: int) -> Iterator[Interval]:
     """A made-up walk whose leg passes the vertical in every tenth interval."""
     for k in range(intervals):
@@ -116,13 +93,6 @@ def rolling(intervals: int, steps: int) -> Iterator[Interval]:
         info = {"steps": np.array([steps * (k % 10 == 0)]), "touchdowns": np.array([k % 10 == 0])}
         running, seen = np.zeros(1, dtype=np.int64), np.zeros((1, 6), dtype=np.float32)
         yield Interval(running, before, seen, np.zeros(1), info, after)
-
-
-def test_a_steady_walk_lasts_and_takes_steps() -> None:
-    whole = round(WALK / 0.01)
-    assert is_steady(list(rolling(whole, 1)))
-    assert not is_steady(list(rolling(whole - 1, 1)))
-    assert not is_steady(list(rolling(whole, 0)))
 
 
 def test_the_report_has_every_row_also_where_nothing_walks(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from agents.comparison.walks import (
-    ReturnMap,
     WalkedStep,
     deviations,
     last_middle,
@@ -65,14 +64,6 @@ def walked(gait: Solution, first: int, slower: float = 1.0) -> list[WalkedStep]:
     return steps
 
 
-@pytest.mark.parametrize(("first", "slower"), [(0, 1.0), (1, 1.0), (0, 1.1)])
-def test_the_gait_itself_deviates_by_nothing_at_equal_shares_of_the_step(
-    gait: Solution, first: int, slower: float
-) -> None:
-    for found in deviations(walked(gait, first, slower), gait):
-        np.testing.assert_allclose(found.states, 0.0, atol=1e-9)
-
-
 def test_what_is_added_to_a_walk_is_its_deviation(gait: Solution) -> None:
     added = np.array([1e-3, -2e-3, 3e-3, -4e-3])
     steps = [WalkedStep(phases, states + added) for phases, states in walked(gait, 0)]
@@ -110,12 +101,6 @@ def test_the_multipliers_are_those_of_the_cycle_and_of_what_nothing_brings_back(
     assert np.isfinite(found.rates).all()
 
 
-def test_a_walk_without_steps_is_refused() -> None:
-    level = BARE.replace(slope=0.0)
-    with pytest.raises(ValueError, match="no step in the last 2 s"):
-        return_map(level, idle, walk(level, 1.0, 12.0))
-
-
 @pytest.mark.parametrize(("steps", "upright"), [(0, True), (-1, False)])
 def test_a_leg_that_is_changed_out_of_double_stance_does_not_pass_the_vertical(
     steps: int, upright: bool
@@ -126,9 +111,3 @@ def test_a_leg_that_is_changed_out_of_double_stance_does_not_pass_the_vertical(
     counts = {"touchdowns": np.zeros(1), "steps": np.full(1, steps)}
     found = last_middle([interval._replace(after=after, info=counts)])
     assert (found is not None) == upright
-
-
-def test_walks_that_all_fall_at_once_have_no_spread_to_draw() -> None:
-    assert ReturnMap(np.full((2, 3), np.nan), 5.0, None).spread == 0.0
-    assert ReturnMap(np.full((2, 3), 5.0), math.nan, None).spread == 0.0
-    assert ReturnMap(np.array([[4.9, 5.1]]), 5.0, None).spread > 0.0
