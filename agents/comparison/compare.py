@@ -74,7 +74,7 @@ def compare(
         write_text(out / "table.md", format_table(rows) + "\n")
         learned = [method for method in compared if isinstance(method, LearnedMethod)]
         curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
-        write_figures(setting, rows, compared, curves)
+        write_figures(setting, rows, curves)
         _animate(setting, next(each for each in learned if each.walk))
     return rows
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from scripts.studies.documents.site import seen_from_docs, with_docstrings, with_front_page
+from scripts.studies.documents.site import with_docstrings
 from tests.documents.pages import NOTEBOOKS, PAGES, ROOT, names, prose_of, text_of
 
 LINK = re.compile(r"\]\((?![a-z]+:)([^)\s#]*)(?:#([^)\s]+))?\)")
@@ -37,16 +37,6 @@ def test_a_page_that_no_contents_list_is_missed():
     }
     pages = {path.resolve().with_suffix("") for path in ALL if path.is_relative_to(index)}
     assert pages - listed == {index / "index"}
-
-
-def test_the_readmes_links_start_in_docs_on_the_site():
-    readme = "[a](docs/a.md#b) ![c](docs/c.png) [d](agents/d.py) [e](https://e.org/docs/) [f](#g)"
-    there = "[a](a.md#b) ![c](c.png) [d](../agents/d.py) [e](https://e.org/docs/) [f](#g)"
-    assert seen_from_docs(readme) == there
-
-
-def test_links_to_the_readme_lead_to_the_front_page_on_the_site():
-    assert with_front_page("[a](../README.md#b) [c](d.md)") == "[a](index.md#b) [c](d.md)"
 
 
 def test_an_environments_docstring_is_its_page_below_the_pages_own_headings():

@@ -7,14 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rimless_gym.checks import flag, integer, positive, real_array
 from rimless_gym.params import WheelParams
-from trajopt.gaits.problem import gait_problem
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
@@ -27,9 +26,6 @@ from trajopt.ocp.trajectory import (
 )
 from trajopt.provenance import provenance
 from trajopt.store import jsonable, read_arrays, write_arrays
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
 MOST_TURNS = 600
@@ -290,22 +286,6 @@ class Solution:
     def report(self) -> str:
         """The gait's figures as text; failures in capitals."""
         return _report(self)
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.ocp.plots import plot
-
-        problem = gait_problem(
-            self.params,
-            speed=self.speed,
-            steps=self.steps,
-            theta_turns=self.theta_turns,
-            regeneration=self.regeneration,
-        )
-        figure = plot(problem, self.phases, np.empty(0), str(self))
-        if path is not None:
-            figure.savefig(Path(path))
-        return figure
 
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""

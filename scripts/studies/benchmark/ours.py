@@ -164,48 +164,11 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
     }
 
 
-def training(seconds: float, folder: str, n: int, ppo: dict[str, Any]) -> dict[str, Any]:
-    """Stable-baselines3's PPO; `share` is the part of its time that is in the environments."""
-    import gymnasium as gym
-    import torch
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecMonitor
-
-    from agents import Sb3VecEnv
-
-    torch.set_num_threads(1)
-    native = gym.make_vec(
-        "RimlessWheel-v0",
-        num_envs=n,
-        params=PRESET,
-        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
-    )
-    envs = Sb3VecEnv(native)
-    step, inside = envs.step_wait, 0.0
-
-    def timed() -> Any:
-        nonlocal inside
-        begin = time.perf_counter()
-        result = step()
-        inside += time.perf_counter() - begin
-        return result
-
-    envs.step_wait = timed  # type: ignore[method-assign]
-    model = PPO("MlpPolicy", VecMonitor(envs), device="cpu", seed=0, **ppo)
-    rollout = model.n_steps * n
-    model.learn(rollout)
-    inside, steps, begin = 0.0, 0, time.perf_counter()
-    while (elapsed := time.perf_counter() - begin) < seconds:
-        model.learn(rollout, reset_num_timesteps=False)
-        steps += rollout
-    return {"steps": steps, "seconds": elapsed, "share": inside / elapsed}
-
-
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
+    from scripts.studies.textbook import cart_pole
     from trajopt.ocp.guesses import straight_lines
     from trajopt.ocp.mesh import Mesh
-    from trajopt.ocp.textbook import cart_pole
     from trajopt.ocp.transcription import Transcription
 
     def once() -> dict[str, float]:
@@ -368,7 +331,6 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
 MEASURES = {
     "single": single,
     "vector": vector,
-    "training": training,
     "optimisation": optimisation,
     "fresh": fresh,
     "accuracy": accuracy,

@@ -12,7 +12,6 @@ from scripts.studies.benchmark.rows import (
     PROCESS,
     ROWS,
     SINGLE,
-    TRAINING,
     VECTOR,
     Row,
 )
@@ -30,12 +29,6 @@ each. Rates are medians, followed by the slowest and the fastest round; ratios a
 within a round. Ours replays the actions that an LQR took on an optimal gait; peers get random
 actions. Drawing actions and resetting are not timed, except that peers' vector environments reset
 their rows within a step."""
-
-TRAINING_TEXT = """\
-## Training: time spent in environments
-
-Stable-baselines3's PPO on one thread. The share is what the environments take, their adapter
-included."""
 
 OPTIMISATION_TEXT = """\
 ## Trajectory optimisation
@@ -58,7 +51,6 @@ GOALS: tuple[tuple[str, float, str, tuple[str, ...] | str], ...] = (
     ("`gym.make`, over Acrobot-v1", 10.0, "ours", ("Acrobot-v1",)),
     ("`gym.make`, over InvertedDoublePendulum-v5", 20.0, "ours", ("InvertedDoublePendulum-v5",)),
     ("1024 environments, over EnvPool Acrobot", 5.0, "ours-vector-1024", ("envpool-acrobot",)),
-    ("share of PPO's time, 1024 environments", 0.12, "ppo-1024", "share"),
     ("import to first step, compiled before (s)", 3.0, "single", "seconds"),
     ("the very first time (s)", 16.0, "single-cold", "seconds"),
     ("a gait of two steps, verified (s)", 5.0, "gait", "seconds"),
@@ -99,8 +91,6 @@ def page(run: dict[str, Any]) -> str:
         speed_table(of(SINGLE), found),
         "## Many environments",
         speed_table(of(VECTOR), found),
-        TRAINING_TEXT,
-        lines_table(of(TRAINING), found, ("share", "steps/s"), training_line),
         OPTIMISATION_TEXT,
         optimisation_table(of(OPTIMISATION), found),
         PROCESS_TEXT,
@@ -184,12 +174,6 @@ def lines_table(
         blank = (missing(found, row.key), *[""] * (len(head) - 1))
         lines.append((row.title, *(line(answers, row) if answers else blank)))
     return table(("", *head), lines)
-
-
-def training_line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
-    """Share of the environments, and steps per second."""
-    share = median(answer["share"] for answer in answers)
-    return f"{share:.1%}", count(median(answer["steps"] / answer["seconds"] for answer in answers))
 
 
 def process_line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:

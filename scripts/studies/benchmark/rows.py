@@ -8,7 +8,7 @@ from typing import Any
 #: The Python that runs this study; other names are those of files in requirements/.
 OURS = "ours"
 
-SINGLE, VECTOR, TRAINING, OPTIMISATION = "single", "vector", "training", "optimisation"
+SINGLE, VECTOR, OPTIMISATION = "single", "vector", "optimisation"
 PROCESS, ACCURACY = "process", "accuracy"
 
 OUR_PHYSICS = "hybrid walking, impacts located, every joule accounted; float64, 8th order, 10 ms"
@@ -51,13 +51,6 @@ def _gymnasium(name: str, physics: str) -> Row:
     return Row(name, SINGLE, title, "gymnasium", "gymnasium_single", settings, physics)
 
 
-def _envpool(key: str, name: str, n: int, batch: int, physics: str) -> Row:
-    settings = {"env": name, "n": n, "batch": batch}
-    return Row(
-        key, VECTOR, f"EnvPool {name}", "envpool", "envpool_vector", settings, physics, False
-    )
-
-
 def _swing_up(key: str, title: str, python: str, by: str) -> Row:
     return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, by=by)
 
@@ -69,8 +62,6 @@ def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any
 
 SIZES = (1024, 16384)
 CARTPOLE_NATIVE = {"env": "CartPole-v1"}
-ACROBOT_GYMNAX = {"env": "Acrobot-v1", "n": 16384}
-BIG_BATCHES = {"n_steps": 256, "batch_size": 4096}
 SIMPSON = "Hermite-Simpson"
 TRAPEZOIDS = f"{SIMPSON}, force linear, cost by trapezoids; no Hessian"
 
@@ -96,29 +87,24 @@ ROWS = (
         )
         for n in SIZES
     ),
-    _envpool("envpool-acrobot", "Acrobot-v1", 2048, 1024, ACROBOT),
-    _envpool("envpool-double-pendulum", "InvertedDoublePendulum-v5", 64, 64, MUJOCO),
-    *(
-        Row(
-            f"gymnax-acrobot-{cores}",
-            VECTOR,
-            "gymnax Acrobot-v1",
-            "gymnax",
-            "gymnax_vector",
-            ACROBOT_GYMNAX,
-            f"{ACROBOT}, float32",
-            one_core=cores == "one",
-        )
-        for cores in ("one", "all")
-    ),
-    Row("ppo-8", TRAINING, "8 environments, its defaults", OURS, "training", {"n": 8, "ppo": {}}),
     Row(
-        "ppo-1024",
-        TRAINING,
-        "1024 environments, 256 steps a roll-out, batches of 4096",
-        OURS,
-        "training",
-        {"n": 1024, "ppo": BIG_BATCHES},
+        "envpool-acrobot",
+        VECTOR,
+        "EnvPool Acrobot-v1",
+        "envpool",
+        "envpool_vector",
+        {"env": "Acrobot-v1", "n": 2048, "batch": 1024},
+        ACROBOT,
+        one_core=False,
+    ),
+    Row(
+        "gymnax-acrobot-one",
+        VECTOR,
+        "gymnax Acrobot-v1",
+        "gymnax",
+        "gymnax_vector",
+        {"env": "Acrobot-v1", "n": 16384},
+        f"{ACROBOT}, float32",
     ),
     Row(
         "swing-up-ours", OPTIMISATION, "**trajopt**", OURS, "optimisation", by=f"{SIMPSON}; {IPOPT}"

@@ -21,7 +21,6 @@ from rimless_gym.energy import CHANNELS
 from rimless_gym.presets import PRESETS
 from scripts.studies.documents import accuracy, drawings, errata
 from scripts.studies.documents.accuracy import CASES
-from scripts.studies.documents.errata import OF_THE_THESIS
 from scripts.studies.documents.markdown import table
 
 DOCUMENTS = ("physics.md", "thesis-errata.md")
@@ -56,13 +55,9 @@ def numbers() -> dict[str, Any]:
         "accuracy": accuracy.accuracy(count=10, grazes=400),
         "convergence": errata.convergence(),
         "printed_impact": errata.printed_impact(),
-        "new_foot_momentum": errata.new_foot_momentum(),
-        "generalised_force": errata.generalised_force(),
-        "rotor": errata.rotor(),
         "motor_pole": {name: params.motor_pole for name, params in PRESETS.items()},
         "reach_and_hub": {name: errata.reach_and_hub(of) for name, of in PRESETS.items()},
         "kappa": {name: errata.kappa_range(of) for name, of in PRESETS.items()},
-        "kappa_of_few_legs": errata.kappa_of_few_legs(),
     }
 
 
@@ -155,29 +150,6 @@ def typical_table(results: Results) -> str:
     return table([*head, "rate, (3.85-3.87)"], rows)
 
 
-def force_table(results: Results) -> str:
-    """Energy balance of a step with the printed generalised force and the right one."""
-    head = ["", "step time (s)", "drawn (J)", "copper (J)", "mechanical gain (J)"]
-    rows = [
-        [f"$f = {f}$", *(f"{of[key]:.2f}" for key in ("time", "drawn", "copper", "gained"))]
-        + [f"{abs(of['missing']):.2f}", f"{of['rate_at_touchdown']:.2f}"]
-        for f, of in zip(("(0, T)", "(T, T)"), results["generalised_force"].values(), strict=True)
-    ]
-    return table([*head, "unexplained (J)", "rate at the end (rad/s)"], rows)
-
-
-def rotor_table(results: Results) -> str:
-    """The rotor's inertia at the hub, and how it changes the motor's pole."""
-    head = ["", "$J_mN^2$ (kg m²)", "$J_m/N^2$", "pendulum's $J_{e2}$"]
-    rotors = results["rotor"]
-    rows = [
-        [f"`{name}`", *(f"{rotors[name][key]:.2g}" for key in ("right", "printed", "pendulum"))]
-        + [f"{rotors[name][key]:.1f}" for key in ("pole", "pole_right")]
-        for name in OF_THE_THESIS
-    ]
-    return table([*head, "motor pole without rotor (1/s)", "with $J_mN^2$"], rows)
-
-
 def shares_table(results: Results) -> str:
     """How often the printed impact creates energy or reverses the wheel."""
     head = ["machine", "(3.82) creates energy", "(3.82) reverses the wheel"]
@@ -187,24 +159,6 @@ def shares_table(results: Results) -> str:
         for name, of in results["printed_impact"]["random"].items()
     ]
     return table([*head, "(3.85-3.87) reverses it", "largest gain of (3.82)"], rows)
-
-
-def momentum_table(results: Results) -> str:
-    """Error of the printed momentum about the new foot, by number of legs."""
-    of = results["new_foot_momentum"]
-    errors = [f"{100 * error:.0f} %" for error in of.values()]
-    return table(["legs", *of], [["error of (3.66)", *errors]])
-
-
-def kappa_table(results: Results) -> str:
-    """Range of the plastic impact's ratio of speeds with few legs."""
-    of = results["kappa_of_few_legs"]
-    counts = next(iter(of.values()))
-    rows = [
-        [f"`{name}`", *(f"{low:.2f} to {high:.2f}" for low, high in ranges.values())]
-        for name, ranges in of.items()
-    ]
-    return table(["κ", *(f"n = {n}" for n in counts)], rows)
 
 
 def channels_table() -> str:
@@ -219,11 +173,7 @@ def tables(results: Results) -> dict[str, str]:
     return {
         "accuracy": accuracy_table(results),
         "typical": typical_table(results),
-        "force": force_table(results),
-        "rotor": rotor_table(results),
         "shares": shares_table(results),
-        "momentum": momentum_table(results),
-        "kappa": kappa_table(results),
         "channels": channels_table(),
         "parameters": parameters_table(),
         "derived": derived_table(results),

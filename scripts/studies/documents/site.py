@@ -1,7 +1,7 @@
 """What Sphinx needs to build the site from pages that code-hosting sites show too.
 
-The front page is the README. An environment's class docstring is its documentation page, written in
-Markdown as Gymnasium's are: a block `class-page` puts it into a page.
+An environment's class docstring is its documentation page, written in Markdown as Gymnasium's
+are: a block `class-page` puts it into a page.
 """
 
 from __future__ import annotations
@@ -9,13 +9,9 @@ from __future__ import annotations
 import inspect
 import re
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
-
-#: Where links between files lead, in Markdown; not those to other sites or within the page.
-_TARGET = re.compile(r"(\]\()(?![a-z]+:|#)([^)\s]+)")
 
 #: A block that stands for the docstring of `module.Class`.
 _CLASS_PAGE = re.compile(r"^```{class-page} (\S+)\n```$", re.MULTILINE)
@@ -26,21 +22,6 @@ _ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
 #: A heading in the docstring of a class with a page of its own. All other docstrings have none, and
 #: are read as reStructuredText.
 _HEADING = "## "
-
-
-def seen_from_docs(readme: str) -> str:
-    """The README with links that start in docs/."""
-
-    def moved(link: re.Match[str]) -> str:
-        target = link[2].removeprefix("docs/")
-        return link[1] + (target if target != link[2] else f"../{target}")
-
-    return _TARGET.sub(moved, readme)
-
-
-def with_front_page(page: str) -> str:
-    """A page of docs/ whose links to the README lead to the site's front page."""
-    return page.replace("](../README.md", "](index.md")
 
 
 def with_docstrings(page: str) -> str:
@@ -57,19 +38,13 @@ def _docstring(block: re.Match[str]) -> str:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
     app.connect("source-read", _read)
-    app.connect("include-read", _included)
     app.connect("autodoc-process-docstring", _adapted)
     app.connect("autodoc-process-signature", _named)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 def _read(app: Sphinx, page: str, source: list[str]) -> None:
-    source[0] = with_docstrings(with_front_page(source[0]))
-
-
-def _included(app: Sphinx, path: Path, parent: str, content: list[str]) -> None:
-    if path.name == "README.md":
-        content[0] = seen_from_docs(content[0])
+    source[0] = with_docstrings(source[0])
 
 
 def _adapted(

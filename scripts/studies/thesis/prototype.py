@@ -14,15 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from rimless_gym.presets import THESIS_PHYSICAL
 from scripts.studies.documents import markdown
 from scripts.studies.thesis.variants import (
     SCALES,
     VARIANTS,
     Variant,
-    binding,
     cheaper,
     cheapest,
 )
@@ -39,12 +36,9 @@ ROUNDS = 2
 #: The scales of the page's table; results.json has all.
 SHOWN = (4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0)
 
-#: Limits that a gait reaches for a smaller share of its time are not named.
-LEAST_SHARE = 0.005
-
 COLUMNS = (
     *("supply", "scale", "CoT", "speed (m/s)", "turns", "gear", "least Fy / weight"),
-    *("friction demand", "peak V", "clearance (m)", "state error", "at its limit"),
+    *("friction demand", "peak V", "clearance (m)", "state error"),
 )
 
 MARKS = markdown.marks("thesis", ("prototype",))
@@ -84,7 +78,6 @@ class Point:
             "clearance": v.clearance,
             "state_error": v.state_error,
             "energy_audit": v.energy_audit,
-            "binding": binding(self.gait),
         }
 
 
@@ -94,7 +87,7 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
     Args:
         folder: of the results and the points.
         workers: processes.
-        docs: docs/thesis.md, to put the table and figure into, if given.
+        docs: docs/thesis.md, to put the table into, if given.
     """
     with Store(folder, provenance()) as store:
         points = searched(store, VARIANTS, SCALES, workers)
@@ -239,39 +232,9 @@ def load(store: Store, variant: Variant, scale: float) -> Point | None:
 
 
 def write(results: dict[str, Any], folder: Path) -> None:
-    """Write results.json and prototype.png into a folder."""
+    """Write results.json into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "results.json", json.dumps(results, indent=1, allow_nan=False) + "\n")
-    figure(results).savefig(folder / "prototype.png", dpi=80)
-
-
-def figure(results: dict[str, Any]) -> Figure:
-    """Cost of transport, speed and clearance against the pendulum's scale."""
-    drawn = Figure(figsize=(10, 7), layout="constrained")
-    panels = drawn.subplot_mosaic([["cot", "cot"], ["speed", "clearance"]])
-    labels = {
-        "cot": "cost of transport (E+)",
-        "speed": "speed (m/s)",
-        "clearance": "pendulum's clearance (m)",
-    }
-    names = dict.fromkeys(row["variant"] for row in results["gaits"])
-    for colour, name in zip(("C0", "C1", "C2"), names, strict=False):
-        rows = [row for row in results["gaits"] if row["variant"] == name and row["cot"]]
-        for key, panel in panels.items():
-            scales = [row["scale"] for row in rows]
-            panel.plot(scales, [row[key] for row in rows], "o-", ms=4, color=colour, label=name)
-    for key, panel in panels.items():
-        panel.set_ylabel(labels[key])
-        panel.axvline(1.0, color="0.6", lw=0.8)
-        panel.invert_xaxis()
-        panel.grid(alpha=0.3)
-    panels["cot"].set_yscale("log")
-    panels["cot"].set_title(
-        "Can the machine as built (1) walk? Pendulum's mass and length, in those as built"
-    )
-    panels["cot"].legend()
-    panels["clearance"].axhline(0.0, color="k", lw=0.8)
-    return drawn
 
 
 def table(results: dict[str, Any]) -> str:
@@ -281,8 +244,6 @@ def table(results: dict[str, Any]) -> str:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    shares = row["binding"]
-    limits = [f"{name} {share:.0%}" for name, share in shares.items() if share > LEAST_SHARE]
     return [
         row["variant"],
         f"{row['scale']:g}",
@@ -295,5 +256,4 @@ def _cells(row: dict[str, Any]) -> list[str]:
         f"{row['peak_voltage']:.1f}",
         f"{row['clearance']:.2f}",
         f"{row['state_error']:.0e}",
-        ", ".join(limits) or "-",
     ]

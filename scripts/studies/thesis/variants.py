@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym import hybrid
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PROTOTYPE
-from rimless_gym.symbolic import Design, HybridModel
+from rimless_gym.symbolic import Design
 from trajopt.gaits.periodic import finished
-from trajopt.gaits.problem import CONTROL_DEGREE, MIN_NORMAL_FORCE, designed_gait
+from trajopt.gaits.problem import CONTROL_DEGREE, designed_gait
 from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.solution import LocalOptimum, Solution
 from trajopt.ocp.constraints import pair
@@ -201,9 +200,9 @@ def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
         *(problem, gait.phases, mesh), parameters=parameters, mu_init=WARM_BARRIER, **settings
     )
     if not start.succeeded:
-        return Curve(scale, obstacle=Obstacle(begin, "; ".join(start.failures), start))
+        return Curve(obstacle=Obstacle(begin, "; ".join(start.failures), start))
     if math.isclose(begin, scale, rel_tol=1e-9):  # the gait's own scale, read off its machine
-        return Curve(scale, (scale,), (start,))
+        return Curve((scale,), (start,))
     return continued(
         lambda s: variant.problem(s, gait.theta_turns),
         start,
@@ -288,20 +287,3 @@ def regenerating(problem: Problem) -> Problem:
     """The problem with E in place of E+, whose landscape is smoother."""
     phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
     return dataclasses.replace(problem, phases=phases)
-
-
-def binding(gait: Solution) -> dict[str, float]:
-    """The share of a stride's time during which each limit is reached, by name."""
-    t = np.linspace(0.0, gait.duration, 4001)[:-1]
-    x, volts = gait.state(t), gait.control(t)
-    reaction = HybridModel(gait.params).functions["ground_reaction"].map(len(t))
-    fx, fy = np.array(reaction(x.T, volts))
-    mu, weight, limit = gait.params.friction, gait.params.weight, gait.params.voltage_limit
-    reached = {
-        "voltage": np.abs(volts) > 0.999 * limit,
-        "friction (forward)": fx > 0.999 * mu * fy,
-        "friction (backward)": -fx > 0.999 * mu * fy,
-        "normal force": fy < 1.01 * MIN_NORMAL_FORCE * weight,
-        "rate": np.abs(x[:, 3]) > 0.999 * hybrid.MAX_RATE,
-    }
-    return {name: float(np.mean(where)) for name, where in reached.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -14,7 +13,6 @@ from matplotlib.lines import Line2D
 
 from agents.comparison import figures
 from agents.comparison.figures import (
-    PlottedWalk,
     learning_figure,
     milestone_gap,
     speed_figure,
@@ -22,7 +20,6 @@ from agents.comparison.figures import (
 )
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, Row
-from agents.rollout import Interval
 from rimless_gym import BUILDABLE
 from trajopt.gaits.fronts import CotFront, NoFrontError
 from trajopt.gaits.library import shipped
@@ -84,34 +81,19 @@ def test_the_gap_of_a_milestone_is_that_at_the_nearest_speed_of_the_front(front:
     plt.close(figure)
 
 
-def rolling(intervals: int, steps: int) -> Iterator[Interval]:
-    """A made-up walk whose leg passes the vertical in every tenth interval."""
-    for k in range(intervals):
-        before, after = np.zeros((2, 1, 6))
-        before[0, 0] = 1.5
-        after[0, 0] = 1.6 if k % 10 == 5 else 1.55
-        info = {"steps": np.array([steps * (k % 10 == 0)]), "touchdowns": np.array([k % 10 == 0])}
-        running, seen = np.zeros(1, dtype=np.int64), np.zeros((1, 6), dtype=np.float32)
-        yield Interval(running, before, seen, np.zeros(1), info, after)
-
-
 def test_the_report_has_every_row_also_where_nothing_walks(
     front: CotFront, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_page(*arguments: object) -> None:
         raise NoFrontError("none")
 
-    fallen = PlottedWalk(
-        "LQR", lambda *_: np.zeros(1), list(rolling(9, 1)), front.envelope[0], True
-    )
     monkeypatch.setattr(figures, "write_page", no_page)
-    monkeypatch.setattr(figures, "plotted_walks", lambda *_: [fallen])
     setting = Setting(Study(), tmp_path)
     setting.front = setting.held_front = front
     curves = {"PPO": [STANDING, milestone(intervals=9, minutes=2.0)], "evolution": [STANDING]}
-    write_figures(setting, ROWS, [], curves)
+    write_figures(setting, ROWS, curves)
     text = (tmp_path / "report.html").read_text()
     assert "fine-tuned &lt;b&gt;" in text
     assert text.count("<tr>") == len(ROWS) + 1
-    for picture in ("cot_against_speed", "learning_curves", "deviations", "return_maps"):
+    for picture in ("cot_against_speed", "learning_curves"):
         assert (tmp_path / f"{picture}.png").stat().st_size > 1000

@@ -15,8 +15,6 @@ from scripts.studies.thesis.variants import (
     MOST_TURNS,
     SCALES,
     VARIANTS,
-    StartsAtScale,
-    binding,
     cheapest,
     followed,
     whirling,
@@ -63,13 +61,6 @@ def test_random_starts_make_the_turns_that_they_are_labelled_with() -> None:
         assert abs(turns) <= MOST_TURNS
 
 
-def test_known_gaits_are_the_first_starts_with_their_own_turns_and_gear() -> None:
-    gait = slow_whirl()
-    start = StartsAtScale(GEARED, 3.5, (gait,))(np.random.default_rng(0), 0)
-    assert start.kind == str(gait.theta_turns)
-    assert np.array_equal(start.parameters, [3.5, 1.0])
-
-
 def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:
     curve = followed(STOCK, slow_whirl(), 3.9)
     assert curve.reached
@@ -77,14 +68,6 @@ def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:
     assert curve.costs[0] <= slow_whirl().cot * 1.01  # at a speed of its own
     problem = curve.solutions[-1].problem
     assert dict(problem.parameters) == {"scale": 3.9, "gear": 1.0}
-
-
-def test_limits_that_a_gait_reaches_are_named_with_their_share_of_time() -> None:
-    shares = binding(slow_whirl())
-    v = slow_whirl().verification
-    assert shares["normal force"] == 0.0
-    assert v.min_normal_force_over_weight > 1.01 * MIN_NORMAL_FORCE
-    assert (shares["voltage"] > 0.0) == (v.peak_voltage > 0.999 * 20.0)
 
 
 def test_stored_points_are_not_searched_again(tmp_path: Path) -> None:

@@ -68,18 +68,6 @@ def test_the_report_shows_a_failed_verification(one_step: Solution) -> None:
     assert "FAILED" in dataclasses.replace(one_step, verification=spoilt).report()
 
 
-def test_the_plot_of_a_gait_shows_its_states_and_voltage(
-    one_step: Solution, tmp_path: Path
-) -> None:
-    figure = one_step.plot(tmp_path / "gait.png")
-    assert (tmp_path / "gait.png").stat().st_size > 10_000
-    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
-    assert sorted(labels) == ["V", "phi", "phi'", "theta", "theta'"]
-    volts = next(axes for axes in figure.axes if axes.get_ylabel() == "V").lines
-    limit = one_step.params.voltage_limit
-    assert max(np.max(line.get_ydata()) for line in volts) <= limit * (1 + 1e-9)
-
-
 # -- file -----------------------------------------------------------------------------------------
 
 
@@ -166,26 +154,12 @@ def test_headers_that_are_wrong_are_refused_even_if_signed(
     refused(path, match)
 
 
-CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
-    "cut short": lambda a: a[:-1],
-    "of another shape": lambda a: a.reshape(len(a), -1, 1, 1),
-    "of less precision": lambda a: a.astype(np.float32),
-    "text": lambda a: a.astype(str),
-    "not a number": lambda a: np.where(np.arange(a.size).reshape(a.shape) == 1, np.nan, a),
-    "missing": lambda a: None,
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", ["edges", "nodes", "states", "control_nodes", "controls"])
-def test_arrays_that_do_not_fit_are_refused_by_name_even_if_signed(
-    path: Path, name: str, change: str
-) -> None:
+def test_arrays_that_do_not_fit_are_refused_even_if_signed(path: Path, name: str) -> None:
     with np.load(path) as data:
-        changed = CHANGES[change](data[f"phase0_{name}"])
-    rewrite(path, **{f"phase0_{name}": changed})
-    missing = (name, change) == ("edges", "missing")
-    refused(path, "no phases" if missing else r"(shape|type|finite|missing|increase|end)")
+        cut = data[f"phase0_{name}"][:-1]
+    rewrite(path, **{f"phase0_{name}": cut})
+    refused(path, "of shape")
 
 
 def test_phases_that_are_no_stride_are_refused_even_if_signed(path: Path) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import NONE, solve_once, solved
 from trajopt import Extremal, Linkage, Mesh, Phase, PhaseTrajectory, Problem, nonnegative, solve
-from trajopt.ocp import resimulation, textbook
+from trajopt.ocp import resimulation
 from trajopt.ocp.accuracy import assess, audit, cost_errors
 from trajopt.ocp.guesses import straight_lines
 from trajopt.ocp.resimulation import resimulate, simulate_phase

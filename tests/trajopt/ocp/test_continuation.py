@@ -61,7 +61,9 @@ def test_a_solution_is_followed_to_the_goal(start: Extremal) -> None:
     curve = continued(lasting, start, (1.0, 3.0), verify=False)
     assert curve.reached
     assert (curve.values[0], curve.values[-1]) == (1.0, 3.0)
-    assert curve.costs == pytest.approx([12.0 / T**3 for T in curve.values])
+    assert [each.cost for each in curve.solutions] == pytest.approx(
+        [12.0 / T**3 for T in curve.values]
+    )
     assert all(solution.converged for solution in curve.solutions)
 
 
@@ -71,7 +73,9 @@ def test_all_values_asked_for_are_met_and_steps_are_no_longer_than_allowed(
     curve = continued(lasting, start, (1.0, 1.5, 1.2), step=0.2, verify=False)
     assert curve.values == pytest.approx((1.0, 1.2, 1.4, 1.5, 1.3, 1.2))
     assert curve.values[3] == 1.5
-    assert curve.costs == pytest.approx([12.0 / T**3 for T in curve.values])
+    assert [each.cost for each in curve.solutions] == pytest.approx(
+        [12.0 / T**3 for T in curve.values]
+    )
 
 
 @pytest.mark.parametrize(("goal", "step"), [(1.6, 0.2), (0.7, 0.1)])
@@ -90,7 +94,6 @@ def test_a_curve_that_ends_early_says_why(start: Extremal) -> None:
     assert 1.0 <= curve.values[-1] < 1.05
     assert curve.values[-1] - curve.obstacle.value < 2.5 / 100
     assert "violated" in curve.obstacle.reason
-    assert "stopped at" in repr(curve)
     assert list(curve.values) == sorted(curve.values, reverse=True)
 
 
@@ -111,8 +114,11 @@ def test_bounds_that_contradict_each_other_are_an_obstacle(start: Extremal) -> N
     assert curve.values[-1] == pytest.approx(1.5, abs=0.01)
 
 
-def test_a_step_that_leads_elsewhere_is_not_taken(start: Extremal) -> None:
-    curve = continued(slower_than, start, (3.0, 1.2), max_jump=1e-9, verify=False, passes=0)
+def test_a_step_that_leads_elsewhere_is_not_taken(
+    start: Extremal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trajopt.ocp.continuation, "MOST_JUMP", 1e-9)
+    curve = continued(slower_than, start, (3.0, 1.2), verify=False, passes=0)
     assert curve.obstacle is not None
     assert "a jump" in curve.obstacle.reason
 

@@ -9,9 +9,10 @@ import math
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import NONE, block, sampled, solve_once
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
-from trajopt.ocp import refinement, textbook
+from trajopt.ocp import refinement
 from trajopt.ocp.accuracy import Quality
 from trajopt.ocp.refinement import (
     Tolerances,
