@@ -154,26 +154,12 @@ def test_headers_that_are_wrong_are_refused_even_if_signed(
     refused(path, match)
 
 
-CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
-    "cut short": lambda a: a[:-1],
-    "of another shape": lambda a: a.reshape(len(a), -1, 1, 1),
-    "of less precision": lambda a: a.astype(np.float32),
-    "text": lambda a: a.astype(str),
-    "not a number": lambda a: np.where(np.arange(a.size).reshape(a.shape) == 1, np.nan, a),
-    "missing": lambda a: None,
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", ["edges", "nodes", "states", "control_nodes", "controls"])
-def test_arrays_that_do_not_fit_are_refused_by_name_even_if_signed(
-    path: Path, name: str, change: str
-) -> None:
+def test_arrays_that_do_not_fit_are_refused_even_if_signed(path: Path, name: str) -> None:
     with np.load(path) as data:
-        changed = CHANGES[change](data[f"phase0_{name}"])
-    rewrite(path, **{f"phase0_{name}": changed})
-    missing = (name, change) == ("edges", "missing")
-    refused(path, "no phases" if missing else r"(shape|type|finite|missing|increase|end)")
+        cut = data[f"phase0_{name}"][:-1]
+    rewrite(path, **{f"phase0_{name}": cut})
+    refused(path, "of shape")
 
 
 def test_phases_that_are_no_stride_are_refused_even_if_signed(path: Path) -> None:
