@@ -10,10 +10,8 @@ import minari
 import numpy as np
 import pytest
 
-from agents.conditions import Conditions
 from agents.datasets import (
     CARD,
-    STORED,
     DatasetConfig,
     dataset_id,
     figures,
@@ -23,8 +21,6 @@ from agents.datasets import (
     write,
     write_dataset,
 )
-from agents.policy_files import BASELINES
-from agents.rollout import episodes
 from rimless_gym import BUILDABLE, PROTOTYPE
 
 FEW = DatasetConfig(None, 2, 11, 0.56)
@@ -120,12 +116,6 @@ def test_a_dataset_of_other_walks_is_neither_taken_nor_replaced(
         recipe_of(tmp_path, dataset_id("idle"))
 
 
-@pytest.mark.parametrize("file", ["best <b>.2", "été 日本", "a/../v1.0_last-v3"])
-def test_minari_reads_the_identifier_of_any_file(file: str) -> None:
-    plain = dataset_id(file)
-    assert minari.dataset.minari_dataset.parse_dataset_id(plain)[::2] == ("rimless-wheel", 0)
-
-
 def test_names_without_letters_and_two_of_one_identifier_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"letters and digits .* rename the file"):
         dataset_id("_ - _")
@@ -145,13 +135,6 @@ def test_another_machine_and_commanded_speeds_are_on_the_card(
     write(tmp_path, "front", DatasetConfig(None, 1, 0, 0.56))
     text = (tmp_path / dataset_id("front") / CARD).read_text()
     assert "a decision every 10 ms, commanded 0.51 to 0.62 m/s, the reward as registered" in text
-
-
-def test_a_wheel_that_stands_has_no_cost_of_transport() -> None:
-    envs = Conditions(BUILDABLE).envs(1, max_episode_steps=5)
-    begin = {"mode": "double_stance"}
-    rest = episodes(envs, BASELINES["idle"](0), options=begin, keep=STORED)
-    assert figures(rest, BUILDABLE.weight)["cot"] is None
 
 
 @pytest.mark.slow

@@ -9,28 +9,18 @@ import numpy as np
 import pytest
 
 import trajopt.ocp.continuation
+from tests.trajopt.ocp.problems import move
 from trajopt.ocp.continuation import continued, distance, extrapolated
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.problem import Phase, Problem
+from trajopt.ocp.problem import Problem
 from trajopt.ocp.solve import solve
 from trajopt.ocp.transcription import Transcription
 
 
 def trolley() -> Problem:
-    """A trolley moves by 1 m in 1 s, from rest to rest; the least integral of f^2 is 12 / T^3."""
-    move = Phase(
-        "move",
-        states=("x", "v"),
-        controls=("f",),
-        flow=lambda x, u, p: [x[1], u[0]],
-        cost=lambda x, u, p: u[0] ** 2,
-        bounds={"v": (0.0, 3.0), "x": (0.0, 10.0)},
-        start={"x": 0.0, "v": 0.0},
-        end={"x": 1.0, "v": 0.0},
-        duration=1.0,
-    )
-    return Problem((move,))
+    """A trolley moves by 1 m in 1 s, from rest to rest; the least integral of u^2 is 12 / T^3."""
+    return Problem((move(bounds={"v": (0.0, 3.0), "x": (0.0, 10.0)}),))
 
 
 TROLLEY = trolley()

@@ -174,25 +174,6 @@ def test_a_long_problem_with_two_boundary_layers_gets_its_elements_there() -> No
     assert costates == pytest.approx(exact, rel=1e-4)
 
 
-def test_van_der_pols_oscillator_with_a_limit_on_its_speed_takes_few_meshes() -> None:
-    swing = Phase(
-        "swing",
-        states=("v", "x"),
-        controls=("u",),
-        flow=lambda x, u, p: ((1 - x[1] ** 2) * x[0] - x[1] + u, x[0]),
-        cost=lambda x, u, p: x[0] ** 2 + x[1] ** 2 + u**2,
-        bounds={"u": (-1.0, 1.0), "v": (-0.25, math.inf)},
-        start={"v": 0.0, "x": 1.0},
-        duration=10.0,
-    )
-    found = solve(Problem((swing,)))
-    assert found.converged, found.report()
-    assert len(found.attempts) <= 7
-    assert found.mesh.elements <= 25
-    fine = solve(found.problem, found.phases, Mesh.uniform(1, 80, 4), verify=False)
-    assert found.cost == pytest.approx(fine.cost, rel=1e-6)
-
-
 def test_the_best_mesh_is_kept_when_a_finer_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     module, calls = importlib.import_module("trajopt.ocp.solve"), []
     refine_ = module.refined
