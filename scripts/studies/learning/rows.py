@@ -11,11 +11,11 @@ from scripts.studies.feedback_laws.measures import NOISE
 from scripts.studies.learning.trials import Disturbed, Following, Other, PlainPpo, StudyRow, Trained
 
 #: The tables of the page: policies for `RimlessWheel-v0`; ablations of PPO's reward weight, of
-#: cloning and of the noise of a fine-tuning; policies for the thesis's wheel; those that follow
-#: commands as efficiently as the front allows; those that learned under disturbances; and those of
-#: plain stable-baselines3 for commanded speeds.
-SECTIONS = ("learned", "ablations", "thesis", "front", "disturbed", "first_evening")
-LEARNED, ABLATIONS, THESIS, FRONT, DISTURBED, FIRST_EVENING = SECTIONS
+#: cloning and of the noise of a fine-tuning; those that follow commands as efficiently as the front
+#: allows; those that learned under disturbances; and those of plain stable-baselines3 for commanded
+#: speeds.
+SECTIONS = ("learned", "ablations", "front", "disturbed", "first_evening")
+LEARNED, ABLATIONS, FRONT, DISTURBED, FIRST_EVENING = SECTIONS
 
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = {"best kept": BEST, "last": LAST}
@@ -163,27 +163,6 @@ ROWS = (
         "as many labels, all of the law's own walks",
         ABLATIONS,
         Trained("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
-    ),
-    StudyRow(
-        "thesis_imitation_slow",
-        "imitation of the LQR about 0.5 m/s",
-        THESIS,
-        Trained("ppo", IMITATION, 0, CLONED, expert=0.5),
-        preset="THESIS_PHYSICAL",
-    ),
-    StudyRow(
-        "thesis_imitation",
-        "imitation of the LQR about 0.57 m/s",
-        THESIS,
-        Trained("ppo", IMITATION, 0, CLONED, expert=0.57),
-        preset="THESIS_PHYSICAL",
-    ),
-    StudyRow(
-        "thesis_evolution",
-        "evolution from scratch, distance rewarded up to 0.55 m/s",
-        THESIS,
-        Trained("evolution", files=KEPT, hyperparameters={"rewarded_speed": 0.55}),
-        preset="THESIS_PHYSICAL",
     ),
     StudyRow(
         "front",
