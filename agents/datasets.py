@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,16 +33,12 @@ from trajopt.feedback import laws
 from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.solution import Solution
-from trajopt.provenance import provenance
 
 with extra("data"):
     import h5py  # noqa: F401  with which Minari stores
     from minari import __version__ as minari_version
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
-
-#: Of all datasets; Minari's identifiers are `namespace/name-v0`.
-NAMESPACE = "rimless-wheel"
 
 #: The entry of a dataset's metadata that records what it was made of, and the name of its card.
 RECIPE, CARD = "rimless_gym", "README.md"
@@ -69,23 +64,8 @@ GAITS = ".gaits"
 CARD_TEXT = """\
 # `{id}`
 
-Walks of {made}, in `{env}` of rimless-gym, as a Minari dataset.
-
-| | |
-| --- | --- |
-| environment | `{env}`, {machine}, {control}, the reward as registered |
-| policy | {made} |
-| episodes, steps | {episodes}, {steps:,}; {begun} |
-| return (m), mean, least, greatest | {mean:.3f}, {least:.3f}, {greatest:.3f} |
-| standard deviation of the return (m) | {spread:.3f} |
-| episodes that end early | {early:.0%} |
-| distance, energy drawn | {distance:.1f} m, {energy:.1f} J |
-| cost of transport, the way to the gait included | {cot} |
-| stored `infos` | {infos} |
-| made by | `{command}`, revision {revision}, with {versions} |
-| licence | MIT, as rimless-gym |
-
-Read it with Minari:
+Walks of {made}, in `{env}` of rimless-gym: {episodes} episodes, {steps:,} steps, mean return
+{mean:.3f} m. Made by `rimless data {name}` of version {version}. Licence: MIT, as rimless-gym.
 
 ```python
 import minari, rimless_gym  # with MINARI_DATASETS_PATH set to the folder that --out named
@@ -120,26 +100,11 @@ class DatasetConfig:
         Raises:
             CheckpointError: there is no such policy.
         """
-        params = None if self.params is None else self.params.to_dict()
-        recipe: dict[str, Any] = {"policy_name": name, "params": params, "seed": self.seed}
-        if name != OPTIMAL:
-            recipe["episodes"] = self.episodes
-        if name in laws.names():
-            recipe["speed"] = self.speed
-        elif name not in (OPTIMAL, *BASELINES):
-            recipe["policy"] = origin(name)
-        return dict(json.loads(json.dumps(recipe | {"version": __version__})))
-
-    def command(self, name: str) -> str:
-        """The command line that writes the dataset of a policy."""
-        arguments = ["rimless", "data", name, "--seed", str(self.seed)]
-        if name != OPTIMAL:
-            arguments += ["--episodes", str(self.episodes)]
-        if name in laws.names():
-            arguments += ["--speed", f"{self.speed:g}"]
-        if self.params is not None:
-            arguments += ["--params", json.dumps(_changed(self.params))]
-        return shlex.join(arguments)
+        recipe = dataclasses.asdict(self) | {"policy": name, "version": __version__}
+        recipe["params"] = self.params and self.params.to_dict()
+        if name not in (OPTIMAL, *BASELINES, *laws.names()):
+            recipe["weights"] = origin(name)
+        return dict(json.loads(json.dumps(recipe)))
 
 
 def standard() -> tuple[str, ...]:
@@ -163,7 +128,7 @@ def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[s
     ids = {name: dataset_id(Path(name).stem) for name in names}
     if len(set(ids.values())) < len(ids):
         raise ValueError(f"{' '.join(names)}: two of these have the same name; rename a file")
-    recipes = {name: recipe_of(folder, id_) for name, id_ in ids.items()}
+    recipes = {name: _recipe_of(folder, id_) for name, id_ in ids.items()}
     for name, recipe in recipes.items():
         if recipe not in (None, config.recipe(name)):
             raise ValueError(
@@ -193,11 +158,22 @@ def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str
         walks = optimal_walks(config.params or BUILDABLE, folder / GAITS, config.seed)
     else:
         walks = walks_of(name, config)
-    id_ = dataset_id(Path(name).stem)
-    summary = figures(walks.episodes, walks.conditions.params.weight)
-    text = _card(id_, walks, summary, config.command(name))
-    write_dataset(folder, id_, walks, config.recipe(name), text)
-    return id_, summary
+    id_, totals = dataset_id(Path(name).stem), [episode.total for episode in walks.episodes]
+    figures = {
+        "episodes": len(totals),
+        "steps": sum(len(episode.rewards) for episode in walks.episodes),
+        "mean": float(np.mean(totals)),
+    }
+    card = CARD_TEXT.format(
+        id=id_,
+        made=walks.made,
+        env=_environment(walks.conditions),
+        name=name,
+        version=__version__,
+        **figures,
+    )
+    write_dataset(folder, id_, walks, config.recipe(name), card)
+    return id_, figures
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,10 +210,6 @@ def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
     made = f"the policy `{Path(name).stem}`"
     if named.gait is not None:
         made = f"the feedback law `{name}` about the optimal gait at {named.gait.speed:.3f} m/s"
-    elif named.task is None:
-        made = f"the baseline `{name}`"
-    elif name in PRETRAINED:
-        made += ", which comes with the package"
     return DatasetWalks(made, named.conditions, steps, walked)
 
 
@@ -314,61 +286,6 @@ def _distance(state: Floats, other: Floats) -> float:
     return float(np.abs(difference).max())
 
 
-def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
-    """The figures of a card, as plain JSON values.
-
-    Args:
-        walked: episodes with the entries of `info` that datasets hold.
-        weight: of the machine (N).
-    """
-    totals = np.array([episode.total for episode in walked])
-    sums = {name: float(sum(each.infos[name].sum() for each in walked)) for name in STORED}
-    energy = sums["electrical_positive"] + sums["idle"]
-    forward = sums["distance"] > 0.0
-    return {
-        "episodes": len(walked),
-        "steps": sum(len(episode.rewards) for episode in walked),
-        "mean": float(totals.mean()),
-        "spread": float(totals.std()),
-        "least": float(totals.min()),
-        "greatest": float(totals.max()),
-        "early": float(np.mean([episode.terminations[-1] for episode in walked])),
-        "distance": sums["distance"],
-        "energy": energy,
-        "cot": energy / (weight * sums["distance"]) if forward else None,
-    }
-
-
-def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: str) -> str:
-    """The text of a card."""
-    made_by, control = provenance(), walks.conditions.control
-    decides = f"a decision every {1e3 * control.period:g} ms"
-    if control.speeds is not None:
-        decides += f", commanded {control.speeds[0]:g} to {control.speeds[1]:g} m/s"
-    first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
-    start = "`reset` with the options of each" if first.options else "the environment's own starts"
-    changed = _changed(walks.conditions.params)
-    return CARD_TEXT.format(
-        id=id_,
-        env=_environment(walks.conditions),
-        made=walks.made,
-        machine=json.dumps(changed) if changed else "the default machine",
-        control=decides,
-        begun=f"{start}, seeds {first.seed} to {last.seed}",
-        infos=", ".join(f"`{entry}`" for entry in first.infos),
-        command=command,
-        revision=str(made_by["git_revision"])[:10],
-        versions=", ".join(f"{key} {version}" for key, version in made_by["versions"].items()),
-        **{**summary, "cot": "-" if cot is None else f"{cot:.4f}"},
-    )
-
-
-def _changed(params: WheelParams) -> dict[str, Any]:
-    """The fields in which a machine differs from BUILDABLE."""
-    usual = BUILDABLE.to_dict()
-    return {name: value for name, value in params.to_dict().items() if value != usual[name]}
-
-
 def dataset_id(name: str) -> str:
     """The identifier of a policy's dataset; Minari reads only letters, digits and hyphens.
 
@@ -381,25 +298,14 @@ def dataset_id(name: str) -> str:
             f"{name!r}: a dataset is called by the letters and digits of its policy's name, and "
             "there are none; rename the file"
         )
-    return f"{NAMESPACE}/{plain}-v0"
+    return f"rimless-wheel/{plain}-v0"
 
 
-def recipe_of(folder: Path, id_: str) -> dict[str, Any] | None:
-    """What the dataset of this identifier was made of; None if there is none.
-
-    Raises:
-        ValueError: there is one, but rimless-gym has not made it.
-    """
-    place = folder / id_
-    if not place.exists():
+def _recipe_of(folder: Path, id_: str) -> object:
+    """What the dataset of this identifier was made of; None if there is none."""
+    if not (folder / id_).exists():
         return None
-    try:
-        return dict(MinariStorage.read_raw_metadata(place / "data")[RECIPE])
-    except (ValueError, KeyError) as error:
-        raise ValueError(
-            f"{place}: is there, but is not a dataset of rimless-gym; choose another --out, or "
-            "remove it"
-        ) from error
+    return MinariStorage.read_raw_metadata(folder / id_ / "data").get(RECIPE, "other walks")
 
 
 def write_dataset(
@@ -411,7 +317,7 @@ def write_dataset(
         folder: Minari's root, `MINARI_DATASETS_PATH`.
         id_: the dataset's identifier.
         walks: that it holds.
-        recipe: plain JSON values that `recipe_of` returns.
+        recipe: plain JSON values of what it is made.
         card: its text.
 
     Raises:
