@@ -120,7 +120,6 @@ def test_optimal_gaits_are_walked_at_their_cost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     walks = optimal_walks(BUILDABLE, tmp_path, 0, (0.56, 0.6))
-    assert walks.steps >= 200
     for episode, speed in zip(walks.episodes, (0.56, 0.6), strict=True):
         assert episode.truncations[-1]
         sums = {name: values.sum() for name, values in episode.infos.items()}

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.film import AHEAD, MOST, GroupFilm, drawn_between, ghost, parts, spent_between
+from agents.film import AHEAD, MOST, GroupFilm, drawn, ghost, spending
 from agents.policy_files import NamedPolicy, named_policy
 from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
@@ -150,58 +149,32 @@ def test_the_optimum_joins_in_step_once_the_first_walks(walk: Recording, gait: S
     assert coloured(alone.frame(5.0), OPTIMUM) == 0
 
 
-@pytest.mark.parametrize(("since", "time"), [(0.0, 0.5), (0.0, 3.0), (3.0, 6.0)])
-def test_the_terms_add_up_to_what_the_battery_gave(
-    walk: Recording, since: float, time: float
-) -> None:
-    spent = spent_between(walk, since, time)
+@pytest.mark.parametrize("time", [0.5, 3.0, 6.0])
+def test_the_terms_add_up_to_what_the_battery_gave(walk: Recording, time: float) -> None:
+    spent = spending(walk, time)
     assert set(LOSSES) <= set(spent)
     assert not any("_" in term for term in spent)  # they are written beside the bars
-    assert sum(spent.values()) == pytest.approx(drawn_between(walk, since, time), abs=1e-9)
-    assert spent["copper"] == walk.spent(time)["copper"] - walk.spent(since)["copper"]
+    assert sum(spent.values()) == pytest.approx(drawn(walk, time), abs=1e-9)
+    assert spent["copper"] == walk.spent(time)["copper"]
 
 
-def noted(calls: list[Any]) -> Callable[..., Any]:
-    """What draws bars, and notes its arguments."""
+def test_the_path_of_a_file_leaves_room_for_the_bars_and_all_of_them_fit(
+    walk: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[Any] = []
 
-    def drawn(*arguments: Any) -> Any:
+    def noted(*arguments: Any) -> Any:
         calls.append(arguments)
         return draw_spending(*arguments)
 
-    return drawn
-
-
-def test_energies_are_counted_from_zero_once_the_wheel_walks_and_all_bars_fit(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    start, walking = parts(walk)
-    assert walk.measured_from is not None
-    assert (start.since, walking.since, walking.until) == (0.0, walk.measured_from.time, walk.ends)
-    assert "drag" not in walking.terms  # this machine has none
-    calls: list[Any] = []
-    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
-    start.frame(start.until, (), (300, 160))
-    walking.frame(walking.since, (), (300, 160))
-    walking.frame(walk.ends, (), (300, 160))
-    batteries = [given[1]["battery"][0] for given in calls]
-    assert batteries[1] == 0.0
-    assert 0.0 < batteries[2] < batteries[0]
-    for _, _, spent, full, _ in calls:
-        assert max(np.cumsum(list(spent.values()))) <= full + 1e-9
-    costly = dataclasses.replace(walk, name="costly", sums=3.0 * walk.sums)
-    walking.frame(4.0, [(costly, OPTIMUM)], (300, 160))
-    expected = 3.0 * drawn_between(walk, walking.since, walking.until)
-    assert calls[-1][3] == pytest.approx(expected)
-
-
-def test_the_path_of_a_file_leaves_room_for_the_bars(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[Any] = []
-    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
+    monkeypatch.setattr("agents.film.draw_spending", noted)
     path = "/somebody/keeps/policies/far/away/from/here/runs/ppo/best.zip"
-    GroupFilm([walk, dataclasses.replace(walk, name=path)], None).frame(4.0)
-    assert list(calls[0][1]) == ["battery", "battery, ...e/runs/ppo/best.zip"]
+    costly = dataclasses.replace(walk, name=path, sums=3.0 * walk.sums)
+    GroupFilm([walk, costly], None).frame(4.0)
+    _, batteries, spent, full, _ = calls[0]
+    assert list(batteries) == ["battery", "battery, ...e/runs/ppo/best.zip"]
+    assert full == pytest.approx(3.0 * drawn(walk, walk.ends))  # all bars fit
+    assert "drag" not in spent  # this machine has none
 
 
 def test_too_flat_pictures_too_many_walks_and_those_of_other_machines_are_refused(
