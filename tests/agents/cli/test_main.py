@@ -16,7 +16,7 @@ import pytest
 
 from agents.cli import main as cli
 from agents.cli.learn import compare, train
-from agents.cli.main import COMMANDS, INTERRUPTED, REFUSED, STUDIES, UNREAD, main
+from agents.cli.main import COMMANDS, INTERRUPTED, REFUSED, UNREAD, main
 from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
@@ -170,9 +170,7 @@ def test_everything_with_a_name_is_listed(capsys: pytest.CaptureFixture[str]) ->
         ("watch evolution imitation lqr ppo robust --out walk.gif", "5 names: at most 4"),
         ("watch --size 3 3", "--size: '3': must be an integer of at least 50 and at most 4000"),
         ("watch --seconds 0.01 --out walk.gif", "at least 0.06, one picture"),
-        ("watch --speed 5 --out walk.gif", "--speed 5: must be on this machine's front"),
         ("watch nobody --out walk.gif", "nobody"),
-        *((word, f"{word!r} is a study: run `make ") for word in STUDIES),
     ],
 )
 def test_bad_input_is_refused_in_one_line_before_the_work_begins(
