@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.film import AHEAD, MOST, GroupFilm, drawn, ghost, spending
+from agents.film import AHEAD, GroupFilm, drawn, ghost, spending
 from agents.policy_files import NamedPolicy, named_policy
 from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
@@ -17,7 +16,6 @@ from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, LOSSES
 from rimless_gym.kernel.stepping import FOOT, PHI
 from rimless_gym.rendering.canvas import OPTIMUM
-from rimless_gym.rendering.panels import draw_spending
 from trajopt import periodic_gait
 from trajopt.gaits.solution import Solution
 
@@ -92,17 +90,6 @@ def test_the_figures_are_those_of_the_last_steps(walk: Recording) -> None:
     assert figures.cot == pytest.approx(energy / (BUILDABLE.weight * spent["distance"]), rel=5e-2)
 
 
-def test_a_wheel_that_stands_has_no_figures(policy: NamedPolicy) -> None:
-    def rest(states: Any, observations: Any) -> Any:
-        return np.zeros(len(states))
-
-    standing = record(
-        "rest", Rollout(policy.conditions, rest, at_rest(BUILDABLE)[None], 50), BUILDABLE, 0.01
-    )
-    assert standing.measured_from is None
-    assert standing.scene(0.4).speed is None
-
-
 def test_a_policy_is_recorded_from_rest_for_at_least_one_interval(
     policy: NamedPolicy, walk: Recording
 ) -> None:
@@ -156,34 +143,3 @@ def test_the_terms_add_up_to_what_the_battery_gave(walk: Recording, time: float)
     assert not any("_" in term for term in spent)  # they are written beside the bars
     assert sum(spent.values()) == pytest.approx(drawn(walk, time), abs=1e-9)
     assert spent["copper"] == walk.spent(time)["copper"]
-
-
-def test_the_path_of_a_file_leaves_room_for_the_bars_and_all_of_them_fit(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[Any] = []
-
-    def noted(*arguments: Any) -> Any:
-        calls.append(arguments)
-        return draw_spending(*arguments)
-
-    monkeypatch.setattr("agents.film.draw_spending", noted)
-    path = "/somebody/keeps/policies/far/away/from/here/runs/ppo/best.zip"
-    costly = dataclasses.replace(walk, name=path, sums=3.0 * walk.sums)
-    GroupFilm([walk, costly], None).frame(4.0)
-    _, batteries, spent, full, _ = calls[0]
-    assert list(batteries) == ["battery", "battery, ...e/runs/ppo/best.zip"]
-    assert full == pytest.approx(3.0 * drawn(walk, walk.ends))  # all bars fit
-    assert "drag" not in spent  # this machine has none
-
-
-def test_too_flat_pictures_too_many_walks_and_those_of_other_machines_are_refused(
-    walk: Recording,
-) -> None:
-    with pytest.raises(ValueError, match=r"size = 2000 x 32 pixels: .* make the picture higher"):
-        GroupFilm([walk], None, (2000, 50)).frame(0.0)
-    with pytest.raises(ValueError, match=f"{MOST + 1} walks: at most {MOST}"):
-        GroupFilm([walk] * (MOST + 1), None)
-    other = dataclasses.replace(walk, name="heavy", params=BUILDABLE.replace(wheel_mass=2.0))
-    with pytest.raises(ValueError, match="heavy: walks with another machine than evolution"):
-        GroupFilm([walk, other], None)

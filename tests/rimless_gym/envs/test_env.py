@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from typing import Any
 
@@ -16,10 +15,9 @@ from gymnasium.utils.play import play
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rimless_gym import THESIS_PHYSICAL, RimlessWheelSpeedEnv, RimlessWheelVectorEnv
+from rimless_gym import THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.envs.env import RimlessWheelEnv
 from rimless_gym.envs.layout import INFO_NAMES, OBSERVATION_BOUND, observe
-from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
 from rimless_gym.hybrid import MAX_RATE, Failure
 from rimless_gym.rendering.canvas import pygame
@@ -38,25 +36,6 @@ def test_gymnasiums_checker_is_silent(id: str) -> None:
         checked = gym.make(id, disable_env_checker=False)
         checked.reset(seed=0)
         checked.step(STILL)
-
-
-@pytest.mark.slow  # for the import of torch
-@pytest.mark.parametrize("id", [ID, SPEED_ID])
-def test_the_checker_of_stable_baselines3_is_silent(id: str) -> None:
-    from stable_baselines3.common.env_checker import check_env as sb3_check_env
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        sb3_check_env(gym.make(id))
-
-
-@pytest.mark.parametrize("kind", [RimlessWheelEnv, RimlessWheelSpeedEnv, RimlessWheelVectorEnv])
-def test_pages_are_completed_and_not_indented_on_any_python(kind: Any) -> None:
-    page = kind.__doc__
-    assert not re.search(r"\{\w+\}", page)
-    assert all(not line.startswith("    ") for line in page.splitlines())
-    if kind is not RimlessWheelVectorEnv:
-        assert [f"\n- `{name}`: " in page for name in TERM_NAMES] == [True] * len(TERM_NAMES)
 
 
 def test_the_environment_itself_enforces_the_order_of_calls() -> None:
@@ -227,19 +206,6 @@ def test_slow_rocking_ends_in_rest_and_balances_alone_and_in_rows() -> None:
         touchdowns += energy["touchdowns"]
     assert touchdowns > 10
     assert info["mode"] == rows[-1]["mode"][1] == DOUBLE
-
-
-def test_frames_are_drawn_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    env = gym.make(ID, render_mode="rgb_array")
-    env.reset(seed=0)
-    first = env.render()
-    for _ in range(10):
-        env.step(np.ones(1, np.float32))
-    second = env.render()
-    assert first.dtype == np.uint8
-    assert first.shape[2] == 3
-    assert not np.array_equal(first, second)
 
 
 def test_the_arrow_keys_set_the_voltage_and_no_key_means_zero(monkeypatch: Any) -> None:

@@ -145,11 +145,8 @@ SPOILT: list[tuple[Callable[[dict[str, Any]], Any], str]] = [
     (lambda state: state | {"more": 1}, "'more'.*: must have the parts"),
     (lambda state: changed(state, "batch", {"memory": 0}), r"batch.*what get_state\(\) of a"),
     (lambda state: changed(state, "params", []), "the state is of 0 rows, not of 1"),
-    (lambda state: changed(state, "memory", None), "memory must be an array"),
     (lambda state: changed(state, "memory", np.zeros((3, 1))), "memory must be an array"),
     (lambda state: changed(state, "ended", np.zeros(1)), "ended must be an array .* of .*bool"),
-    (lambda state: changed(state, "poles", np.zeros(7)), "poles must be an array"),
-    (lambda state: changed(state, "held", np.zeros((9, 1))), "held must be an array"),
     *(
         (lambda state, name=name: spoilt(state, name, math.nan), f"{name} must be finite")
         for name in ("memory", "held", "constants", "poles", "numbers")
@@ -168,42 +165,6 @@ def test_invalid_snapshots_are_refused_and_change_nothing(new: Callable[[], Any]
         with pytest.raises(ValueError, match=message):
             env.set_state(spoil(other.get_state()))
         assert pickle.dumps(env.get_state()) == before
-
-
-def test_single_and_vector_environments_refuse_each_others_snapshots() -> None:
-    env, envs = RimlessWheelEnv(), make(1)
-    for one, other, name in ((env, envs, "RimlessWheelVectorEnv"), (envs, env, "RimlessWheelEnv")):
-        one.reset(seed=0)
-        before = pickle.dumps(other.get_state())
-        with pytest.raises(
-            ValueError, match=rf"must have the parts.*what get_state\(\) of a {name} returned"
-        ):
-            other.set_state(one.get_state())
-        assert pickle.dumps(other.get_state()) == before
-
-
-def test_generators_are_restored_all_or_none() -> None:
-    envs = make(3)
-    envs.reset(seed=0)
-    before, spoilt = pickle.dumps(envs.get_state()), envs.get_state()
-    envs.reset()
-    spoilt["generators"][2]["bit_generator"] = "MT19937"
-    now = pickle.dumps(envs.get_state())
-    assert now != before
-    with pytest.raises(ValueError, match="PCG64"):
-        envs.set_state(spoilt)
-    assert pickle.dumps(envs.get_state()) == now
-
-
-def test_snapshots_of_other_rows_and_with_a_nan_observation_are_refused() -> None:
-    envs = make(2)
-    envs.reset(seed=0)
-    state = envs.get_state()
-    with pytest.raises(ValueError, match="2 rows"):
-        make(3).set_state(state)
-    state["seen"][1, 3] = math.nan
-    with pytest.raises(ValueError, match=r"state: seen must be finite"):
-        envs.set_state(state)
 
 
 def test_a_snapshot_can_be_restored_after_refused_actions_and_lost_motions() -> None:

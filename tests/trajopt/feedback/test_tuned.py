@@ -28,7 +28,7 @@ def trial(one_step, linear):
 
 
 def test_zeros_leave_the_lqr_as_it_is_and_other_numbers_do_not(linear, one_step):
-    zeros = np.zeros(tuned.Numbers.count(2))
+    zeros = np.zeros(tuned.COUNT)
     same, changed = (
         tuned.with_numbers(linear.data, one_step.duration, tuned.Numbers.of(q))
         for q in (zeros, zeros + 0.1)
