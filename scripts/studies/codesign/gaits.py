@@ -246,7 +246,7 @@ def refined(case: BuildCase, near: Extremal) -> Solution:
     )
     bob, arm = (float(value) for value in extremal.parameters)
     machine = case.build.machine(bob, arm)
-    return finished(machine, extremal, case.turns, False, (), {"study": "codesign"})
+    return finished(machine, extremal, case.turns, False, {"study": "codesign"})
 
 
 def random_step(case: BuildCase, rng: np.random.Generator) -> Guess:

@@ -98,7 +98,6 @@ def test_a_folder_of_another_study_or_a_file_is_refused(tmp_path: Path) -> None:
         ({"front": (0.6, 0.5)}, ValueError, "front = .*least"),
         ({"front_steps": ()}, ValueError, "one or more numbers of steps"),
         ({"further": (0.561,)}, ValueError, "stand for the same gait"),
-        ({"speed": 9.0}, ValueError, r"speed = 9(\.\d+)? m/s: the motor is too weak"),
     ],
 )
 def test_invalid_studies_are_refused_by_name(
