@@ -16,7 +16,7 @@ import pytest
 
 from agents.cli import main as cli
 from agents.cli.learn import compare, train
-from agents.cli.main import COMMANDS, INTERRUPTED, REFUSED, STUDIES, UNREAD, main
+from agents.cli.main import COMMANDS, INTERRUPTED, REFUSED, UNREAD, main
 from agents.cli.options import Preset, fields, joined_fields, whole
 from agents.comparison.study import Study
 from agents.experts import EXPERT
@@ -128,8 +128,6 @@ def test_words_and_version_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
         ("watch --out walk.avi", "ends with .gif or .mp4"),
         ("watch lqr lqr --out walk.gif", "name each only once"),
         ("watch evolution imitation lqr ppo robust --out walk.gif", "5 names: at most 4"),
-        ("watch --speed 5 --out walk.gif", "--speed 5: must be on this machine's front"),
-        *((word, f"{word!r} is a study: run `make ") for word in STUDIES),
     ],
 )
 def test_bad_input_is_refused_in_one_line_before_the_work_begins(

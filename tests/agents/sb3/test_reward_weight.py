@@ -132,8 +132,6 @@ def test_a_constant_voltage_walks_at_a_high_cost_and_rest_does_not_walk():
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"multiple": 1.0}, ValueError, r"multiple = 1: .*give more than 1; 2 is usual"),
-        ({"least_share": 1.1}, ValueError, r"least_share = 1\.1: must be at most 1"),
         ({"evry": 3}, TypeError, "evry"),
         ({"schedule": WeightSchedule(), "every": 3}, TypeError, "give one of them"),
     ],

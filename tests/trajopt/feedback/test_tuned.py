@@ -82,15 +82,6 @@ def test_evolution_scores_better_than_the_lqr_and_the_same_for_the_same_seed(
 
 
 @pytest.mark.slow
-def test_its_voltage_has_no_jumps_about_the_gait(tuned_law, one_step):
-    x = np.asarray(one_step.state(np.linspace(0.1, 0.9, 20001) * one_step.duration))
-    x = x + 0.03 / np.sqrt(tuned_law.data.orbit.metric)
-    x = x[tuned_law(x) ** 2 < tuned_law.params.voltage_limit**2]
-    steps = np.abs(np.diff(tuned_law(x)))
-    assert steps.max() < 0.05 * tuned_law.params.voltage_limit
-
-
-@pytest.mark.slow
 def test_a_wheel_that_falls_is_counted_as_lost_and_the_others_as_if_alone(linear, trial):
     states = trial.disturbed.copy()
     states[DTHETA, :3] += 20.0

@@ -82,12 +82,8 @@ def test_the_maximum_of_a_power_and_its_floor_is_exact_at_the_nodes() -> None:
 
 def test_two_powers_are_paid_for_separately() -> None:
     phase = textbook.least_work_move().phases[0]
-    both = Phase(
-        **{  # work against the block, and against the brakes
-            field.name: getattr(phase, field.name) for field in dataclasses.fields(phase)
-        }
-        | {"powers": lambda x, u, p: (u * x[1], -u * x[1])}
-    )
+    # Work against the block, and against the brakes.
+    both = dataclasses.replace(phase, powers=lambda x, u, p: (u * x[1], -u * x[1]))
     found = solve_once(Problem((both,)))
     assert found.cost == pytest.approx(2 * textbook.least_work(), rel=5e-3)
 

@@ -45,7 +45,6 @@ from rimless_gym.kernel.stepping import (
     advance_batch,
     machine_arrays,
 )
-from rimless_gym.params import WheelParams
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
@@ -131,11 +130,6 @@ class Simulator(NamedTuple):
     constants: Floats
     poles: Floats
 
-    @classmethod
-    def of(cls, params: WheelParams) -> Simulator:
-        """The machine that `params` describes. The first call takes some seconds of compiling."""
-        return cls(_advance(), *machine_arrays([params]))
-
 
 class Lookahead(NamedTuple):
     """What the law needs.
@@ -189,7 +183,7 @@ def design(solution: Solution) -> Law:
         orbit=start.data.orbit,
         gains=start.data,
         objective=objective,
-        simulator=Simulator.of(params),
+        simulator=Simulator(_advance(), *machine_arrays([params])),
         horizon=HORIZON,
         iterations=ITERATIONS,
     )
