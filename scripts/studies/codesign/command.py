@@ -19,7 +19,6 @@ from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.codesign import gaits, machine
 from scripts.studies.codesign.gaits import (
-    BuildCase,
     best_gait,
     better_gait,
     figures,
@@ -124,13 +123,13 @@ class CodesignStudy:
 
     def landscape(self) -> dict[str, Any]:
         """The best gait of every build, from random starts and then from neighbours' gaits."""
-        cases = [BuildCase(Build(gear, legs)) for legs in LEGS for gear in GPX_22_UP]
-        tasks = {_key(case): (case,) for case in cases}
+        builds = [Build(gear, legs) for legs in LEGS for gear in GPX_22_UP]
+        tasks = {_key(build): (build,) for build in builds}
         first = self.stage("landscape", tasks, best_gait)
         again = {}
-        for case in cases:
-            near = _gaits({_key(c): first[_key(c)] for c in neighbours(case, cases)})
-            again[_key(case)] = (case, first[_key(case)], tuple(near.values()))
+        for build in builds:
+            near = _gaits({_key(each): first[_key(each)] for each in neighbours(build, builds)})
+            again[_key(build)] = (build, first[_key(build)], tuple(near.values()))
         return self.stage("landscape from neighbours", again, better_gait)
 
     def finals(self, landscape: dict[str, Any]) -> dict[str, Any]:
@@ -147,7 +146,7 @@ class CodesignStudy:
 
     def preset(self, landscape: dict[str, Any]) -> dict[str, Any]:
         """The preset's gaits over speed, and their start-up with the voltage held."""
-        known = tuple(_gaits({"": landscape[_key(BuildCase(preset_build()))]}).values())
+        known = tuple(_gaits({"": landscape[_key(preset_build())]}).values())
         tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
         free = {k: (gait,) for k, gait in _gaits(self.stage("preset", tasks, gait_at)).items()}
         held = {k: (g,) for k, g in _gaits(self.stage("preset, held", free, held_gait)).items()}
@@ -197,8 +196,8 @@ def _gaits(results: Mapping[str, Any]) -> dict[str, Solution]:
     return {key: each for key, each in results.items() if isinstance(each, Solution)}
 
 
-def _key(case: BuildCase) -> str:
-    return f"{case.build.n_legs:02d}_legs_{case.build.gearhead.ratio:.0f}"
+def _key(build: Build) -> str:
+    return f"{build.n_legs:02d}_legs_{build.gearhead.ratio:.0f}"
 
 
 # -- tables and figures ---------------------------------------------------------------------------

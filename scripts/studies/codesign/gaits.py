@@ -32,6 +32,9 @@ from trajopt.ocp.solve import solve
 #: Bounds on speed (m/s), bob (kg) and arm (m).
 SPEEDS, LIGHTEST_BOB, SHORTEST_ARM = (0.3, 1.2), 0.3, 0.08
 
+#: Whole turns of theta in a step, of the family of least cost.
+TURNS = -1
+
 #: What the study requires of a gait beyond the preset's limits: least normal force (weights),
 #: and the largest friction demand.
 NORMAL_FORCE, FRICTION_DEMAND = 0.15, 0.75
@@ -41,50 +44,32 @@ NORMAL_FORCE, FRICTION_DEMAND = 0.15, 0.75
 LIFTED_SHARE = 0.8
 
 
-@dataclasses.dataclass(frozen=True)
-class BuildCase:
-    """A build whose bob, arm and speed are chosen with its gait.
+def bounds(build: Build) -> dict[str, tuple[float, float]]:
+    """On the design variables: bob (kg) and arm (m)."""
+    return {
+        "bob": (LIGHTEST_BOB, build.heaviest_bob),
+        "arm": (SHORTEST_ARM, build.longest_arm),
+    }
 
-    Attributes:
-        build: motor, gearhead and legs.
-        turns: of theta per step.
-    """
 
-    build: Build
-    turns: int = -1
-
-    @property
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """On the design variables."""
-        return {
-            "bob": (LIGHTEST_BOB, self.build.heaviest_bob),
-            "arm": (SHORTEST_ARM, self.build.longest_arm),
-        }
-
-    def problem(self) -> Problem:
-        """The problem of one periodic step at any speed; cases of a build share its functions."""
-        ring = _ring(self.build)
-        link = dataclasses.replace(ring.linkages[0], offset={"theta": -2 * math.pi * self.turns})
-        return dataclasses.replace(ring, linkages=(link,), parameters=self.bounds)
+@lru_cache(maxsize=4)
+def step_problem(build: Build) -> Problem:
+    """The problem of one periodic step at any speed, and of the build's bob and arm."""
+    machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
+    slow, fast = SPEEDS
+    ring = designed_gait(
+        *(machine, build.design, bounds(build)),
+        steps=1,
+        duration=(machine.step_length / fast, machine.step_length / slow),
+        theta_turns=TURNS,
+    )
+    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build),))
 
 
 def regenerating(problem: Problem) -> Problem:
     """The problem with E in place of E+, whose landscape is smoother."""
     phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
     return dataclasses.replace(problem, phases=phases)
-
-
-@lru_cache(maxsize=4)
-def _ring(build: Build) -> Problem:
-    machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
-    slow, fast = SPEEDS
-    ring = designed_gait(
-        *(machine, build.design, {"bob": (0.1, 10.0), "arm": (0.01, 1.0)}),
-        steps=1,
-        duration=(machine.step_length / fast, machine.step_length / slow),
-        theta_turns=-1,  # a link with an offset, which a case replaces
-    )
-    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build),))
 
 
 def _with_margins(stance: Phase, build: Build) -> Phase:
@@ -108,17 +93,17 @@ def _with_margins(stance: Phase, build: Build) -> Phase:
     return dataclasses.replace(stance, at_end=constraint)
 
 
-def neighbours(case: BuildCase, cases: Sequence[BuildCase]) -> list[BuildCase]:
-    """The cases that differ from one by the next gearhead or number of legs."""
+def neighbours(build: Build, builds: Sequence[Build]) -> list[Build]:
+    """The builds that differ from one by the next gearhead or number of legs."""
 
-    def place(each: BuildCase) -> tuple[float, ...]:
-        return each.build.n_legs, each.build.gearhead.ratio
+    def place(each: Build) -> tuple[float, ...]:
+        return each.n_legs, each.gearhead.ratio
 
-    near, here = [], place(case)
+    near, here = [], place(build)
     for i in range(2):
         line = {
             place(each)[i]: each
-            for each in cases
+            for each in builds
             if place(each)[:i] + place(each)[i + 1 :] == here[:i] + here[i + 1 :]
         }
         near += [line[v] for v in sorted(v for v in line if v > here[i])[:1]]
@@ -128,7 +113,7 @@ def neighbours(case: BuildCase, cases: Sequence[BuildCase]) -> list[BuildCase]:
 
 # -- gaits ----------------------------------------------------------------------------------------
 
-#: Random starts of a case.
+#: Random starts of a build.
 STARTS = 3
 
 #: Meshes (elements, degree): of the search, and the first one of the refined gait.
@@ -157,19 +142,19 @@ CONTINUED = 3
 
 
 def best_gait(
-    case: BuildCase, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
+    build: Build, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
 ) -> Solution | str:
     """The gait of least cost that passes verification, or the reason why there is none.
 
     Args:
-        case: its build and what is given.
-        known: gaits of other cases to start from.
+        build: motor, gearhead and legs.
+        known: gaits of other builds to start from.
         starts: random ones besides.
         seed: of the random starts.
     """
-    problem = case.problem()
+    problem = step_problem(build)
     mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
-    low, high = np.array(list(case.bounds.values())).T
+    low, high = np.array(list(bounds(build).values())).T
     extremals = []
     for gait in known:
         bob_and_arm = np.clip(np.array(chosen(gait.params)), low, high)
@@ -178,7 +163,7 @@ def best_gait(
         )
     rng = np.random.default_rng(seed)
     for _ in range(starts):
-        step, middle = random_step(case, rng), (low + high) / 2
+        step, middle = random_step(build, rng), (low + high) / 2
         smooth = solve(regenerating(problem), step, mesh, parameters=middle, **_QUICK)
         if smooth.succeeded:
             extremals.append(
@@ -187,25 +172,25 @@ def best_gait(
     good = [each for each in extremals if each.succeeded and not each.violations]
     reason = "no start became a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
-        gait = refined(case, each)
+        gait = refined(build, each)
         if gait.verification.passed:
             return gait
         reason = "; ".join(gait.verification.failures)
     return reason
 
 
-def better_gait(case: BuildCase, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
+def better_gait(build: Build, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
     """The gait continued from others if it costs less than `best`, else `best`."""
-    other = best_gait(case, known, starts=0)
+    other = best_gait(build, known, starts=0)
     if isinstance(other, str):
         return best
     better = isinstance(best, str) or other.cot < (1 - WORTH_IT) * best.cot
     return other if better else best
 
 
-def refined(case: BuildCase, near: Extremal) -> Solution:
+def refined(build: Build, near: Extremal) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
-    problem = case.problem()
+    problem = step_problem(build)
     extremal = solve(
         problem,
         near.phases,
@@ -218,18 +203,18 @@ def refined(case: BuildCase, near: Extremal) -> Solution:
         mu_init=WARM_BARRIER,
     )
     bob, arm = (float(value) for value in extremal.parameters)
-    machine = case.build.machine(bob, arm)
-    return finished(machine, extremal, case.turns, False, {"study": "codesign"})
+    machine = build.machine(bob, arm)
+    return finished(machine, extremal, TURNS, False, {"study": "codesign"})
 
 
-def random_step(case: BuildCase, rng: np.random.Generator) -> Guess:
-    """A random step with the case's turns of theta."""
-    params = case.build.machine(1.0, 0.1)
+def random_step(build: Build, rng: np.random.Generator) -> Guess:
+    """A random step with `TURNS` of theta."""
+    params = build.machine(1.0, 0.1)
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.3 * slow), math.log(fast / 1.2)))
     (phase,), _ = random_guess(params, 1, params.step_length / speed, rng)
     states = phase.states.copy()
-    missing = 2 * math.pi * case.turns - (states[-1, -1, 1] - states[0, 0, 1])
+    missing = 2 * math.pi * TURNS - (states[-1, -1, 1] - states[0, 0, 1])
     share = np.linspace(0.0, 1.0, states[..., 0].size).reshape(states.shape[:2])
     states[..., 1] += missing * share
     states[..., 3] += missing / phase.duration
