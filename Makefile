@@ -11,9 +11,8 @@ PEERS := $(VENV)/.installed-peers
 # Of tests: which ones. Reordered by number of tests, files with one long test would come last.
 TESTS ?= tests
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-# Of `make front`: the machine, and the budget of time in minutes.
+# Of `make front`: the machine.
 PRESET ?= BUILDABLE
-MINUTES ?= 120
 # Of a study: further options, as `python -m scripts.studies NAME --help` lists them.
 ARGS ?=
 STUDY := $(BIN)/python -m scripts.studies
@@ -37,7 +36,7 @@ help:
 	@echo "make clean       remove $(VENV) and caches; results in runs/ stay"
 	@echo "Studies, which fill the documents' tables; ARGS='--help' lists the options of one:"
 	@echo "make study       every learner over ten seeds, into docs/learning.md and the README (hours)"
-	@echo "make front       a machine's front searched anew and shipped; PRESET=..., MINUTES=120"
+	@echo "make front       a machine's front searched anew and shipped; PRESET=..."
 	@echo "make feedback    every feedback law measured, into docs/feedback.md (about 40 minutes)"
 	@echo "make bench       speed, ours and the peers', into docs/benchmark.md (some minutes, alone)"
 	@echo "make thesis | codesign | figures | returns | textbook"
@@ -101,7 +100,7 @@ study: $(INSTALLED)
 	$(STUDY) learning --docs docs/learning.md --headline README.md $(ARGS)
 
 front: $(INSTALLED)
-	$(STUDY) front --preset $(PRESET) --minutes $(MINUTES) $(ARGS)
+	$(STUDY) front --preset $(PRESET) $(ARGS)
 
 feedback: $(INSTALLED)
 	$(STUDY) feedback --docs docs/feedback.md $(ARGS)

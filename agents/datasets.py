@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,24 +25,19 @@ from rimless_gym import __version__
 from rimless_gym.checks import extra
 from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import THETA
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE
-from trajopt import NoGaitError, periodic_gait
+from trajopt import periodic_gait
 from trajopt.feedback import laws
 from trajopt.feedback.law import Floats
 from trajopt.gaits.fronts import cot_front
 from trajopt.gaits.solution import Solution
-from trajopt.provenance import provenance
 
 with extra("data"):
     import h5py  # noqa: F401  with which Minari stores
     from minari import __version__ as minari_version
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
-
-#: Of all datasets; Minari's identifiers are `namespace/name-v0`.
-NAMESPACE = "rimless-wheel"
 
 #: The entry of a dataset's metadata that records what it was made of, and the name of its card.
 RECIPE, CARD = "rimless_gym", "README.md"
@@ -54,11 +48,8 @@ OPTIMAL = "optimal"
 #: Speeds of its gaits (m/s); each is that nearest at which a step is a whole number of intervals.
 SPEEDS = (0.4, 0.45, 0.5, 0.53, 0.56, 0.58, 0.6, 0.62, 0.635)
 
-#: Most steps of an episode on a gait. Nothing stabilises it: rounding grows in each stride.
-MOST_STEPS = 500
-
-#: How far such an episode may be from the gait (rad, rad/s) before it has to end.
-FAITHFUL = 1e-6
+#: Steps of an episode on a gait. Nothing stabilises it, and rounding grows in each stride.
+OPTIMAL_STEPS = 160
 
 #: Entries of `info` that are stored: the terms of the reward, and what a CoT needs.
 STORED = (*TERM_NAMES, "distance", "electrical_positive", "idle")
@@ -69,23 +60,8 @@ GAITS = ".gaits"
 CARD_TEXT = """\
 # `{id}`
 
-Walks of {made}, in `{env}` of rimless-gym, as a Minari dataset.
-
-| | |
-| --- | --- |
-| environment | `{env}`, {machine}, {control}, the reward as registered |
-| policy | {made} |
-| episodes, steps | {episodes}, {steps:,}; {begun} |
-| return (m), mean, least, greatest | {mean:.3f}, {least:.3f}, {greatest:.3f} |
-| standard deviation of the return (m) | {spread:.3f} |
-| episodes that end early | {early:.0%} |
-| distance, energy drawn | {distance:.1f} m, {energy:.1f} J |
-| cost of transport, the way to the gait included | {cot} |
-| stored `infos` | {infos} |
-| made by | `{command}`, revision {revision}, with {versions} |
-| licence | MIT, as rimless-gym |
-
-Read it with Minari:
+Walks of {made}, in `{env}` of rimless-gym: {episodes} episodes, {steps:,} steps, mean return
+{mean:.3f} m. Made by `rimless data {name}` of version {version}. Licence: MIT, as rimless-gym.
 
 ```python
 import minari, rimless_gym  # with MINARI_DATASETS_PATH set to the folder that --out named
@@ -120,26 +96,11 @@ class DatasetConfig:
         Raises:
             CheckpointError: there is no such policy.
         """
-        params = None if self.params is None else self.params.to_dict()
-        recipe: dict[str, Any] = {"policy_name": name, "params": params, "seed": self.seed}
-        if name != OPTIMAL:
-            recipe["episodes"] = self.episodes
-        if name in laws.names():
-            recipe["speed"] = self.speed
-        elif name not in (OPTIMAL, *BASELINES):
-            recipe["policy"] = origin(name)
-        return dict(json.loads(json.dumps(recipe | {"version": __version__})))
-
-    def command(self, name: str) -> str:
-        """The command line that writes the dataset of a policy."""
-        arguments = ["rimless", "data", name, "--seed", str(self.seed)]
-        if name != OPTIMAL:
-            arguments += ["--episodes", str(self.episodes)]
-        if name in laws.names():
-            arguments += ["--speed", f"{self.speed:g}"]
-        if self.params is not None:
-            arguments += ["--params", json.dumps(_changed(self.params))]
-        return shlex.join(arguments)
+        recipe = dataclasses.asdict(self) | {"policy": name, "version": __version__}
+        recipe["params"] = self.params and self.params.to_dict()
+        if name not in (OPTIMAL, *BASELINES, *laws.names()):
+            recipe["weights"] = origin(name)
+        return dict(json.loads(json.dumps(recipe)))
 
 
 def standard() -> tuple[str, ...]:
@@ -163,7 +124,7 @@ def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[s
     ids = {name: dataset_id(Path(name).stem) for name in names}
     if len(set(ids.values())) < len(ids):
         raise ValueError(f"{' '.join(names)}: two of these have the same name; rename a file")
-    recipes = {name: recipe_of(folder, id_) for name, id_ in ids.items()}
+    recipes = {name: _recipe_of(folder, id_) for name, id_ in ids.items()}
     for name, recipe in recipes.items():
         if recipe not in (None, config.recipe(name)):
             raise ValueError(
@@ -193,11 +154,22 @@ def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str
         walks = optimal_walks(config.params or BUILDABLE, folder / GAITS, config.seed)
     else:
         walks = walks_of(name, config)
-    id_ = dataset_id(Path(name).stem)
-    summary = figures(walks.episodes, walks.conditions.params.weight)
-    text = _card(id_, walks, summary, config.command(name))
-    write_dataset(folder, id_, walks, config.recipe(name), text)
-    return id_, summary
+    id_, totals = dataset_id(Path(name).stem), [episode.total for episode in walks.episodes]
+    figures = {
+        "episodes": len(totals),
+        "steps": sum(len(episode.rewards) for episode in walks.episodes),
+        "mean": float(np.mean(totals)),
+    }
+    card = CARD_TEXT.format(
+        id=id_,
+        made=walks.made,
+        env=_environment(walks.conditions),
+        name=name,
+        version=__version__,
+        **figures,
+    )
+    write_dataset(folder, id_, walks, config.recipe(name), card)
+    return id_, figures
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,10 +206,6 @@ def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
     made = f"the policy `{Path(name).stem}`"
     if named.gait is not None:
         made = f"the feedback law `{name}` about the optimal gait at {named.gait.speed:.3f} m/s"
-    elif named.task is None:
-        made = f"the baseline `{name}`"
-    elif name in PRETRAINED:
-        made += ", which comes with the package"
     return DatasetWalks(made, named.conditions, steps, walked)
 
 
@@ -257,14 +225,11 @@ def optimal_walks(
     """
     front = cot_front(params, speeds, [1], hold=CONTROL_PERIOD, folder=folder, progress=True)
     conditions = Conditions(params)
-    steps = min(_faithful_steps(gait) for gait in front.envelope)
-    if not steps:
-        raise NoGaitError("no gait repeats itself in the environment for even one stride")
     walked = [
         episode
         for i, gait in enumerate(front.envelope)
         for episode in episodes(
-            conditions.envs(1, max_episode_steps=steps),
+            conditions.envs(1, max_episode_steps=OPTIMAL_STEPS),
             _open_loop(gait),
             seed + i,
             options=_start_of(gait),
@@ -273,7 +238,7 @@ def optimal_walks(
     ]
     listed = ", ".join(f"{gait.speed:.3f}" for gait in front.envelope)
     made = f"optimal gaits at {listed} m/s, their voltages held for 10 ms and repeated in open loop"
-    return DatasetWalks(made, conditions, steps, walked)
+    return DatasetWalks(made, conditions, OPTIMAL_STEPS, walked)
 
 
 def _start_of(gait: Solution) -> dict[str, list[float]]:
@@ -293,82 +258,6 @@ def _open_loop(gait: Solution) -> Policy:
     return policy
 
 
-def _faithful_steps(gait: Solution) -> int:
-    """How many steps, whole strides or `MOST_STEPS`, a gait repeats within `FAITHFUL`."""
-    envs, policy = Conditions(gait.params).envs(1, max_episode_steps=None), _open_loop(gait)
-    observations, _ = envs.reset(options=_start_of(gait))
-    ticks, states = len(gait.held_voltages), [envs.states[0]]
-    for step in range(1, MOST_STEPS + 1):
-        action = policy(envs.states, observations)
-        observations, _, fell, _, _ = envs.step(action[:, None].astype(np.float32))
-        states.append(envs.states[0])
-        if fell[0] or (step >= ticks and _distance(states[-1], states[-1 - ticks]) > FAITHFUL):
-            return (step - 1) // ticks * ticks
-    return MOST_STEPS
-
-
-def _distance(state: Floats, other: Floats) -> float:
-    """The largest difference of two states in angle (modulo a turn) or rate."""
-    difference = (state - other)[:4]
-    difference[THETA] = (difference[THETA] + np.pi) % (2 * np.pi) - np.pi
-    return float(np.abs(difference).max())
-
-
-def figures(walked: Sequence[Episode], weight: float) -> dict[str, Any]:
-    """The figures of a card, as plain JSON values.
-
-    Args:
-        walked: episodes with the entries of `info` that datasets hold.
-        weight: of the machine (N).
-    """
-    totals = np.array([episode.total for episode in walked])
-    sums = {name: float(sum(each.infos[name].sum() for each in walked)) for name in STORED}
-    energy = sums["electrical_positive"] + sums["idle"]
-    forward = sums["distance"] > 0.0
-    return {
-        "episodes": len(walked),
-        "steps": sum(len(episode.rewards) for episode in walked),
-        "mean": float(totals.mean()),
-        "spread": float(totals.std()),
-        "least": float(totals.min()),
-        "greatest": float(totals.max()),
-        "early": float(np.mean([episode.terminations[-1] for episode in walked])),
-        "distance": sums["distance"],
-        "energy": energy,
-        "cot": energy / (weight * sums["distance"]) if forward else None,
-    }
-
-
-def _card(id_: str, walks: DatasetWalks, summary: Mapping[str, Any], command: str) -> str:
-    """The text of a card."""
-    made_by, control = provenance(), walks.conditions.control
-    decides = f"a decision every {1e3 * control.period:g} ms"
-    if control.speeds is not None:
-        decides += f", commanded {control.speeds[0]:g} to {control.speeds[1]:g} m/s"
-    first, last, cot = walks.episodes[0], walks.episodes[-1], summary["cot"]
-    start = "`reset` with the options of each" if first.options else "the environment's own starts"
-    changed = _changed(walks.conditions.params)
-    return CARD_TEXT.format(
-        id=id_,
-        env=_environment(walks.conditions),
-        made=walks.made,
-        machine=json.dumps(changed) if changed else "the default machine",
-        control=decides,
-        begun=f"{start}, seeds {first.seed} to {last.seed}",
-        infos=", ".join(f"`{entry}`" for entry in first.infos),
-        command=command,
-        revision=str(made_by["git_revision"])[:10],
-        versions=", ".join(f"{key} {version}" for key, version in made_by["versions"].items()),
-        **{**summary, "cot": "-" if cot is None else f"{cot:.4f}"},
-    )
-
-
-def _changed(params: WheelParams) -> dict[str, Any]:
-    """The fields in which a machine differs from BUILDABLE."""
-    usual = BUILDABLE.to_dict()
-    return {name: value for name, value in params.to_dict().items() if value != usual[name]}
-
-
 def dataset_id(name: str) -> str:
     """The identifier of a policy's dataset; Minari reads only letters, digits and hyphens.
 
@@ -381,25 +270,14 @@ def dataset_id(name: str) -> str:
             f"{name!r}: a dataset is called by the letters and digits of its policy's name, and "
             "there are none; rename the file"
         )
-    return f"{NAMESPACE}/{plain}-v0"
+    return f"rimless-wheel/{plain}-v0"
 
 
-def recipe_of(folder: Path, id_: str) -> dict[str, Any] | None:
-    """What the dataset of this identifier was made of; None if there is none.
-
-    Raises:
-        ValueError: there is one, but rimless-gym has not made it.
-    """
-    place = folder / id_
-    if not place.exists():
+def _recipe_of(folder: Path, id_: str) -> object:
+    """What the dataset of this identifier was made of; None if there is none."""
+    if not (folder / id_).exists():
         return None
-    try:
-        return dict(MinariStorage.read_raw_metadata(place / "data")[RECIPE])
-    except (ValueError, KeyError) as error:
-        raise ValueError(
-            f"{place}: is there, but is not a dataset of rimless-gym; choose another --out, or "
-            "remove it"
-        ) from error
+    return MinariStorage.read_raw_metadata(folder / id_ / "data").get(RECIPE, "other walks")
 
 
 def write_dataset(
@@ -411,7 +289,7 @@ def write_dataset(
         folder: Minari's root, `MINARI_DATASETS_PATH`.
         id_: the dataset's identifier.
         walks: that it holds.
-        recipe: plain JSON values that `recipe_of` returns.
+        recipe: plain JSON values of what it is made.
         card: its text.
 
     Raises:

@@ -35,7 +35,10 @@ SIZE = (720, 468)
 #: Share of the height that the walks take.
 GROUND = 0.64
 
-#: Energies that never reach as much (J) are left out.
+#: Title of the energies.
+ENERGY = "energy since the start (J)"
+
+#: Energies that are less in the end (J) are left out.
 NOTHING = 1e-6
 
 
@@ -76,26 +79,30 @@ class GroupFilm:
         self._walks = list(zip(titled, _colours([walk.name for walk in walks]), strict=True))
         self._above = width, round(GROUND * height)
         self._below = width, height - self._above[1]
-        self._parts = parts(titled[0])
+        spent = spending(first, first.ends)
+        self._terms = [term for term, joules in spent.items() if abs(joules) > NOTHING]
+        self._full = max(
+            *accumulate(spent.values()), *(drawn(walk, walk.ends) for walk in walks), NOTHING
+        )
 
     def frame(self, time: float) -> Frame:
         """The picture at a time (s), uint8 of shape (height, width, 3)."""
         first = self._walks[0][0]
         present = [(walk, colour) for walk, colour in self._walks if walk.begins <= time + 1e-9]
         shown = [
-            Shown(
-                name=walk.name,
-                colour=colour,
-                scene=walk.scene(time),
-            )
-            for walk, colour in present
+            Shown(name=walk.name, colour=colour, scene=walk.scene(time)) for walk, colour in present
         ]
-        part = next((each for each in self._parts if time < each.until), self._parts[-1])
-        since = part.since + first.period
-        others = [(walk, colour) for walk, colour in present[1:] if walk.begins <= since]
+        batteries = {"battery": (drawn(first, time), STANCE)}
+        for walk, colour in present[1:]:
+            if walk.begins <= first.begins:  # energies of a shorter walk do not compare
+                batteries[f"battery, {walk.name}"] = drawn(walk, time), colour
+        spent = spending(first, time)
+        below = draw_spending(
+            ENERGY, batteries, {term: spent[term] for term in self._terms}, self._full, self._below
+        )
         lines = len(self._walks)
         ground = draw_several(first.params, shown, self._above, lines=lines, averaged=AVERAGED)
-        return np.concatenate([ground, part.frame(time, others, self._below)])
+        return np.concatenate([ground, below])
 
 
 def ghost(gait: Solution, first: Recording) -> Recording:
@@ -120,89 +127,19 @@ def _colours(names: Sequence[str]) -> list[Colour]:
     return [FIRST, *(OPTIMUM if name == GHOST else next(others) for name in names[1:])]
 
 
-def drawn_between(walk: Recording, since: float, time: float) -> float:
-    """E+ from one time (s) to another (J): drawn from a battery that cannot be recharged."""
-    before, after = (walk.spent(t) for t in (since, time))
-    return sum(after[name] - before[name] for name in DRAWN)
+def drawn(walk: Recording, time: float) -> float:
+    """E+ up to a time (J): drawn from a battery that cannot be recharged."""
+    spent = walk.spent(time)
+    return sum(spent[name] for name in DRAWN)
 
 
-def spent_between(walk: Recording, since: float, time: float) -> dict[str, float]:
+def spending(walk: Recording, time: float) -> dict[str, float]:
     """Where that energy went (J), by term of the ledger in words; the sum of all is what was drawn.
 
     The battery cannot be recharged, so that what the motor gives back is lost: "not recharged".
     What pushes give counts as negative.
     """
-    before, after = (walk.spent(t) for t in (since, time))
-    change = {name: after[name] - before[name] for name in after}
-    spent = {name: change[name] for name in ("idle", *LOSSES, "collision")}
-    spent["not recharged"] = change["electrical_positive"] - change["electrical"]
-    return spent | {
-        "push": -change["push"],
-        "change of mechanical energy": change["mechanical_change"],
-    }
-
-
-@dataclasses.dataclass(frozen=True)
-class Part:
-    """A part of a walk, whose energies are counted from its beginning.
-
-    Attributes:
-        walk: the walk.
-        since: where the part begins (s).
-        until: where it ends (s).
-        title: of the picture.
-        terms: those of `spent_between` that are ever more than nothing.
-        full: the energy of a full bar (J).
-    """
-
-    walk: Recording
-    since: float
-    until: float
-    title: str
-    terms: tuple[str, ...]
-    full: float
-
-    @classmethod
-    def of(cls, walk: Recording, since: float, until: float, title: str) -> Part:
-        """The part of a walk between two times (s)."""
-        first, last = walk.index(since), walk.index(until)
-        clock = [walk.begins + k * walk.period for k in range(first, last + 1)]
-        moments = [spent_between(walk, since, time) for time in clock]
-        terms = tuple(
-            name for name in moments[0] if max(abs(each[name]) for each in moments) > NOTHING
-        )
-        full = max(max(accumulate(each.values())) for each in moments)
-        return cls(walk, since, until, title, terms, max(full, NOTHING))
-
-    def frame(
-        self, time: float, others: Sequence[tuple[Recording, Colour]], size: tuple[int, int]
-    ) -> Frame:
-        """The bars at a time (s).
-
-        Args:
-            time: within the part.
-            others: walks whose drawn energy is shown beside the first one's, and their colours.
-            size: width and height in pixels.
-        """
-        drawn = {"battery": (drawn_between(self.walk, self.since, time), STANCE)}
-        for other, colour in others:
-            drawn[f"battery, {other.name}"] = drawn_between(other, self.since, time), colour
-        spent = spent_between(self.walk, self.since, time)
-        named = {name: spent[name] for name in self.terms}
-        full = [drawn_between(other, self.since, self.until) for other, _ in others]
-        return draw_spending(self.title, drawn, named, max(self.full, *full, NOTHING), size)
-
-
-def parts(walk: Recording) -> tuple[Part, ...]:
-    """The start-up, and the walk from where it has figures: starting costs more than walking.
-
-    A single part where it has no figures.
-    """
-    measured = walk.measured_from
-    if measured is None:
-        return (Part.of(walk, walk.begins, walk.ends, "energy since the start (J)"),)
-    title = f"energy of the first {measured.time:.1f} s (J)"
-    return (
-        Part.of(walk, walk.begins, measured.time, title),
-        Part.of(walk, measured.time, walk.ends, f"energy since {measured.time:.1f} s (J)"),
-    )
+    sums = walk.spent(time)
+    spent = {name: sums[name] for name in ("idle", *LOSSES, "collision")}
+    spent["not recharged"] = sums["electrical_positive"] - sums["electrical"]
+    return spent | {"push": -sums["push"], "change of mechanical energy": sums["mechanical_change"]}

@@ -19,7 +19,6 @@ from agents.conditions import Conditions
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
 from rimless_gym.checks import extra, integer, positive, real
-from rimless_gym.hybrid import CONTROL_PERIOD
 from trajopt.feedback.law import Floats
 
 with extra("learn"):
@@ -100,11 +99,6 @@ class Cloning:
             integer(name, getattr(self, name), 0)
         for name in ("seconds", "learning_rate", "huber"):
             positive(name, getattr(self, name))
-        if self.seconds < 2 * CONTROL_PERIOD:
-            raise ValueError(
-                f"seconds = {self.seconds}: must be at least two periods of control, "
-                f"{2 * CONTROL_PERIOD} s"
-            )
         real("log_std", self.log_std)
         if not 0 < real("held_out", self.held_out) <= 0.5:
             raise ValueError(f"held_out = {self.held_out}: must be greater than 0, at most 0.5")

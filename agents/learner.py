@@ -128,22 +128,12 @@ class PolicyParts:
     weights: dict[str, NDArray[Any]]
 
 
-class Log(Protocol):
-    """Where figures of a training go; stable-baselines3's `Logger` is one."""
-
-    def record(self, key: str, value: Any) -> None:
-        """Note a figure until the next `dump`."""
-
-    def dump(self, step: int = 0) -> None:
-        """Write the figures noted since the last time, as those of so many time steps."""
-
-
 class Callback(Protocol):
     """What a learner calls while it learns."""
 
     @property
-    def log(self) -> Log:
-        """For the learner's own figures."""
+    def log(self) -> Any:
+        """For the learner's own figures, a `Logger` of stable-baselines3."""
 
     def on_iteration(self) -> None:
         """To be called before every iteration, when the learner's state is complete.

@@ -51,7 +51,6 @@ from trajopt.store import Store, write_bytes
 with extra("learn"):
     import torch
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-    from torch.utils.tensorboard import SummaryWriter
 
 #: What a training leaves in its folder, besides policies and TensorBoard's events: what it is, and
 #: all that it needs to go on.
@@ -307,7 +306,7 @@ class Trainer:
         if (out / STATE).exists():
             self._restore()
         self.stopped = False
-        self.log = _event_log(out, learner.steps if (out / STATE).exists() else None)
+        self.log = Logger(str(out), [TensorBoardOutputFormat(str(out))])
         self._bar = tqdm(
             total=self._total,
             initial=min(learner.steps, self._total),
@@ -476,16 +475,6 @@ class Trainer:
             f"infinite or far too large; {self._out} keeps what they were before. Begin anew with "
             "another --out and a smaller learning_rate (--settings)"
         )
-
-
-def _event_log(folder: Path, step: int | None) -> Logger:
-    """TensorBoard events; those after `step` are replaced where a training goes on from there."""
-    events = TensorBoardOutputFormat.__new__(TensorBoardOutputFormat)  # __init__ purges nothing
-    events.writer = SummaryWriter(
-        log_dir=str(folder), purge_step=None if step is None else step + 1
-    )
-    events._is_closed = False
-    return Logger(str(folder), [events])
 
 
 @contextmanager

@@ -74,7 +74,3 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(f"trajopt.{_MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

@@ -265,22 +265,6 @@ def digest(arrays: Mapping[str, NDArray[Any]]) -> str:
     return total.hexdigest()
 
 
-def array_of(
-    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...] | None = None
-) -> NDArray[np.float64]:
-    """A file's array by name.
-
-    Raises:
-        ValueError: it is missing, not float64, or of another shape than `shape`.
-    """
-    if name not in arrays:
-        raise ValueError(f"{name} is missing")
-    array = arrays[name]
-    if array.dtype != np.float64 or (shape is not None and array.shape != shape):
-        raise ValueError(f"{name}: {array.dtype} of shape {array.shape}; must be float64, {shape}")
-    return array
-
-
 def jsonable(value: Any) -> Any:
     """A value as strict JSON: dataclasses become objects, arrays lists, infinities and NaN null."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -45,22 +45,6 @@ COMMANDS: Mapping[str, Callable[..., int]] = {
     "warmup": warmup,
 }
 
-#: Studies, which fill the documents' tables, and the targets of the Makefile that run them.
-STUDIES = {
-    "bench": "bench",
-    "benchmark": "bench",
-    "codesign": "codesign",
-    "feedback": "feedback",
-    "figures": "figures",
-    "front": "front",
-    "fuzz": "fuzz",
-    "learning": "study",
-    "returns": "returns",
-    "study": "study",
-    "textbook": "textbook",
-    "thesis": "thesis",
-}
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rimless` with these arguments, by default those of the process; the exit status."""
@@ -71,8 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if word == "--version":
         print(f"rimless-gym {importlib.metadata.version('rimless-gym')}")
         return 0
-    if word in STUDIES:
-        return _refused(f"{word!r} is a study: run `make {STUDIES[word]}` in a checkout")
     if not word.startswith("-") and word not in COMMANDS:
         near = difflib.get_close_matches(word, COMMANDS, 1)
         meant = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(COMMANDS)}"

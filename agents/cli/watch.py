@@ -147,10 +147,7 @@ def _film(
 
     @lru_cache
     def gait_for(params: WheelParams) -> Solution:
-        _require_near(params, speed)
-        near = (g for g in saved.values() if (g.params, g.steps) == (params, steps))
-        guess = next((gait for gait in near if gait.hold is None), None)
-        return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD, guess=guess, progress=True)
+        return periodic_gait(params, speed, steps, hold=CONTROL_PERIOD, progress=True)
 
     gaits = {name: _held(gait) for name, gait in saved.items()}
     policies = {
@@ -196,24 +193,6 @@ def _held(gait: Solution) -> Solution:
     return periodic_gait(
         *(gait.params, gait.speed, gait.steps, gait.regeneration), hold=CONTROL_PERIOD, guess=gait
     )
-
-
-def _require_near(params: WheelParams, speed: float) -> None:
-    """Refuse a speed (m/s) beyond all shipped gaits of a machine, if it has any.
-
-    Raises:
-        ValueError: a search there would take minutes, and most likely find nothing.
-    """
-    from rimless_gym.presets import machine_name
-    from trajopt.gaits.library import index
-
-    known = [gait.speed for gait in index() if gait.params == params]
-    if known and not min(known) <= speed <= max(known):
-        chosen = f"--preset {machine_name(params)} --speed {speed:g}"  # a front's is a preset
-        raise ValueError(
-            f"--speed {speed:g}: must be on this machine's front, from {min(known):.4g} to "
-            f"{max(known):.4g} m/s; beyond it, `rimless gait {chosen}` searches"
-        )
 
 
 def _write(film: GroupFilm, out: Path | None) -> None:

@@ -17,7 +17,6 @@ from rimless_gym.presets import preset
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront
 from trajopt.gaits.held_stride import held_speed, held_speeds
-from trajopt.gaits.problem import lacks_power
 from trajopt.ocp.ranking import tied
 from trajopt.store import Store
 
@@ -52,8 +51,7 @@ class Study:
 
     Raises:
         TypeError: a value is of the wrong kind.
-        ValueError: there is no such preset or field, a number is out of its range, or the motor is
-            too weak for a speed.
+        ValueError: there is no such preset or field, or a number is out of its range.
     """
 
     preset: str = "BUILDABLE"
@@ -93,9 +91,6 @@ class Study:
                 f"further = {self.further}: two of these and speed = {self.speed} stand for the "
                 "same gait; leave one out"
             )
-        for speed in self.speeds:
-            if reason := lacks_power(self.params, speed, self.steps):
-                raise ValueError(reason)
 
     @property
     def params(self) -> WheelParams:

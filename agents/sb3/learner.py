@@ -34,7 +34,6 @@ from agents.sb3.hyperparameters import (
 from agents.sb3.reward_weight import AdaptiveRewardWeight
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.sb3.wrappers import training_env, wrapped
-from rimless_gym.energy import CHANNELS
 from rimless_gym.envs import EPISODE_STEPS
 from rimless_gym.envs.arguments import USUAL, Control
 from rimless_gym.envs.layout import COMMANDED_SIZE
@@ -47,7 +46,7 @@ from trajopt.feedback.law import Floats
 CRITIC_WARM_UP = 0.15
 
 #: The entries of `info` whose sums are logged.
-LOGGED = (*(each.name for each in CHANNELS), *TERM_NAMES, "distance", "steps", "elapsed")
+LOGGED = (*TERM_NAMES, "distance", "elapsed", "electrical_positive", "idle")
 
 #: Fewest control intervals over which they are summed.
 LOG_INTERVALS = 2000
@@ -285,10 +284,9 @@ class Sac(Sb3Learner):
 
 
 class LogWalking(BaseCallback):
-    """Logs the noisy walking of training: `walk/*`, and `energy/*` in watts.
+    """Logs the noisy walking of training: `walk/*`, of which `walk/return` is the reward for 20 s.
 
-    `walk/return` is the reward for 20 s, `walk/reward_*` its terms. Of an action that is held for
-    several control intervals, the last one is logged.
+    Of an action that is held for several control intervals, the last one is logged.
 
     Args:
         params: the wheel's parameters, by whose weight costs of transport are divided.
@@ -322,19 +320,13 @@ class LogWalking(BaseCallback):
     def _record(self) -> None:
         """Record the figures, and start summing again."""
         sums = dict(zip(LOGGED, self._sums.tolist(), strict=True))
-        record, per_episode = self.logger.record, EPISODE_STEPS / self._intervals
-        record("walk/return", sum(sums[name] for name in TERM_NAMES) * per_episode)
-        for name in TERM_NAMES:
-            record(f"walk/{name}", sums[name] * per_episode)
+        record, total = self.logger.record, sum(sums[name] for name in TERM_NAMES)
+        record("walk/return", total * EPISODE_STEPS / self._intervals)
         record("walk/speed", sums["distance"] / sums["elapsed"])
-        record("walk/steps_per_second", sums["steps"] / sums["elapsed"])
-        record("walk/steps", sums["steps"])
         record("walk/falls", self._falls)
         if sums["distance"] > 0:
             energy = sums["electrical_positive"] + sums["idle"]
             record("walk/cot", energy / (self._weight * sums["distance"]))
-        for channel in CHANNELS:
-            record(f"energy/{channel.name}", sums[channel.name] / sums["elapsed"])
         self._clear()
 
 

@@ -84,14 +84,8 @@ class WeightSchedule:
             positive("least_weight", self.least_weight)
         if self.margin != math.inf:
             positive("margin", self.margin)
-        if positive("multiple", self.multiple) <= 1.0:
-            raise ValueError(
-                f"multiple = {self.multiple:g}: walking must be rewarded with more than it costs, "
-                "so give more than 1; 2 is usual"
-            )
-        if self.least_share > 1.0:
-            raise ValueError(f"least_share = {self.least_share:g}: must be at most 1, all starts")
-        positive("rewarded_speed", self.rewarded_speed)
+        for name in ("multiple", "rewarded_speed"):
+            positive(name, getattr(self, name))
         if positive("seconds", self.seconds) < SHORTEST:
             raise ValueError(f"seconds = {self.seconds:g}: must be at least {SHORTEST:g}")
         for name in ("every", "starts"):

@@ -43,9 +43,6 @@ _NATIVE_NAMES = {
     "command": "commands",
 }
 
-#: Methods of Monitor that report finished episodes.
-_RECORDS = ("get_episode_rewards", "get_episode_lengths", "get_episode_times")
-
 
 class Sb3VecEnv(VecEnv):
     """Many wheels for stable-baselines3, stepped together by one compiled call.
@@ -191,9 +188,6 @@ class Sb3VecEnv(VecEnv):
             elapsed = time.time() - monitor.t_start
             episode = {"r": round(total, 6), "l": length, "t": round(elapsed, 6)}
             episode |= {name: info[name] for name in monitor.info_keywords}
-            monitor.episode_returns.append(total)
-            monitor.episode_lengths.append(length)
-            monitor.episode_times.append(elapsed)
             if monitor.results_writer is not None:
                 monitor.results_writer.write_row(episode)
             info["episode"] = episode
@@ -235,23 +229,21 @@ class Sb3VecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call `get_wrapper_attr`, `set_task` or a Monitor's method such as `get_episode_rewards`.
+        """Call `get_wrapper_attr` or `set_task`.
 
         Raises:
             NotImplementedError: a row has no such method of its own.
         """
         if method_name == "get_wrapper_attr":
             return self.get_attr(args[0], indices)
-        rows = list(self._get_indices(indices))
         if method_name == "set_task":
+            rows = list(self._get_indices(indices))
             self.env.set_task(args[0], np.isin(np.arange(self.num_envs), rows))
             return [None for _ in rows]
-        if method_name not in _RECORDS or not all(self._monitors[i] for i in rows):
-            raise NotImplementedError(
-                f"env_method({method_name!r}): native rows share one environment; see the "
-                "methods of Sb3VecEnv.env"
-            )
-        return [getattr(self._monitors[i][0], method_name)(*args, **kwargs) for i in rows]
+        raise NotImplementedError(
+            f"env_method({method_name!r}): native rows share one environment; see the methods of "
+            "Sb3VecEnv.env"
+        )
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None

@@ -1,8 +1,7 @@
 """Copy a finished comparison's table, plots and policies into the documents and the package.
 
 The README gets the headline, with the figures over many seeds of docs/learning.md beside it, and
-docs/comparison.md the whole table. Every policy gets a card. With --policy, a policy that is not of
-the comparison is measured and put into the package, with a card, too.
+docs/comparison.md the whole table. Every policy gets a card.
 """
 
 from __future__ import annotations
@@ -16,19 +15,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.commanded import commands_within
 from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
-from agents.comparison.table import FRONT_POLICY, HEADLINE, SCREENED_PPO, Row, headline, policy_row
-from agents.evaluate import evaluate
-from agents.gaps import gap_to_optimum
-from agents.policy_files import load_policy, read_record
+from agents.comparison.table import FRONT_POLICY, HEADLINE, SCREENED_PPO, Row, headline
+from agents.policy_files import read_record
 from agents.reports import NONE, value_text
 from rimless_gym import Task
-from rimless_gym.envs import speed
-from rimless_gym.envs.arguments import USUAL
-from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.presets import machine_name
 from scripts.studies.documents import markdown
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,14 +62,9 @@ CARD = """\
 | --- | --- |
 {facts}
 
-{figures}The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over
-the last 30 s{under}. {again}
-`rimless evaluate {name}` measures this file.
+The figures are by the protocol of the README's table: 128 starts, 50 s each, measured over the last
+30 s. `make compare` trains and measures it again; `rimless evaluate {name}` measures this file.
 """
-
-#: How the policies of the comparison, and others, are made again.
-COMPARED = "`make compare` trains and measures it again;"
-OTHERS = "docs/learning.md has the command that trains it;"
 
 #: What a training began from, by the beginning of its description.
 ORIGINS = {
@@ -85,24 +72,15 @@ ORIGINS = {
     "imitation": "A clone of the LQR about the environment's own optimum.",
     "scratch": "Learned from nothing: no gait, no demonstration.",
 }
-COMMANDED_ORIGINS = ORIGINS | {
-    "imitation": "A clone of LQRs about the environment's own optima at several speeds.",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--study", type=Path, default=Path("runs/compare"), help="of make compare")
-    parser.add_argument("--policy", type=Path, help="a .zip in the folder of its training")
-    parser.add_argument("--name", default="", help="of --policy in the package")
-    parser.add_argument("--title", default="", help="of the card of --policy")
     options = parser.parse_args(arguments)
     try:
-        if options.policy is None:
-            publish_study(options.study)
-        else:
-            publish_policy(options.policy, options.name, options.title)
+        publish_study(options.study)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -156,97 +134,39 @@ def _card_of(study: Path, name: str, source: str) -> str:
     row = next(row for row in rows if (row.title, row.study_speed) == (title, study_speed))
     changes = f" with {json.dumps(config['changes'])}" if config["changes"] else ""
     machine = config["preset"] + changes
-    return card(name, read_record(study / source), [row], machine, training["init"], COMPARED)
+    return card(name, read_record(study / source), row, machine, training["init"])
 
 
-def publish_policy(file: Path, name: str, title: str) -> None:
-    """Measure a policy that is not of the comparison, and put it into the package.
-
-    Raises:
-        ValueError: the name is no plain one or one of the comparison's, the policy walks from no
-            start, or does not set a voltage every 10 ms, as the optimum does.
-        OSError: a file cannot be read or written.
-    """
-    if not name.isidentifier() or name in POLICIES:
-        raise ValueError(f"--name {name}: must be a plain name, not one of {', '.join(POLICIES)}")
-    init = json.loads(file.with_name("train.json").read_text())["init"]
-    policy = load_policy(file)
-    control = policy.conditions.control
-    if dataclasses.replace(control, speeds=None) != USUAL:
-        raise ValueError(
-            f"{file}: does not set a voltage every {CONTROL_PERIOD:g} s, as the optimum does; "
-            f"train it with --control-period {CONTROL_PERIOD:g}"
-        )
-    commands = [None] if control.speeds is None else commands_within(*control.speeds)
-    rows = []
-    for command in commands:
-        walks = evaluate(
-            policy.policy,
-            policy.params,
-            command=command,
-            control_period=CONTROL_PERIOD,
-            progress=True,
-        )
-        gap = gap_to_optimum(policy.params, walks.cot, walks.speed, progress=True)
-        rows.append(policy_row(title, walks.to_dict(), gap, command))
-    if not any(row.walking_share for row in rows):
-        raise ValueError(f"{file}: walks from no start; a card is of one that walks")
-    text = card(name, read_record(file), rows, machine_name(policy.params), init, OTHERS)
-    shutil.copyfile(file, PRETRAINED / f"{name}.zip")
-    (PRETRAINED / f"{name}.md").write_text(text)
-
-
-def card(
-    name: str, record: Mapping[str, Any], rows: Sequence[Row], machine: str, init: str, again: str
-) -> str:
+def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str) -> str:
     """The text of a policy's card.
 
     Args:
         name: of the policy in the package.
         record: of its file.
-        rows: of the comparison's table, one; or one for each commanded speed.
+        row: of the comparison's table.
         machine: name of its preset.
         init: what its training began from, in words.
-        again: how it is made again, a sentence's first half.
     """
-    speeds = record.get("speeds")
-    usual = Task() if speeds is None else speed.TASK
-    env = "RimlessWheel-v0" if speeds is None else "RimlessWheelSpeed-v0"
     drawn = {of: record[of] for of in ("ranges", "disturbances") if record.get(of) is not None}
     versions = ", ".join(f"{key} {value}" for key, value in record["versions"].items())
     facts = {
-        "task": f"`{env}`, reward {_task(record['task'], usual)}",
+        "task": f"`RimlessWheel-v0`, reward {_task(record['task'])}",
         "machine": f"`{machine}`"
         + "".join(f", {of} {json.dumps(values)}" for of, values in drawn.items()),
         "algorithm": record["algo"],
         "steps": f"{record['timesteps']:,}" if record["timesteps"] else "none: only cloned",
         "seed": f"{record['seed']} (one seed; figures over seeds are in docs/learning.md)",
+        **_figures(row),
+        "made by": f"revision {str(record['git_revision'])[:10]} with {versions}",
+        "licence": "MIT, as the rest of the package",
     }
-    if speeds is None:
-        facts |= _figures(rows[0])
-    else:
-        period = 1e3 * record["control_period"]
-        facts["commands"] = f"{speeds[0]:g} to {speeds[1]:g} m/s, a decision every {period:g} ms"
-    facts["made by"] = f"revision {str(record['git_revision'])[:10]} with {versions}"
-    facts["licence"] = "MIT, as the rest of the package"
-    origins = ORIGINS if speeds is None else COMMANDED_ORIGINS
-    origin = (text for known, text in origins.items() if init.startswith(known))
+    origin = (text for known, text in ORIGINS.items() if init.startswith(known))
     return CARD.format(
         name=name,
-        title=rows[0].title,
+        title=row.title,
         origin=next(origin, f"It began as: {init}."),
         facts="\n".join(f"| {name} | {value} |" for name, value in facts.items()),
-        figures="" if speeds is None else _commanded_table(rows) + "\n\n",
-        under="" if speeds is None else ", under one command each",
-        again=again,
     )
-
-
-def _commanded_table(rows: Sequence[Row]) -> str:
-    """A line for each commanded speed."""
-    shown = [name for name in _figures(rows[0]) if name != "return"]
-    lines = [[f"{row.study_speed or 0.0:g} m/s", *map(_figures(row).get, shown)] for row in rows]
-    return markdown.table(["commanded", *shown], lines)
 
 
 def _figures(row: Row) -> dict[str, str]:
@@ -263,9 +183,9 @@ def _figures(row: Row) -> dict[str, str]:
     }
 
 
-def _task(fields: Mapping[str, Any], usual: Task) -> str:
+def _task(fields: Mapping[str, Any]) -> str:
     """What differs from the usual task."""
-    registered = dataclasses.asdict(usual)
+    registered = dataclasses.asdict(Task())
     changed = {name: value for name, value in fields.items() if value != registered[name]}
     return f"of {json.dumps(changed)}" if changed else "of the task as it is registered"
 

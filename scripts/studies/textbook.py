@@ -1,19 +1,229 @@
-"""Solve every textbook problem and print a table: known answer, found, mesh, error."""
+"""Textbook problems with known answers, which a solver has to find before it is believed.
+
+The command solves them and prints a table: known answer, found, mesh, error.
+"""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
+from scipy.optimize import brentq
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
-from trajopt import Extremal, Linkage, Mesh, Phase, Problem, solve
+from trajopt import Extremal, Linkage, Mesh, Phase, Problem, equal, solve
 from trajopt.ocp.schemes import SCHEMES
-from trajopt.ocp.textbook import EXAMPLES, Example
+
+#: In m/s^2.
+GRAVITY = 9.81
+
+
+def brachistochrone(x: float = 1.0, y: float = 1.0) -> Problem:
+    """The wire along which a bead slides fastest, from rest, to x (m) along and y (m) down."""
+    slide = Phase(
+        "slide",
+        states=("x", "y", "v"),
+        controls=("slope",),  # from the vertical
+        flow=lambda s, u, p: (s[2] * ca.sin(u), s[2] * ca.cos(u), GRAVITY * ca.cos(u)),
+        cost=lambda s, u, p: 1.0,
+        bounds={"slope": (0.0, math.pi)},
+        start={"x": 0.0, "y": 0.0, "v": 0.0},
+        end={"x": x, "y": y},
+    )
+    return Problem((slide,))
+
+
+def brachistochrone_time(x: float = 1.0, y: float = 1.0) -> float:
+    """The least time (s), on a cycloid (Bernoulli).
+
+    x = r (q - sin q), y = r (1 - cos q) at time q sqrt(r / g).
+    """
+    q = _root(lambda q: (q - math.sin(q)) * y - (1 - math.cos(q)) * x, 1e-3, 2 * math.pi - 1e-9)
+    return q * math.sqrt(y / (1 - math.cos(q)) / GRAVITY)
+
+
+def cart_pole() -> Problem:
+    """Swing a pole up in 2 s while its cart moves 1 m (Kelly, SIAM Review 59 (2017), 6)."""
+    m1, m2, length, g = 1.0, 0.3, 0.5, GRAVITY
+
+    def flow(x: Any, u: Any, p: Any) -> Any:
+        s, c = ca.sin(x[1]), ca.cos(x[1])
+        push = length * m2 * s * x[3] ** 2 + u
+        d = m1 + m2 * s**2
+        cart = (push + m2 * g * c * s) / d
+        pole = -(push * c + (m1 + m2) * g * s) / (length * d)
+        return x[2], x[3], cart, pole
+
+    swing = Phase(
+        "swing-up",
+        states=("q1", "q2", "dq1", "dq2"),
+        controls=("u",),
+        flow=flow,
+        cost=lambda x, u, p: u**2,
+        bounds={"u": (-20.0, 20.0), "q1": (-2.0, 2.0)},
+        start={"q1": 0.0, "q2": 0.0, "dq1": 0.0, "dq2": 0.0},
+        end={"q1": 1.0, "q2": math.pi, "dq1": 0.0, "dq2": 0.0},
+        duration=2.0,
+    )
+    return Problem((swing,))
+
+
+#: The least cost of `cart_pole`. It has no closed form; it comes from shooting with Pontryagin's
+#: conditions, which the tests repeat.
+SWING_UP = 58.80766746
+
+
+def bouncing_ball(distance: float = 3.0, restitution: float = 0.8) -> Problem:
+    """Throw a ball from the ground so that it lands for the third time `distance` (m) away.
+
+    The launch is free; it costs its kinetic energy.
+    """
+
+    def flight(name: str, start: dict[str, float], end: dict[str, float]) -> Phase:
+        return Phase(
+            name,
+            states=("x", "y", "vx", "vy"),
+            flow=lambda s, u, p: (s[2], s[3], 0.0, -GRAVITY),
+            start={"vy": (0.0, math.inf), **start},
+            end={"y": 0.0, **end},
+            duration=(0.01, 10.0),
+        )
+
+    def bounce(s: Any, p: Any) -> Any:
+        return s[0], s[1], s[2], -restitution * s[3]
+
+    return Problem(
+        phases=(
+            flight("first flight", {"x": 0.0, "y": 0.0}, {}),
+            flight("second flight", {}, {}),
+            flight("third flight", {}, {"x": distance}),
+        ),
+        linkages=(Linkage(0, 1, bounce), Linkage(1, 2, bounce)),
+        endpoint_cost=lambda starts, ends, durations, p: 0.5 * ca.sumsqr(starts[0][2:]),
+    )
+
+
+def bouncing_ball_energy(distance: float = 3.0, restitution: float = 0.8) -> float:
+    """The least energy per kg.
+
+    Flights last 2 vy / g each, and vy falls by the factor e at each bounce, so that the distance is
+    (2 / g) vx vy (1 + e + e^2). Of all vx and vy with that product, equal ones cost least.
+    """
+    e = restitution
+    return distance * GRAVITY / (2 * (1 + e + e**2))
+
+
+def fastest_move(distance: float = 1.0, brake: float = 1.0) -> Problem:
+    """Move a block of 1 kg from rest to rest as fast as a force from -brake to 1 N allows."""
+    timed = {"cost": lambda x, u, p: 1.0, "duration": (0.1, 10.0)}
+    return Problem((_block((-brake, 1.0), distance, **timed),))
+
+
+def fastest_move_time(distance: float = 1.0, brake: float = 1.0) -> float:
+    """The least time (s): full force, then full brake."""
+    return math.sqrt(2 * distance * (1 + 1 / brake))
+
+
+def least_effort_move() -> Problem:
+    """Move a block of 1 kg by 1 m in 1 s, from rest to rest, at least integral of force squared."""
+    return Problem((_block((-math.inf, math.inf), cost=lambda x, u, p: u**2),))
+
+
+#: The least cost of `least_effort_move`: the force is 6 - 12 t.
+LEAST_EFFORT = 12.0
+
+
+def least_work_move(force: float = 10.0) -> Problem:
+    """The same move at least work: braking costs nothing and returns nothing."""
+    return Problem((_block((-force, force), powers=lambda x, u, p: u * x[1]),))
+
+
+def least_work(force: float = 10.0) -> float:
+    """The least work: push, coast at v, brake (Kelly, SIAM Review 59 (2017), 5).
+
+    The block gets 1 m = v 1 s - v^2 / force far.
+    """
+    v = 0.5 * force * (1 - math.sqrt(1 - 4 / force))
+    return 0.5 * v**2
+
+
+def bryson_denham(limit: float = 1 / 9) -> Problem:
+    """Turn a moving block round within `limit` (m) at least effort."""
+    turn = Phase(
+        "turn",
+        states=("x", "v"),
+        controls=("u",),
+        flow=lambda x, u, p: (x[1], u),
+        cost=lambda x, u, p: 0.5 * u**2,
+        bounds={"x": (-math.inf, limit)},
+        start={"x": 0.0, "v": 1.0},
+        end={"x": 0.0, "v": -1.0},
+        duration=1.0,
+    )
+    return Problem((turn,))
+
+
+def bryson_denham_cost(limit: float = 1 / 9) -> float:
+    """The least cost, for a limit of at most 1/6 (Bryson and Ho, Applied Optimal Control, 3.11)."""
+    return 4 / (9 * limit)
+
+
+def gear(motor: float = 0.02, load: float = 0.5) -> Problem:
+    """Turn a load by 1 rad in 1 s, from rest to rest, through the gear that takes least torque.
+
+    Inertias are in kg m^2. The motor turns `ratio` times as fast as the load.
+    """
+    turn = Phase(
+        "turn",
+        states=("angle", "rate"),
+        controls=("torque",),
+        flow=lambda x, u, p: (x[1], u * p / (motor * p**2 + load)),
+        cost=lambda x, u, p: u**2,
+        start={"angle": 0.0, "rate": 0.0},
+        end={"angle": 1.0, "rate": 0.0},
+        duration=1.0,
+    )
+    return Problem((turn,), parameters={"ratio": (0.1, 100.0)})
+
+
+def gear_ratio(motor: float = 0.02, load: float = 0.5) -> float:
+    """The best ratio, at which the inertias match.
+
+    The torque is (motor ratio + load / ratio) times the load's acceleration.
+    """
+    return math.sqrt(load / motor)
+
+
+def gear_cost(motor: float = 0.02, load: float = 0.5) -> float:
+    """The least cost: `LEAST_EFFORT` with matched inertias."""
+    return LEAST_EFFORT * 4 * motor * load
+
+
+def hanging_chain(length: float = 1.5) -> Problem:
+    """How a chain between two nails 1 m apart hangs lowest; "time" runs from nail to nail."""
+    chain = Phase(
+        "chain",
+        states=("height",),
+        controls=("slope",),
+        flow=lambda x, u, p: (u,),
+        cost=lambda x, u, p: x * ca.sqrt(1 + u**2),
+        integral=equal(lambda x, u, p: ca.sqrt(1 + u**2), [length], "length"),
+        start={"height": 0.0},
+        end={"height": 0.0},
+        duration=1.0,
+    )
+    return Problem((chain,))
+
+
+def hanging_chain_energy(length: float = 1.5) -> float:
+    """The least energy, of the catenary a cosh(x / a) - a cosh(1 / 2a), 2 a sinh(1 / 2a) long."""
+    a = _root(lambda a: 2 * a * math.sinh(0.5 / a) - length, 0.05, 50.0)
+    return 0.5 * a * (1 + a * math.sinh(1 / a)) - a * math.cosh(0.5 / a) * length
 
 
 def passive_wheel(legs: int = 8, slope: float = 0.12) -> Problem:
@@ -57,9 +267,54 @@ def _bare_wheel(legs: int, slope: float) -> WheelParams:
     )
 
 
-PASSIVE_WHEEL = Example(passive_wheel, passive_wheel_rate)
+def _block(force: tuple[float, float], distance: float = 1.0, **more: Any) -> Phase:
+    """A block of 1 kg moved from rest to rest."""
+    return Phase(
+        "move",
+        states=("x", "v"),
+        controls=("force",),
+        flow=lambda x, u, p: (x[1], u),
+        bounds={"force": force},
+        start={"x": 0.0, "v": 0.0},
+        end={"x": distance, "v": 0.0},
+        **{"duration": 1.0} | more,
+    )
 
-PROBLEMS = (*EXAMPLES, PASSIVE_WHEEL)
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-15))
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """A problem and its least cost.
+
+    Attributes:
+        problem: makes the problem.
+        known: computes the cost.
+    """
+
+    problem: Callable[[], Problem]
+    known: Callable[[], float]
+
+    @property
+    def name(self) -> str:
+        """The problem's name in words."""
+        return self.problem.__name__.replace("_", " ")
+
+
+PROBLEMS = (
+    Example(brachistochrone, brachistochrone_time),
+    Example(cart_pole, lambda: SWING_UP),
+    Example(bouncing_ball, bouncing_ball_energy),
+    Example(fastest_move, fastest_move_time),
+    Example(least_effort_move, lambda: LEAST_EFFORT),
+    Example(least_work_move, least_work),
+    Example(bryson_denham, bryson_denham_cost),
+    Example(gear, gear_cost),
+    Example(hanging_chain, hanging_chain_energy),
+    Example(passive_wheel, passive_wheel_rate),
+)
 
 HEADER = """\
 | problem | known | found | error | mesh | runs | states' error | Hamiltonian |

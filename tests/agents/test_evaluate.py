@@ -19,11 +19,10 @@ from agents.evaluate import (
     interquartile_mean,
 )
 from agents.outcomes import OUTCOMES, steps_per_period
-from agents.policies import controller_policy, law_title
+from agents.policies import controller_policy
 from agents.rollout import Rollout, draw_starts
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
-from trajopt.feedback import laws
 
 # So short that some starts still walk on their first momentum.
 SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
@@ -244,20 +243,10 @@ def test_controllers_are_clipped_to_the_voltage_limit():
     np.testing.assert_array_equal(policy(draw_starts(THESIS_PHYSICAL, 3, 0), None), 1.0)
 
 
-def test_every_law_has_a_title_in_words():
-    titles = [law_title(name) for name in laws.names()]
-    assert not any("_" in title for title in titles)
-    assert len(set(titles)) == len(titles)
-    assert {"LQR", "PD", "input-output", "sliding mode"} <= set(titles)
-
-
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"starts": math.nan}, TypeError, "starts = nan: must be an integer"),
         ({"seed": -1}, ValueError, "seed = -1"),
-        ({"window": math.nan}, ValueError, "window = nan"),
-        ({"alive": "x"}, TypeError, "alive = 'x'"),
         ({"alive": 1e-3}, ValueError, "alive = 0.001 s: must be at least 0.01 s"),
         ({"duration": 10.0, "window": 20.0}, ValueError, "grow in this order"),
     ],
@@ -272,15 +261,10 @@ def test_invalid_protocols_are_refused_by_name(settings, error, message):
     [
         ({"policy": 3}, TypeError, "policy = 3: must be a function"),
         ({"policy": lambda s, o: np.full(len(s), np.nan)}, ValueError, "one number in"),
-        ({"policy": lambda s, o: np.zeros((len(s), 1))}, ValueError, "one number in"),
         ({"policy": lambda s, o: None}, TypeError, "actions = None: must be real numbers"),
-        ({"params": "CONCRETE"}, ValueError, "unknown preset 'CONCRETE': choose from"),
         ({"protocol": 10}, TypeError, "protocol = 10"),
-        ({"task": "walk"}, TypeError, "task = 'walk'"),
         ({"starts": np.zeros(4)}, ValueError, "starts: of shape"),
-        ({"starts": np.full((2, 6), math.nan)}, ValueError, "starts: must all be finite"),
         ({"starts": np.full((2, 6), 3.0)}, ValueError, "starts: modes are"),
-        ({"ranges": {"n_legs": (4, 5)}}, ValueError, "'n_legs' cannot be drawn"),
         ({"disturbances": {"wind": 1}}, ValueError, "'wind'"),
     ],
 )

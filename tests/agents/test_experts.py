@@ -59,12 +59,6 @@ def test_at_rest_on_two_feet_nothing_is_on_a_gait():
     np.testing.assert_allclose(schedule(STATE, commanded(0.6)), [0.3])
 
 
-@pytest.mark.parametrize("speeds", [(), (0.5, 0.4), (0.5, 0.5)])
-def test_a_gain_schedule_has_laws_by_rising_speed(speeds):
-    with pytest.raises(ValueError, match="by rising speed"):
-        GainSchedule(tuple(law(speed, 0.0) for speed in speeds))
-
-
 @pytest.mark.slow
 def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed():
     conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.57), 0.01)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.film import AHEAD, MOST, GroupFilm, drawn_between, ghost, parts, spent_between
+from agents.film import AHEAD, GroupFilm, drawn, ghost, spending
 from agents.policy_files import NamedPolicy, named_policy
 from agents.recording import STEPS, Recording, record, record_gait, record_policy
 from agents.rollout import Interval, Rollout, at_rest
@@ -18,7 +16,6 @@ from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, LOSSES
 from rimless_gym.kernel.stepping import FOOT, PHI
 from rimless_gym.rendering.canvas import OPTIMUM
-from rimless_gym.rendering.panels import draw_spending
 from trajopt import periodic_gait
 from trajopt.gaits.solution import Solution
 
@@ -93,17 +90,6 @@ def test_the_figures_are_those_of_the_last_steps(walk: Recording) -> None:
     assert figures.cot == pytest.approx(energy / (BUILDABLE.weight * spent["distance"]), rel=5e-2)
 
 
-def test_a_wheel_that_stands_has_no_figures(policy: NamedPolicy) -> None:
-    def rest(states: Any, observations: Any) -> Any:
-        return np.zeros(len(states))
-
-    standing = record(
-        "rest", Rollout(policy.conditions, rest, at_rest(BUILDABLE)[None], 50), BUILDABLE, 0.01
-    )
-    assert standing.measured_from is None
-    assert standing.scene(0.4).speed is None
-
-
 def test_a_policy_is_recorded_from_rest_for_at_least_one_interval(
     policy: NamedPolicy, walk: Recording
 ) -> None:
@@ -149,67 +135,10 @@ def test_the_optimum_joins_in_step_once_the_first_walks(walk: Recording, gait: S
     assert coloured(alone.frame(5.0), OPTIMUM) == 0
 
 
-@pytest.mark.parametrize(("since", "time"), [(0.0, 0.5), (0.0, 3.0), (3.0, 6.0)])
-def test_the_terms_add_up_to_what_the_battery_gave(
-    walk: Recording, since: float, time: float
-) -> None:
-    spent = spent_between(walk, since, time)
+@pytest.mark.parametrize("time", [0.5, 3.0, 6.0])
+def test_the_terms_add_up_to_what_the_battery_gave(walk: Recording, time: float) -> None:
+    spent = spending(walk, time)
     assert set(LOSSES) <= set(spent)
     assert not any("_" in term for term in spent)  # they are written beside the bars
-    assert sum(spent.values()) == pytest.approx(drawn_between(walk, since, time), abs=1e-9)
-    assert spent["copper"] == walk.spent(time)["copper"] - walk.spent(since)["copper"]
-
-
-def noted(calls: list[Any]) -> Callable[..., Any]:
-    """What draws bars, and notes its arguments."""
-
-    def drawn(*arguments: Any) -> Any:
-        calls.append(arguments)
-        return draw_spending(*arguments)
-
-    return drawn
-
-
-def test_energies_are_counted_from_zero_once_the_wheel_walks_and_all_bars_fit(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    start, walking = parts(walk)
-    assert walk.measured_from is not None
-    assert (start.since, walking.since, walking.until) == (0.0, walk.measured_from.time, walk.ends)
-    assert "drag" not in walking.terms  # this machine has none
-    calls: list[Any] = []
-    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
-    start.frame(start.until, (), (300, 160))
-    walking.frame(walking.since, (), (300, 160))
-    walking.frame(walk.ends, (), (300, 160))
-    batteries = [given[1]["battery"][0] for given in calls]
-    assert batteries[1] == 0.0
-    assert 0.0 < batteries[2] < batteries[0]
-    for _, _, spent, full, _ in calls:
-        assert max(np.cumsum(list(spent.values()))) <= full + 1e-9
-    costly = dataclasses.replace(walk, name="costly", sums=3.0 * walk.sums)
-    walking.frame(4.0, [(costly, OPTIMUM)], (300, 160))
-    expected = 3.0 * drawn_between(walk, walking.since, walking.until)
-    assert calls[-1][3] == pytest.approx(expected)
-
-
-def test_the_path_of_a_file_leaves_room_for_the_bars(
-    walk: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[Any] = []
-    monkeypatch.setattr("agents.film.draw_spending", noted(calls))
-    path = "/somebody/keeps/policies/far/away/from/here/runs/ppo/best.zip"
-    GroupFilm([walk, dataclasses.replace(walk, name=path)]).frame(4.0)
-    assert list(calls[0][1]) == ["battery", "battery, ...e/runs/ppo/best.zip"]
-
-
-def test_too_flat_pictures_too_many_walks_and_those_of_other_machines_are_refused(
-    walk: Recording,
-) -> None:
-    with pytest.raises(ValueError, match=r"size = 2000 x 32 pixels: .* make the picture higher"):
-        GroupFilm([walk], (2000, 50)).frame(0.0)
-    with pytest.raises(ValueError, match=f"{MOST + 1} walks: at most {MOST}"):
-        GroupFilm([walk] * (MOST + 1))
-    other = dataclasses.replace(walk, name="heavy", params=BUILDABLE.replace(wheel_mass=2.0))
-    with pytest.raises(ValueError, match="heavy: walks with another machine than evolution"):
-        GroupFilm([walk, other])
+    assert sum(spent.values()) == pytest.approx(drawn(walk, time), abs=1e-9)
+    assert spent["copper"] == walk.spent(time)["copper"]

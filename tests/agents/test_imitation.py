@@ -1,5 +1,4 @@
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -121,12 +120,7 @@ def test_a_clone_of_the_optimal_gaits_controller_walks_from_almost_every_start(n
     ("settings", "error", "message"),
     [
         ({"rounds": 1.5}, TypeError, "rounds = 1.5"),
-        ({"labels": -1}, ValueError, "labels = -1"),
-        ({"seconds": math.nan}, ValueError, "seconds = nan"),
-        ({"seconds": 0.01}, ValueError, "at least two periods"),
         ({"learning_rate": 0.0}, ValueError, "learning_rate = 0.0"),
-        ({"log_std": math.inf}, ValueError, "log_std = inf"),
-        ({"held_out": math.nan}, ValueError, "held_out = nan"),
         ({"huber": "x"}, TypeError, "huber = 'x'"),
     ],
 )
@@ -146,11 +140,3 @@ def test_commanded_speeds_change_within_the_walks_that_teach():
     assert changes == {lasting + 1, 2 * lasting + 1}
     assert len(np.unique(commands[:, -1].round(6))) == 3
     assert ((commands > 0.4 - 1e-6) & (commands < 0.6 + 1e-6)).all()
-
-
-def test_cloning_settings_are_given_by_some_of_their_names():
-    assert Cloning.of({"rounds": 3}) == dataclasses.replace(Cloning(), rounds=3)
-    with pytest.raises(ValueError, match="cloning: 'turns' is not known; choose from"):
-        Cloning.of({"turns": 3})
-    with pytest.raises(ValueError, match="rounds = 0"):
-        Cloning.of({"rounds": 0})

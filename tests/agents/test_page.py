@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 import shutil
@@ -13,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.page import COLUMNS, front_data, network_data, page, write_page
+from agents.page import front_data, network_data, page
 from agents.policy_files import load_policy
-from rimless_gym import BUILDABLE, PROTOTYPE
+from rimless_gym import BUILDABLE
 from rimless_gym.envs.layout import observe
 from rimless_gym.javascript import simulator
 from rimless_gym.kernel.stepping import STATE_SIZE
-from trajopt.gaits.fronts import NoFrontError, shipped_front
+from trajopt.gaits.fronts import shipped_front
 
 STATIC = Path(page.__code__.co_filename).parent / "static" / "page"
 
@@ -50,33 +49,11 @@ def test_the_page_holds_the_printed_physics_and_no_equation_of_its_own(text: str
         assert not re.search(r"p\.(Je1|Je2|Je3|S1|S2|gx|gy|F0)\b", path.read_text()), path
 
 
-def test_write_page_makes_folders(tmp_path: Path, text: str) -> None:
-    written = write_page(tmp_path / "new" / "page.html")
-    assert written.read_text(encoding="utf-8") == text
-
-
 def test_every_gait_of_the_front_costs_what_was_verified(gaits: list[dict[str, Any]]) -> None:
     for gait in gaits:
         length = gait["speed"] * sum(gait["durations"])
         spent = sum(gait["spent"].values()) / length / BUILDABLE.weight
         assert spent == pytest.approx(gait["cot"], rel=1e-3)
-
-
-def test_sampled_gaits_are_near_the_solved_ones(gaits: list[dict[str, Any]]) -> None:
-    solved = shipped_front(BUILDABLE).envelope[18]
-    gait = gaits[18]
-    numbers = np.frombuffer(base64.b64decode(gait["samples"]), dtype="<f4")
-    columns = dict(zip(COLUMNS, numbers.reshape(len(COLUMNS), -1), strict=True))
-    count = gait["counts"][0]
-    t = np.linspace(0.0, solved.phases[0].duration, count)
-    exact = solved.phases[0].state(t)
-    np.testing.assert_allclose(columns["phi"][:count], exact[:, 0], atol=1e-6)
-    np.testing.assert_allclose(columns["theta"][:count], exact[:, 1], atol=2e-6)
-
-
-def test_a_machine_without_a_front_is_refused() -> None:
-    with pytest.raises(NoFrontError, match="front"):
-        shipped_front(PROTOTYPE)
 
 
 def test_a_policy_that_is_no_network_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The page in a headless Chromium: it loads, drags, drives, and simulates as the kernel does."""
+"""The page in a headless Chromium: it loads, drags, and drives."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ import pytest
 
 from agents.page import page
 from rimless_gym import BUILDABLE
-from rimless_gym.energy import ROW
-from rimless_gym.equations import DOUBLE
-from rimless_gym.kernel.stepping import advance, hybrid_states
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 
@@ -171,30 +168,3 @@ def test_sliders_change_the_machine(tmp_path: Path) -> None:
         assert found[name] == pytest.approx(getattr(machine, name))
     assert found["gravity"] == pytest.approx(machine.constants.gx)
     assert found["same"]
-
-
-def test_the_pages_trajectory_agrees_with_the_kernel(tmp_path: Path) -> None:
-    volts = 5.0 * np.sign(np.sin(7.2 * 0.01 * np.arange(200)))
-    found = in_chromium(
-        whole_page(),
-        tmp_path,
-        f"""
-        const p = wheel.constants(DATA.machine);
-        let state = wheel.atRest(p);
-        const walked = {json.dumps(volts.tolist())}.map((u) => {{
-          const next = wheel.advance(state, u, 0.01, p);
-          state = next.state;
-          return {{ state: Object.values(state), touchdowns: next.totals.touchdowns }};
-        }});
-        report({{ walked }});
-        """,
-    )
-    state, touchdowns = hybrid_states([[BUILDABLE.constants.a, 0.0, 0.0, 0.0]], DOUBLE), 0
-    for u, step in zip(volts, found["walked"], strict=True):
-        row = advance(BUILDABLE, state, np.array([u]))[0]
-        np.testing.assert_allclose(step["state"], state[0], rtol=0, atol=1e-6)
-        assert len(step["touchdowns"]) == row[ROW.touchdowns]
-        for time in step["touchdowns"][-1:]:
-            assert time == pytest.approx(row[ROW.touchdown_time], abs=1e-6)
-            touchdowns += 1
-    assert touchdowns > 0

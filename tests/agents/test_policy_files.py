@@ -9,7 +9,6 @@ from base64 import b64encode
 
 import numpy as np
 import pytest
-import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
@@ -23,7 +22,6 @@ from agents.policy_files import (
     save_policy,
 )
 from agents.rollout import at_rest
-from agents.sb3.learner import architecture
 from agents.sb3.vec_env import Sb3VecEnv
 from agents.training import read_state
 from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
@@ -83,18 +81,6 @@ def test_a_policy_comes_back_exactly_as_it_was_saved(tmp_path, new_learner, algo
     assert loaded.record["note"] == "x"
     assert {"torch", "stable-baselines3", "numpy"} <= set(loaded.record["versions"])
     assert [file.name for file in tmp_path.iterdir()] == ["p.zip"]
-
-
-def test_networks_that_plain_values_cannot_describe_are_refused():
-    odd = PPO("MlpPolicy", "Pendulum-v1", policy_kwargs={"activation_fn": torch.nn.Softsign})
-    with pytest.raises(ValueError, match="activation_fn"):
-        architecture(odd)
-
-
-def test_a_loaded_policy_can_walk_and_go_on_learning():
-    model = load_policy("imitation").model
-    action, _ = model.predict(model.env.reset(), deterministic=True)
-    assert action.shape == (1, 1)
 
 
 @pytest.mark.parametrize("name", sorted(PRETRAINED))
@@ -206,12 +192,9 @@ def test_a_record_that_is_not_an_object_is_refused(tmp_path, text):
     "changes",
     [
         {"algo": "td3"},
-        {"algo": []},
-        {"seed": float("inf")},
         {"params": None},
         {"params": {"wheel_mass": -1}},
         {"task": {"distance_weight": "much"}},
-        {"task": {"unknown": 1.0}},
     ],
 )
 def test_a_record_with_an_invalid_entry_is_refused(tmp_path, changes):
@@ -235,8 +218,6 @@ def test_a_policy_of_another_layout_machine_or_learner_is_refused(tmp_path):
         None,
         np.zeros((3, 3), np.float32),
         np.full((128, 6), np.nan, np.float32),
-        np.zeros((128, 6), np.int64),
-        np.array(["text"]),
     ],
 )
 def test_weights_that_do_not_fit_are_refused(tmp_path, weight):

@@ -1,13 +1,10 @@
-"""The model against Drake: MultibodyPlant made from our URDF and MJCF, and Drake's RimlessWheel."""
+"""The model against Drake: MultibodyPlant made from our URDF and MJCF."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
 
-from rimless_gym import simulate
 from rimless_gym.export import JOINTS, joint_state, to_mjcf, to_urdf
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PRESETS
@@ -16,11 +13,9 @@ from rimless_gym.symbolic import HybridModel
 pytestmark = pytest.mark.peers
 pytest.importorskip("pydrake")
 
-from pydrake.examples import RimlessWheel  # noqa: E402
 from pydrake.multibody.parsing import Parser  # noqa: E402
 from pydrake.multibody.plant import MultibodyPlant  # noqa: E402
 from pydrake.multibody.tree import JacobianWrtVariable  # noqa: E402
-from pydrake.systems.analysis import Simulator  # noqa: E402
 
 FRICTIONLESS = {"hub_friction": 0.0, "gear_loss": 0.0}  # Drake's joints have no dry friction
 LOSSES = {"rotor_inertia": 3e-7, "hub_damping": 0.2, "drag": 0.5}
@@ -116,40 +111,3 @@ def test_files_load_in_drake_with_the_machines_joints_mass_and_motor(params, kin
     assert plant.num_positions() == 4
     assert plant.num_actuators() == 1
     assert plant.CalcTotalMass(context) == pytest.approx(params.total_mass, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("n_legs", "slope", "rolls"),
-    [(6, 0.25, True), (8, 0.12, True), (10, 0.06, True), (6, 0.05, False)],
-)
-def test_passive_wheel_rolls_and_rests_as_drakes_rimless_wheel(n_legs, slope, rolls):
-    params = WheelParams(
-        n_legs=n_legs,
-        slope=slope,
-        wheel_inertia=0.0,
-        pendulum_length=0.0,
-        pendulum_inertia=0.1,
-        motor_constant=0.0,
-    )
-    simulator = Simulator(RimlessWheel())
-    context = simulator.get_mutable_context()
-    values = context.get_mutable_numeric_parameter(0)
-    values.set_mass(params.total_mass)
-    values.set_length(params.leg_length)
-    values.set_gravity(params.gravity)
-    values.set_number_of_spokes(n_legs)
-    values.set_slope(slope)
-    to_upright = slope - math.pi / 2
-    start = [params.constants.a + 0.05, 0.0, 3.0, 0.0]
-    context.SetContinuousState([start[0] + to_upright, start[2]])
-    context.SetAccuracy(1e-11)
-    simulator.get_mutable_integrator().set_target_accuracy(1e-11)
-    simulator.Initialize()
-    ours = simulate(params, start, lambda t, x: 0.0, 6.0)
-    assert (ours.steps > 10) == rolls
-    assert (ours.final_mode == "double_stance") != rolls
-    for t in np.linspace(0.013, 6.0, 200):
-        simulator.AdvanceTo(t)
-        phi, _, rate, _ = ours.state(t)
-        theirs = context.get_continuous_state_vector().CopyToVector()
-        assert theirs == pytest.approx([phi + to_upright, rate], rel=0, abs=1e-8)

@@ -1,4 +1,4 @@
-"""Minari collects episodes with all of their infos, and makes the environment again from a file."""
+"""Minari collects episodes with all of their infos."""
 
 from __future__ import annotations
 
@@ -50,16 +50,3 @@ def test_every_entry_of_info_is_stored_as_it_was_given(tmp_path, monkeypatch):
         for name, values in episode.infos.items():
             assert values.dtype.kind in "bif"
             np.testing.assert_array_equal(values, [info[name] for info in infos])
-
-
-def test_the_environment_of_a_data_set_is_the_one_that_made_it(tmp_path, monkeypatch):
-    dataset, _ = collected(tmp_path, monkeypatch)
-    again = dataset.recover_environment()
-    episode = dataset[0]
-    assert again.unwrapped.params == rimless_gym.PROTOTYPE
-    observation, _ = again.reset(seed=0)
-    np.testing.assert_array_equal(observation, episode.observations[0])
-    for k, action in enumerate(episode.actions):
-        observation, reward, *_ = again.step(action)
-        np.testing.assert_array_equal(observation, episode.observations[k + 1])
-        assert reward == episode.rewards[k]

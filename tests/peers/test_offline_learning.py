@@ -20,7 +20,6 @@ import torch  # noqa: E402
 from tensordict import TensorDict  # noqa: E402
 from tensordict.nn import TensorDictModule  # noqa: E402
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer  # noqa: E402
-from torchrl.data.datasets import MinariExperienceReplay  # noqa: E402
 from torchrl.modules import MLP  # noqa: E402
 from torchrl.objectives import BCLoss  # noqa: E402
 
@@ -69,13 +68,3 @@ def test_behaviour_cloning_on_a_dataset_walks_better_than_resting(folder, monkey
             return net(torch.from_numpy(observations)).numpy()[:, 0]
 
     assert returns(policy) > returns(BASELINES["idle"](0)) + 1.0
-
-
-@pytest.mark.xfail(reason="TorchRL 0.14.1's own reader of Minari's files gives zeros")
-def test_torchrls_own_reader_gives_the_transitions(folder, tmp_path, monkeypatch):
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
-    replay = MinariExperienceReplay(
-        dataset_id(POLICY), batch_size=256, root=tmp_path, load_from_local_minari=True
-    )
-    first = minari.load_dataset(dataset_id(POLICY))[0]
-    np.testing.assert_array_equal(replay[: len(first)]["observation"], first.observations[:-1])

@@ -64,8 +64,3 @@ def test_its_command_line_chooses_the_machine_and_the_task(tmp_path, program):
     kept = (out / "RimlessWheel-v0" / "args.yml").read_text()
     assert "params: PROTOTYPE" in kept
     assert "distance_weight: 0.8" in kept
-
-
-def test_its_command_line_refuses_a_machine_that_there_is_not(tmp_path):
-    with pytest.raises(AssertionError, match="choose from BUILDABLE"):
-        train(tmp_path, OWN, "ppo", "--env-kwargs", "params:'CONCRETE'")

@@ -13,7 +13,6 @@ pytestmark = pytest.mark.peers
 pytest.importorskip("torchrl")
 
 import torch  # noqa: E402
-from tensordict.nn import TensorDictModule  # noqa: E402
 from torchrl.envs import GymEnv, GymWrapper  # noqa: E402
 from torchrl.envs.utils import check_env_specs  # noqa: E402
 
@@ -75,28 +74,3 @@ def test_the_native_rows_are_stepped_and_reset_as_single_ones():
             if terminated or truncated:
                 observations[i], _ = each.reset()
     assert seen["next", "truncated"].sum() >= n
-
-
-def test_four_environments_are_collected_with_all_that_their_infos_hold():
-    env = GymEnv("RimlessWheel-v0", num_envs=4, params=rimless_gym.PROTOTYPE)
-    try:
-        env.set_seed(3)
-        rng = np.random.default_rng(0)
-        commands = rng.uniform(-1, 1, (300, 4, 1)).astype(np.float32)
-        given = iter(np.repeat(commands[::20], 20, axis=0))
-        act = TensorDictModule(
-            lambda observation: torch.from_numpy(next(given)),
-            in_keys=["observation"],
-            out_keys=["action"],
-        )
-        seen = env.rollout(300, policy=act, break_when_any_done=False)["next"]
-    finally:
-        env.close()
-    names = gym.make("RimlessWheel-v0").reset()[1].keys()
-    assert all(seen[name].shape == (4, 300) for name in names)
-    assert seen["failure"].dtype == seen["mode"].dtype == torch.int64
-    assert set(seen["mode"].unique().tolist()) <= {0, 1}
-    terms = sum(seen[name] for name in sorted(names) if name.startswith("reward_"))
-    runs = ~seen["done"][..., 0]  # where a row ends, Gymnasium's info is that of its reset
-    assert torch.equal(terms.float()[runs], seen["reward"][..., 0][runs])
-    assert 0 < (~runs).sum() < runs.sum()

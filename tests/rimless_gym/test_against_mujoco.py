@@ -205,25 +205,3 @@ def test_the_wheel_stops_on_two_feet_if_the_old_foot_cannot_lift_off(
     assert np.all(pushes[stays, 1] > 0)
     spin = np.array([landing.dtheta for landing in ours])
     assert spin[stays] == pytest.approx(standing[stays, 3], rel=1e-11, abs=1e-11)
-
-
-def kinetic_energies(wheel, theta, dphi, dtheta, direction=1):
-    """Kinetic energy in MuJoCo before a touchdown and after ours."""
-    p = wheel.params.constants
-    old, new = (p.b, p.a) if direction > 0 else (p.a, p.b)
-    q, v = joint_state(wheel.params, [old, theta, dphi, dtheta])
-    rates = number.impact(new, old, theta, dphi, dtheta, p)
-    _, v_new = joint_state(wheel.params, [new, theta, *rates], direction)
-    wheel.move(q, v)
-    inertia = wheel.inertia()
-    return v @ inertia @ v / 2, v_new @ inertia @ v_new / 2
-
-
-def test_thesis_touchdown_creates_energy_in_a_third_of_the_states(free_wheel):
-    """Both maps are linear in the rates: only theta and the ratio of the rates matter."""
-    wheel, rng = free_wheel(THESIS_PHYSICAL.replace(impact_law="thesis")), np.random.default_rng(0)
-    theta, ratio = rng.uniform(-math.pi, math.pi, 4000), rng.uniform(-0.5, 0.5, 4000) * math.pi
-    states = np.column_stack([theta, np.cos(ratio), np.sin(ratio)])
-    before, after = np.array([kinetic_energies(wheel, *state) for state in states]).T
-    assert np.mean(after > before) == pytest.approx(0.354, abs=0.02)
-    assert np.max(after / before) > 2.4

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rimless_gym import hybrid
 from rimless_gym.equations import equations
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import PRESETS, PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL
+from rimless_gym.presets import PROTOTYPE, THESIS_NOMINAL, THESIS_PHYSICAL
 from rimless_gym.symbolic import HybridModel
 
 number = equations(math.sin, math.cos)
@@ -194,16 +194,6 @@ def test_touchdown_relabels_the_leg_and_keeps_the_pendulums_angle(params):
     p = params.constants
     after = np.asarray(HybridModel(params).touchdown([p.b, 0.4, 1.2, -0.3])).ravel()
     assert after[:2] == pytest.approx((p.a, 0.4), rel=1e-15)
-
-
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
-def test_every_function_takes_numbers_and_symbols(preset):
-    model = HybridModel(preset)
-    for name, function in model.functions.items():
-        inputs = [[1.5, 0.2, 0.3, 0.4], 5.0][: function.n_in()]
-        assert np.all(np.isfinite(np.asarray(function(*inputs)))), name
-        assert isinstance(function(*(ca.MX(ca.DM(value)) for value in inputs)), ca.MX)
-        assert isinstance(function(*(ca.SX(ca.DM(value)) for value in inputs)), ca.SX)
 
 
 def test_a_wheel_without_pendulum_loses_the_textbook_share_of_its_rate():

@@ -1,12 +1,9 @@
-"""Dry friction: consistent with the gear's torque, never a source of energy, in the limit exact."""
+"""Dry friction: consistent with the gear's torque, never a source of energy."""
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from rimless_gym import THESIS_PHYSICAL, WheelParams, hybrid, simulate
 from rimless_gym.energy import ROW, Ledger
@@ -82,93 +79,6 @@ def test_the_kernel_agrees_with_the_reference_simulator(mode: int) -> None:
         theirs = getattr(reference.ledger.losses, name)
         assert getattr(ledger.losses, name) == pytest.approx(theirs, abs=1e-9)
         assert theirs > 0.01
-
-
-# -- exact stick and slip ------------------------------------------------------------------------
-
-
-def with_friction(mode: int, y: np.ndarray, u: float, level: float) -> np.ndarray:
-    """Accelerations under a friction torque `level` (N m): a weaker motor, without friction."""
-    p = SMOOTH.constants
-    return accelerations(SMOOTH, mode, y, u - level * p.Rm / p.K)
-
-
-def sliding(mode: int, y: np.ndarray, u: float, direction: float) -> np.ndarray:
-    """Accelerations while psi turns in a direction; the friction's size is found by iteration."""
-    p, level = MACHINE.constants, MACHINE.hub_friction
-    for _ in range(50):
-        moving = with_friction(mode, y, u, direction * level)
-        torque = p.K * (u - p.K * psi_rate(MACHINE, y[2:])) / p.Rm - p.Jr * psi_rate(
-            MACHINE, moving
-        )
-        before, level = level, float(np.hypot(p.F0, p.c * torque))
-        if abs(level - before) < 1e-14:
-            break
-    return moving
-
-
-def holding(mode: int, y: np.ndarray, u: float) -> tuple[float, float]:
-    """(the friction that keeps psi from turning, the most that there can be) while it sticks."""
-    p = MACHINE.constants
-    free, pushed = (psi_rate(SMOOTH, with_friction(mode, y, u, level)) for level in (0.0, 1.0))
-    return free / (free - pushed), float(np.hypot(p.F0, p.c * p.K * u / p.Rm))
-
-
-def stick_and_slip(mode: int, y: np.ndarray, volts: np.ndarray) -> np.ndarray:
-    """States every 10 ms of an event-driven simulation with exact dry friction."""
-    states, y = [], np.array(y, dtype=float)
-    for u in volts:
-        left = 0.01
-        while left > 1e-12:
-            rate = psi_rate(MACHINE, y[2:])
-            needed, most = holding(mode, y, u)
-            sticks = abs(rate) < 1e-9 and abs(needed) <= most
-            direction = np.sign(rate) if abs(rate) >= 1e-9 else np.sign(needed)
-
-            def flow(t, y, sticks=sticks, direction=direction, u=u):
-                if sticks:
-                    rates = with_friction(mode, y, u, holding(mode, y, u)[0])
-                else:
-                    rates = sliding(mode, y, u, direction)
-                return [y[2], y[3], *rates]
-
-            def change(t, y, sticks=sticks, direction=direction, u=u):
-                if sticks:
-                    needed, most = holding(mode, y, u)
-                    return most - abs(needed)
-                return direction * psi_rate(MACHINE, y[2:]) + (1e-12 if t < 1e-6 else 0.0)
-
-            change.terminal, change.direction = True, -1
-            run = solve_ivp(
-                flow, (0.0, left), y, events=change, rtol=1e-8, atol=1e-10, max_step=5e-3
-            )
-            left -= run.t[-1]
-            y = run.y[:, -1]
-            if run.status == 1 and not sticks:  # psi' is zero to rounding: make it so
-                y[3] -= psi_rate(MACHINE, y[2:])
-        states.append(y.copy())
-    return np.array(states)
-
-
-@pytest.mark.parametrize("mode", [SINGLE, DOUBLE])
-def test_exact_stick_and_slip_is_approached_as_the_width_goes_to_zero(mode: int) -> None:
-    start = [1.5, 0.2, 0.6, -0.6] if mode == SINGLE else [MACHINE.constants.a, 0.9, 0.0, 0.0]
-    n, size = (30, 2.0) if mode == SINGLE else (45, 5.0)
-    volts = size * np.sin(2 * np.pi * np.arange(n) / 50)
-    exact = stick_and_slip(mode, np.array(start), volts)
-    rates = np.array([psi_rate(MACHINE, y[2:]) for y in exact])
-    assert 3 < np.count_nonzero(np.abs(rates) < 1e-8) < n - 10  # it sticks and it slips
-    errors = []
-    for width in (0.1, 0.03, 0.01):
-        machine, path = MACHINE.replace(friction_width=width), []
-        state = np.array([[*start, mode, 0.0]])
-        for u in volts:
-            advance(machine, state, np.full(1, u), pull=np.inf)
-            path.append(state[0, :4].copy())
-        assert state[0, 4] == mode
-        errors.append(np.abs(np.array(path) - exact).max())
-    assert all(finer < 0.6 * coarser for coarser, finer in itertools.pairwise(errors))
-    assert errors[-1] < 0.03
 
 
 def test_a_gear_that_loses_nearly_all_under_a_heavy_rotor_is_resolved_too() -> None:

@@ -11,13 +11,11 @@ import dataclasses
 import functools
 import math
 import operator
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from gymnasium.vector import AutoresetMode
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -27,7 +25,6 @@ from rimless_gym import (
     Pushes,
     RimlessWheelVectorEnv,
     SensorNoise,
-    Trajectory,
     simulate,
 )
 from rimless_gym.energy import balance
@@ -37,7 +34,7 @@ from rimless_gym.envs.task import TERM_NAMES
 from rimless_gym.equations import DOUBLE, IMPACT_LAWS, LOSSES, MODE_NAMES, equations
 from rimless_gym.hybrid import CONTROL_PERIOD, MAX_RATE
 from rimless_gym.kernel.attempt import LEAST_PEAK, peak
-from rimless_gym.kernel.stepping import FOOT, MODE, require_steppable
+from rimless_gym.kernel.stepping import MODE, require_steppable
 from rimless_gym.params import MOTOR_MOUNTS, WheelParams
 from rimless_gym.presets import PRESETS
 
@@ -46,11 +43,7 @@ LENGTH = 60  # intervals of a trial
 REINTEGRATED = range(7, LENGTH, 13)
 
 RESIDUAL = 1e-7  # of a ledger, relative to the energies in it, on the most violent machines
-DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates and energies relative to size
-#: Relative distance between starts within which rounding may decide whether a foot touches down or
-#: lifts off, and the largest difference between motions from such starts with the same events.
-NEARBY, ALIKE = 1e-8, 1e-5
-SLOWEST_ROW, SLOWEST_CALL = 0.01, 0.2  # s of the processor, ten times what the stiffest needs
+DIFFERENCE = 1e-8  # from the reference: of angles (rad), of rates relative to size
 
 #: Ranges, drawn evenly in the logarithm; all but `NEVER_ZERO` are sometimes 0 instead.
 WIDE = {
@@ -144,12 +137,12 @@ def batches(draw: st.DrawFn) -> Batch:
     return Batch(tuple(rows), mode, chosen, draw(st.integers(0, 2**31)))
 
 
-def run(batch: Batch, kind: type[RimlessWheelVectorEnv] = RimlessWheelVectorEnv) -> None:
+def run(batch: Batch) -> None:
     """Step to the end, or until an episode finds no start; a wrong step is an AssertionError."""
     rng, n = np.random.default_rng(batch.seed), len(batch.machines)
     one = len(set(batch.machines)) == 1
     params = batch.machines[0] if one else list(batch.machines)
-    envs = kind(n, params, autoreset_mode=batch.mode, **batch.settings)
+    envs = RimlessWheelVectorEnv(n, params, autoreset_mode=batch.mode, **batch.settings)
     single = gym.make("RimlessWheel-v0", **batch.settings | {"params": batch.machines[0]})
     try:
         first, _ = envs.reset(seed=batch.seed)
@@ -201,14 +194,12 @@ def step_through(batch: Batch, envs: Any, single: Any, rng: np.random.Generator)
         ways = np.where(rng.random(n) < 0.04, rng.integers(0, 6, n), ways)
         before = envs.states
         actions = commands(rng, ways, before, emf)
-        clock = time.process_time()
         try:
             seen = envs.step(actions)
         except RuntimeError as error:
             if "left the model's range" not in str(error):
                 raise
             return  # a backward touchdown under the thesis's law
-        assert time.process_time() - clock < n * SLOWEST_ROW + SLOWEST_CALL, "a step took too long"
         ended = seen[2] | seen[3]
         with np.errstate(invalid="ignore"):
             for trouble, bad in broken(machines, before, envs.states, ~begun & ~ended, seen):
@@ -216,7 +207,7 @@ def step_through(batch: Batch, envs: Any, single: Any, rng: np.random.Generator)
                 assert rows.size == 0, f"{trouble}: {machines[rows[0]]}, {before[rows[0]]}"
         ended_alone = compare(batch.mode, single, actions[0], seen, ended_alone)
         if number in REINTEGRATED and not {"ranges", "disturbances"} & set(batch.settings):
-            reintegrate(batch.mode, machines, before, actions, envs.states, begun, seen)
+            reintegrate(machines, before, actions, envs.states, begun, seen)
         if batch.mode is AutoresetMode.DISABLED and ended.any():
             observations, _ = envs.reset(options={"reset_mask": ended})
             if ended[0]:
@@ -294,120 +285,25 @@ def compare(mode: AutoresetMode, single: Any, action: Any, seen: Any, had_ended:
     return any(ends)
 
 
-def reintegrate(mode, machines, before, actions, after, begun, seen) -> None:
-    """The reference simulator agrees with an interval of the first row that it can follow."""
+def reintegrate(machines, before, actions, after, begun, seen) -> None:
+    """The reference simulator agrees with an interval in single stance without touchdowns."""
     _, _, terminated, truncated, info = seen
-    rows = ~begun & (info["elapsed"] > 0.0) & [followed(machine) for machine in machines]
-    if mode is AutoresetMode.SAME_STEP:  # the state after it is that of the next episode
-        rows &= terminated | ~truncated
+    rows = ~begun & ~terminated & ~truncated & (info["touchdowns"] == 0.0)
+    rows &= (before[:, MODE] != DOUBLE) & [followed(machine) for machine in machines]
     for i in np.flatnonzero(rows)[:1]:
-        params, volts = machines[i], machines[i].voltage_limit * np.clip(actions[i, 0], -1.0, 1.0)
-        end = None if terminated[i] else after[i]
-        row = {name: float(info[name][i]) for name in ("elapsed", "electrical", "distance")}
+        volts = machines[i].voltage_limit * np.clip(float(actions[i, 0]), -1.0, 1.0)
         try:
-            apart = distance(params, before[i], before[i][:4], float(volts), end, row)
-            if apart > DIFFERENCE:  # borderline?
-                others = nearby(params, before[i], float(volts))
-                apart = min(distance(params, before[i], *other, end, row) for other in others)
-                assert apart <= ALIKE, f"{apart} from the reference: {params}, {before[i]}, {volts}"
+            motion = simulate(machines[i], before[i][:4], [volts], CONTROL_PERIOD, pull=0.0)
         except RuntimeError:  # the reference's motion diverges or chatters
             return
-
-
-def distance(params, before, start, volts, end, row) -> float:
-    """From the reference's motion; infinite if the two have different events."""
-    motion = simulate(
-        params, start, [volts], CONTROL_PERIOD, mode=MODE_NAMES[int(before[MODE])], pull=0.0
-    )
-    ledger = motion.ledger
-    power = abs(ledger.electrical) + ledger.losses.copper + params.weight * params.leg_length
-    other = [
-        abs(ledger.time - row["elapsed"]) / CONTROL_PERIOD,
-        abs(ledger.electrical - row["electrical"]) / power,
-        abs(ledger.distance - row["distance"]) / params.leg_length,
-    ]
-    if end is None:
-        return max(other) if motion.failure is not None else math.inf
-    same = motion.final_mode == MODE_NAMES[int(end[MODE])]
-    if motion.failure is not None or not same or motion.steps != end[FOOT] - before[FOOT]:
-        return math.inf
-    scale = np.maximum(1.0, np.abs([1.0, before[1], *end[2:4]]))  # large angles are rounded more
-    return max(float((np.abs(motion.x[-1] - end[:4]) / scale).max()), *other)
-
-
-def nearby(params, before, volts) -> Iterator[tuple[np.ndarray, float]]:
-    """Starts and voltages within `NEARBY` of an interval's."""
-    p = params.constants
-    for sign in (-1, 1):
-        yield before[:4], volts + sign * NEARBY * params.voltage_limit
-        for i in (1, 3) if before[MODE] == DOUBLE else range(4):
-            start = before[:4].copy()
-            start[i] += sign * NEARBY * max(1.0, abs(start[i]))
-            start[0] = min(max(start[0], p.a), p.b)
-            yield start, volts
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> None:
-    """Compile before the first step that is timed."""
-    pushes, noise = Pushes(rate=1.0, impulse=(0.0, 0.1)), SensorNoise(leg_angle=0.1)
-    envs = RimlessWheelVectorEnv(1, disturbances=Disturbances(pushes=pushes, sensor_noise=noise))
-    envs.reset(seed=0)
-    envs.step(np.zeros((1, 1), dtype=np.float32))
+        if motion.events or motion.failure is not None:  # rounding decides what just touches
+            return
+        scale = np.maximum(1.0, np.abs([1.0, before[i, 1], *after[i, 2:4]]))
+        apart = np.abs(motion.x[-1] - after[i, :4]) / scale
+        assert apart.max() <= DIFFERENCE, f"{apart} from the reference: {machines[i]}, {before[i]}"
 
 
 @settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
 @given(batches())
 def test_every_step_of_random_machines_keeps_the_rules(batch: Batch) -> None:
     run(batch)
-
-
-PLAIN = Batch((PRESETS["THESIS_PHYSICAL"],) * 7, AutoresetMode.NEXT_STEP, {}, 1)
-
-
-def altered(name: str) -> type[RimlessWheelVectorEnv]:
-    """An environment in which something is wrong."""
-
-    class Altered(RimlessWheelVectorEnv):
-        def __init__(self, n: int, params: WheelParams, **settings: Any) -> None:
-            stronger = 1.001 if name == "gravity" else 1.0
-            super().__init__(n, params.replace(gravity=params.gravity * stronger), **settings)
-            self.documented = (params,) * n
-
-        @property
-        def params(self) -> Any:
-            return self.documented
-
-        @property
-        def states(self) -> Any:
-            return super().states + (1e-3 * np.eye(6)[0] if name == "states" else 0.0)
-
-        def step(self, actions: Any) -> Any:
-            seen = super().step(actions)
-            if name == "electrical":
-                seen[4]["electrical"] *= 1 + 1e-4
-            if name == "clearance":
-                seen[4]["clearance"][:] = np.nextafter(seen[4]["clearance"], np.inf)
-            if name == "rewards":
-                seen[1][-1] = np.nan
-            return seen
-
-    return Altered
-
-
-@pytest.mark.parametrize("name", ["electrical", "clearance", "rewards", "states", "gravity"])
-def test_what_is_wrong_is_noticed(name: str) -> None:
-    run(PLAIN)
-    with pytest.raises(AssertionError):
-        run(PLAIN, altered(name))
-
-
-def test_another_motion_of_the_reference_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = simulate
-
-    def heavier(params: WheelParams, *arguments: Any, **options: Any) -> Trajectory:
-        return original(params.replace(gravity=9.82), *arguments, **options)
-
-    monkeypatch.setitem(globals(), "simulate", heavier)
-    with pytest.raises(AssertionError, match="from the reference"):
-        run(PLAIN)

@@ -48,11 +48,6 @@ def traced(function: Any, *names: str) -> str:
     return function_text("f", names, graph.trace(function, *inputs))
 
 
-def test_what_is_needed_twice_is_computed_once() -> None:
-    text = traced(lambda x, y: ((x + y) ** 2, (x + y) / 2), "x", "y")
-    assert text.count("x + y") == 1
-
-
 # -- physics -----------------------------------------------------------------------------------
 
 

@@ -107,18 +107,6 @@ def test_code_compiled_from_other_sources_is_replaced(
     assert not set(after) & set(before)
 
 
-def test_the_fingerprint_counts_all_sources(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "fingerprinted" / "kernel").mkdir(parents=True)
-    (tmp_path / "fingerprinted" / "__init__.py").touch()
-    monkeypatch.syspath_prepend(str(tmp_path))
-    __import__("fingerprinted")
-    first = jit.fingerprint.__wrapped__("fingerprinted")
-    (tmp_path / "fingerprinted" / "kernel" / "step.py").write_text("1\n")
-    assert jit.fingerprint.__wrapped__("fingerprinted") != first
-
-
 def test_a_file_that_cannot_be_written_costs_only_a_warning(folder: Path) -> None:
     _, stored = compiled()
     for file in stored:

@@ -83,24 +83,16 @@ def test_every_number_must_be_a_real_number_within_its_range() -> None:
     ("change", "message"),
     [
         ({"n_legs": 2}, r"n_legs = 2: must be an integer of at least 3"),
-        ({"n_legs": 10**7}, r"n_legs = 10000000: must be .* at most 1000000"),
         ({"n_legs": 5.5}, r"n_legs = 5.5: must be an integer of at least 3"),
         ({"slope": math.pi / 2}, r"slope = 1\.57.*: must lie strictly between -pi/2 and pi/2"),
         ({"motor_mount": "leg"}, r"motor_mount = 'leg': choose from .*wheel.*frame"),
         ({"impact_law": "rubber"}, r"impact_law = 'rubber': choose from .*plastic.*relabel"),
-        ({"impact_law": 3}, r"impact_law = 3: choose from .*plastic.*relabel"),
         ({"gear_loss": 1.0, "hub_friction": 1.0}, r"gear_loss = 1.0: must be less than 1"),
         ({"gear_loss": 0.1}, r"hub_friction = 0.0: must be greater than 0 with gear_loss = 0.1"),
-        ({"wheel_mass": 1e-99, "pendulum_mass": 0}, r"pendulum_mass = 1e-99: .* at least 1e-30"),
         ({"wheel_mass": 0, "pendulum_mass": 0}, r"wheel_mass \+ pendulum_mass = 0: one of them"),
         ({"pendulum_reach": 0.1}, r"pendulum_reach = 0.1: must be at least pendulum_length"),
         ({"pendulum_inertia": 0, "pendulum_length": 0}, r"singular.*pendulum_inertia > 0"),
-        ({"pendulum_mass": 0, "pendulum_inertia": 0}, r"singular.*pendulum_inertia > 0"),
         ({"rotor_inertia": 1e20}, r"singular.*lower rotor_inertia .* 2.56e\+25 kg m"),
-        (
-            {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_length": 1e12, "rotor_inertia": 1},
-            r"singular",  # except for the rotor
-        ),
         (
             {"wheel_mass": 0, "wheel_inertia": 0, "pendulum_inertia": 0},
             r"singular.*wheel_mass or wheel_inertia > 0",
@@ -168,11 +160,6 @@ def test_geometry_of_a_step(n_legs, leg_length):
     assert machine.weight == pytest.approx(3.62 * 9.81, rel=1e-12)
 
 
-def test_motor_pole_of_the_machine_as_built_is_stiff():
-    assert 280 < PROTOTYPE.motor_pole < 300
-    assert THESIS_PHYSICAL.replace(motor_constant=0).motor_pole == 0
-
-
 def test_a_machine_may_be_given_by_name_or_fields_to_every_tool() -> None:
     start = [1.5, 0.0, 2.0, 0.0]
     for name, machine in PRESETS.items():
@@ -184,16 +171,3 @@ def test_a_machine_may_be_given_by_name_or_fields_to_every_tool() -> None:
         assert simulate(form, start, [1.0], 0.01).params == machine
     assert machine_name(PROTOTYPE) == "PROTOTYPE"
     assert machine_name(BUILDABLE.replace(drag=0.1)) == "BUILDABLE but for drag"
-
-
-@pytest.mark.parametrize(
-    ("params", "error", "message"),
-    [
-        ("CONCRETE", ValueError, r"unknown preset 'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"),
-        ({"drug": 1}, ValueError, "'drug' is not a field of WheelParams: choose from"),
-        (3, TypeError, "params = 3: give a WheelParams, a preset's name or a dictionary"),
-    ],
-)
-def test_a_machine_that_does_not_exist_is_refused(params, error, message) -> None:
-    with pytest.raises(error, match=message):
-        as_params(params)

@@ -26,7 +26,7 @@ from trajopt.pool import run
 def busy(task):
     if task == "solve":
         from trajopt import Mesh, solve
-        from trajopt.ocp import textbook
+        from scripts.studies import textbook
         problem = textbook.cart_pole()
         print(os.getpid(), flush=True)
         while True:  # IPOPT, most of the time

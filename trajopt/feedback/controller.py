@@ -8,7 +8,6 @@ import reprlib
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import positive, real, require_callable, require_kind
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import foot_force
 from rimless_gym.jit import cached, inner
@@ -37,11 +36,10 @@ class SwitchingController:
     Attributes:
         law: that holds the gait.
         startup: that leads to it.
-        near: see `NEAR`; > 0.
+        near: see `NEAR`.
 
     Raises:
-        TypeError: `near` is not a number.
-        ValueError: it is out of range, or both controllers are for different machines.
+        ValueError: both controllers are for different machines.
     """
 
     law: Law
@@ -49,7 +47,6 @@ class SwitchingController:
     near: float = NEAR
 
     def __post_init__(self) -> None:
-        positive("near", self.near)
         require_machine("startup", self.startup, self.params)
 
     @property
@@ -82,8 +79,7 @@ class ContactGuard:
             provide it; at least 0, and less than 1.
 
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: the margin is out of range, or the controller is for another machine.
+        ValueError: the controller is for another machine.
     """
 
     params: WheelParams
@@ -91,13 +87,7 @@ class ContactGuard:
     margin: float = CONTACT_MARGIN
 
     def __post_init__(self) -> None:
-        require_kind("params", self.params, WheelParams)
-        require_callable("controller", self.controller)
         require_machine("controller", self.controller, self.params)
-        if not 0.0 <= real("margin", self.margin) < 1.0:
-            raise ValueError(
-                f"margin = {self.margin}: must be at least 0 and less than 1, the wheel's weight"
-            )
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`.

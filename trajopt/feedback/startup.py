@@ -24,14 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rimless_gym.checks import integer, positive, require_kind
+from rimless_gym.checks import positive, require_kind
 from rimless_gym.energy import ROW
 from rimless_gym.equations import DOUBLE, SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import cached, inner
 from rimless_gym.kernel.stepping import MODE, advance, hybrid_states
 from rimless_gym.params import WheelParams
-from rimless_gym.presets import machine_name
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law, states_and_modes
 from trajopt.feedback.orbit import squared_distances
@@ -156,7 +155,7 @@ class StartUpController:
         Args:
             law: that takes over near its gait.
             near: distance from the gait at which it does; > 0.
-            counts: of the grid's nodes, four of at least 2, default `COUNTS`.
+            counts: of the grid's nodes of each coordinate, default `COUNTS`.
 
         Raises:
             TypeError: an argument is of the wrong type.
@@ -165,9 +164,7 @@ class StartUpController:
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
-        if len(counts) != len(COUNTS):
-            raise ValueError(f"counts = {counts}: must be four, one for each coordinate")
-        grid = _grid(law, [integer("counts", count, least=2) for count in counts])
+        grid = _grid(law, counts)
         nodes = np.ascontiguousarray(grid.single()[:, :4])
         at_the_gait = squared_distances(nodes, law.data.orbit) < near**2
         if not at_the_gait.any():
@@ -176,10 +173,6 @@ class StartUpController:
                 "and nothing could lead there; raise the counts or near"
             )
         return cls(law.params, grid, time_to_gait(law.params, grid, at_the_gait))
-
-    def __repr__(self) -> str:
-        nodes = " x ".join(map(str, self.grid.counts))
-        return f"StartUpController({machine_name(self.params)}, {nodes} nodes)"
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
         """Voltages for states; arguments, result and errors are those of a `Law`."""

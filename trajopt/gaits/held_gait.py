@@ -23,7 +23,7 @@ from rimless_gym.reference import simulate
 from rimless_gym.trajectory import Trajectory
 from trajopt.gaits.held_program import HeldOptimum, HeldProgram
 from trajopt.gaits.held_stride import HeldStride
-from trajopt.gaits.solution import LocalOptimum, Optimality, Solution
+from trajopt.gaits.solution import Optimality, Solution
 from trajopt.gaits.verify import (
     AUDIT_TOLERANCE,
     STATE_TOLERANCE,
@@ -46,9 +46,6 @@ BARRIER, ITERATIONS = 1e-4, 300
 
 #: By what fraction a neighbouring pattern must cost less, and how many are followed.
 WORTHWHILE, MOST_MOVES = 1e-5, 10
-
-#: Costs of local optima that differ by a smaller fraction are the same.
-SAME_COST = 1e-4
 
 #: Of the central differences (rad, rad/s).
 DIFFERENCE = 1e-7
@@ -139,18 +136,6 @@ class _HeldSearch:
             if least is None or least.energy > best.energy - WORTHWHILE * abs(best.energy):
                 return
 
-    def optima(self, idle: float) -> tuple[LocalOptimum, ...]:
-        """Costs of transport of the distinct optima, least first."""
-        optima: list[LocalOptimum] = []
-        for optimum in sorted(self.solved, key=lambda optimum: optimum.energy):
-            steps = optimum.stride.pattern.steps
-            cot = (optimum.energy + idle) / (self.params.weight * steps * self.params.step_length)
-            if optima and math.isclose(cot, optima[-1].cot, rel_tol=SAME_COST):
-                optima[-1] = dataclasses.replace(optima[-1], found=optima[-1].found + 1)
-            else:
-                optima.append(LocalOptimum(cot, self.turns, 1))
-        return tuple(optima)
-
 
 def _finished(
     search: _HeldSearch, settings: Mapping[str, object]
@@ -169,7 +154,6 @@ def _finished(
         return None, [*search.failures, obstacle]
     phases = recorded(held, replay)
     error = np.abs(states - near).max() / (1.0 + np.abs(near).max())
-    idle = params.idle_power * hold * stride.pattern.ticks
     gait = Solution(
         params=params,
         phases=phases,
@@ -177,7 +161,6 @@ def _finished(
         regeneration=search.regeneration,
         verification=verified(held, replay, phases),
         optimality=Optimality(float(error), math.nan, math.nan),
-        optima=search.optima(idle),
         provenance=provenance(**settings),
         hold=hold,
     )
@@ -405,11 +388,7 @@ def verified(
         replay: the same on the kernel.
         phases: the same from touchdown to touchdown.
     """
-    intervals = held.hold / CONTROL_PERIOD
-    known: tuple[float, str] | None = None
-    if math.isclose(intervals, round(intervals), abs_tol=1e-9):
-        known = replay.ledger.cost_of_transport(held.params), ""
-    reference = verify(held.params, phases, held.theta_turns, known)
+    reference = verify(held.params, phases, held.theta_turns)
     ledger = replay.ledger
     repeat = float(np.abs(replay.states[-1] - replay.states[0] - held.shift).max())
     twin = simulated(held.params, phases, len(held.voltages) * held.hold).ledger

@@ -16,9 +16,9 @@ from rimless_gym.presets import Machine, as_params
 from trajopt.gaits.held_gait import held_gait
 from trajopt.gaits.held_stride import held_speed, ticks_of_stride
 from trajopt.gaits.library import warm_starts
-from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem, lacks_power
-from trajopt.gaits.search import GaitFamily, same_gait, search_gaits
-from trajopt.gaits.solution import LocalOptimum, Optimality, Solution
+from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem
+from trajopt.gaits.search import GaitFamily, search_gaits
+from trajopt.gaits.solution import Optimality, Solution
 from trajopt.gaits.stability import monodromy
 from trajopt.gaits.verify import (
     SPARE_TIMES,
@@ -30,7 +30,7 @@ from trajopt.gaits.verify import (
 from trajopt.ocp.continuation import Curve, continued
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.mesh import Mesh
-from trajopt.ocp.multi_start import Optimum, Outcome, distinct
+from trajopt.ocp.multi_start import Optimum, Outcome
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.refinement import MAX_ELEMENTS
@@ -130,26 +130,19 @@ def periodic_gait(
     if starts is None:
         starts = 0 if guess or any(gait.params == params for gait in known) else DEFAULT_STARTS
     solved, failures = _continued_from(known, params, speed, regeneration)
-    outcomes = [_outcome(extremal, turns) for extremal, turns in solved]
     if starts > 0:
         family = GaitFamily.create(params, speed, steps, regeneration)
         search = search_gaits(family, starts, seed=seed, workers=workers, progress=progress)
-        outcomes += search.outcomes
         failures += [outcome.failure for outcome in search.failures]
         least = min((extremal.cost for extremal, _ in solved), default=math.inf)
         solved += _best_refined(family, search.optima[:REFINED], WORTH_REFINING * least)
     if not solved:
         raise NoGaitError(_no_gait(params, speed, steps, failures))
     settings = {"speed": speed, "starts": starts, "seed": seed}
-    weight = params.weight * steps * params.step_length
-    optima = tuple(
-        LocalOptimum(o.cost / weight, int(o.best.kind), len(o.starts))
-        for o in distinct(outcomes, same_gait)
-    )
     already = [gait for gait in known if _answers(gait, params, speed, regeneration)]
     solutions = []
     for extremal, turns in least_first(solved, lambda pair: pair[0].cost):
-        solution = finished(params, extremal, turns, regeneration, optima, settings)
+        solution = finished(params, extremal, turns, regeneration, settings)
         if solution.verification.passed:
             return least_first([solution, *already], lambda gait: gait.cot)[0]
         solutions.append(solution)
@@ -242,11 +235,6 @@ def _refined(family: GaitFamily, outcome: Outcome) -> Extremal:
     return solve(problem, outcome.phases, mesh, verify=False, mu_init=WARM_BARRIER)
 
 
-def _outcome(extremal: Extremal, turns: int) -> Outcome:
-    """A gait continued from a known one, counted as one more start."""
-    return Outcome(-1, str(turns), extremal.cost, extremal.phases, extremal.parameters, 0, "")
-
-
 def _arguments(
     params: WheelParams, speed: Any, steps: Any, starts: Any, guess: Any
 ) -> tuple[float, int, int | None]:
@@ -265,8 +253,6 @@ def _arguments(
             f"{MAX_ELEMENTS} elements and each step needs {ELEMENTS}; solve for a shorter stride, "
             "which repeats itself"
         )
-    if lacking := lacks_power(params, speed, steps):
-        raise NoGaitError(lacking)
     if guess is not None and not isinstance(guess, Solution):
         raise TypeError(
             f"guess = {guess!r}: must be a trajopt.Solution; Solution.load reads one from a file"
@@ -386,7 +372,6 @@ def finished(
     optimum: Extremal,
     turns: int,
     regeneration: bool,
-    optima: tuple[LocalOptimum, ...],
     settings: Mapping[str, object],
 ) -> Solution:
     """An optimum as a gait, verified by the reference simulator.
@@ -398,7 +383,6 @@ def finished(
         optimum: of the gait's problem.
         turns: whole turns that theta gains in a stride.
         regeneration: whether the objective was E.
-        optima: met in the search.
         settings: of the search, for the provenance.
     """
 
@@ -411,7 +395,6 @@ def finished(
             regeneration=regeneration,
             verification=verify(params, phases, turns),
             optimality=Optimality.from_extremal(extremal),
-            optima=optima,
             provenance=provenance(**settings),
         )
 

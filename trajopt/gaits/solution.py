@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rimless_gym.checks import flag, integer, positive, real_array
+from rimless_gym.checks import real_array
 from rimless_gym.params import WheelParams
-from trajopt.gaits.problem import gait_problem
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
@@ -28,37 +26,12 @@ from trajopt.ocp.trajectory import (
 from trajopt.provenance import provenance
 from trajopt.store import jsonable, read_arrays, write_arrays
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-#: Most turns of theta in a stride, either way; more than the fastest whirls make in a minute.
-MOST_TURNS = 600
-
-#: A gait that costs this many times an optimum of the search, whose mesh is coarse, clearly costs
-#: more.
-CLEARLY_MORE = 1.05
-
 #: The format of a gait's file, and what to do about a file that is not of it.
 FORMAT, REMEDY = "rimless-gym gait 3", "copy it again, or solve it again with `rimless gait`"
 
 
 class GaitFileError(ValueError):
     """A file is not a gait that this version saved, or was edited or damaged since."""
-
-
-@dataclasses.dataclass(frozen=True)
-class LocalOptimum:
-    """A local optimum met in a search.
-
-    Attributes:
-        cot: its cost of transport.
-        theta_turns: whole turns that theta gains in a stride.
-        found: number of starts that led there.
-    """
-
-    cot: float
-    theta_turns: int
-    found: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +70,6 @@ class Solution:
         regeneration: whether the objective was E (the battery takes energy back), not E+.
         verification: what independent re-simulation measures.
         optimality: of the problem's solution that it came from.
-        optima: distinct local optima met in the search, best first.
         provenance: versions, git revision and settings with which it was made.
         hold: period of the clock (s) between whose ticks the voltage is constant; None if it may
             change at any time.
@@ -109,7 +81,6 @@ class Solution:
     regeneration: bool
     verification: Verification
     optimality: Optimality
-    optima: tuple[LocalOptimum, ...] = ()
     provenance: dict[str, Any] = dataclasses.field(default_factory=provenance)
     hold: float | None = None
 
@@ -282,7 +253,6 @@ class Solution:
             "passed": self.verification.passed,
             "verification": self.verification.to_dict(),
             "optimality": dataclasses.asdict(self.optimality),
-            "optima": [dataclasses.asdict(o) for o in self.optima],
             "provenance": self.provenance,
         }
         return dict(jsonable(figures))
@@ -290,22 +260,6 @@ class Solution:
     def report(self) -> str:
         """The gait's figures as text; failures in capitals."""
         return _report(self)
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """States and voltage of a stride against time; written to `path` as well, if given."""
-        from trajopt.ocp.plots import plot
-
-        problem = gait_problem(
-            self.params,
-            speed=self.speed,
-            steps=self.steps,
-            theta_turns=self.theta_turns,
-            regeneration=self.regeneration,
-        )
-        figure = plot(problem, self.phases, np.empty(0), str(self))
-        if path is not None:
-            figure.savefig(Path(path))
-        return figure
 
     def save(self, path: str | Path) -> None:
         """Write an .npz of plain arrays, everything else in it as JSON text, with a digest."""
@@ -317,7 +271,6 @@ class Solution:
             "params": self.params.to_dict(),
             "verification": self.verification.to_dict(),
             "optimality": dataclasses.asdict(self.optimality),
-            "optima": [dataclasses.asdict(optimum) for optimum in self.optima],
         }
         write_arrays(path, FORMAT, header, phases_to_arrays(self.phases))
 
@@ -332,7 +285,16 @@ class Solution:
         """
         header, arrays = read_arrays(path, FORMAT, GaitFileError, REMEDY)
         try:
-            return cls(**_fields(header, arrays))
+            return cls(
+                params=WheelParams(**header["params"]),
+                phases=phases_from_arrays(arrays),
+                theta_turns=header["theta_turns"],
+                regeneration=header["regeneration"],
+                verification=Verification.from_dict(header["verification"]),
+                optimality=Optimality(**header["optimality"]),
+                provenance=header["provenance"],
+                hold=header.get("hold"),  # gaits saved by earlier versions have none
+            )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise GaitFileError(f"{path}: no valid gait ({error!r}); {REMEDY}") from error
 
@@ -343,7 +305,6 @@ class Solution:
 def _report(gait: Solution) -> str:
     v = gait.verification
     outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
-    hold = f"{v.cot_at_100hz_hold:.4f}" if not v.hold_failure else f"none ({v.hold_failure})"
     demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
     lines = [
         f"Periodic gait, {gait.steps} step(s) per stride at {gait.speed:.4f} m/s{_held(gait)}",
@@ -360,29 +321,13 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated state      off by {v.state_error:.1e} (a stride), "
-        f"{v.phase_state_error:.1e} (a phase)",
+        f"  re-simulated state      off by {v.state_error:.1e}",
         f"  energy audit            off by {v.energy_audit:.1e} J",
-        f"  CoT if held for 10 ms   {hold}",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
         f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
     ]
-    for o in gait.optima:
-        turns = f"{o.theta_turns} turn(s)"
-        lines.append(f"  optimum met             CoT {o.cot:.4f}, {turns}, {o.found} time(s)")
-    return "\n".join([*lines, *_doubt(gait)])
-
-
-def _doubt(gait: Solution) -> list[str]:
-    """A warning if the search met an optimum of clearly less cost that did not become a gait."""
-    least = min((o.cot for o in gait.optima), default=gait.cot)
-    if CLEARLY_MORE * least >= gait.cot:
-        return []
-    return [
-        f"  LESS COST WAS MET       CoT {least:.4f}, but it did not become a verified "
-        "gait; try more starts, another seed, or a guess"
-    ]
+    return "\n".join(lines)
 
 
 def _held(gait: Solution) -> str:
@@ -406,59 +351,3 @@ def _certainty(gait: Solution) -> list[str]:
         f"ledger off by {v.repeat_residual:.1e} J",
         f"  first tick              {gait.first_tick:.6f} s after the touchdown",
     ]
-
-
-# -- file -----------------------------------------------------------------------------------------
-
-
-def _fields(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Any]:
-    phases = phases_from_arrays(arrays)
-    unknown = sorted(set(arrays) - set(phases_to_arrays(phases)))
-    if unknown:
-        raise ValueError(f"{', '.join(unknown)}: no such arrays are known")
-    params = WheelParams(**header["params"])
-    verification = Verification.from_dict(header["verification"])
-    _require_stride(params, phases, verification)
-    hold = header.get("hold")  # gaits saved by earlier versions have none
-    if hold is not None:
-        _require_held(positive("hold", hold), phases)
-    return {
-        "params": params,
-        "phases": phases,
-        "theta_turns": integer("theta_turns", header["theta_turns"], -MOST_TURNS, MOST_TURNS),
-        "regeneration": flag("regeneration", header["regeneration"]),
-        "verification": verification,
-        "optimality": Optimality(**header["optimality"]),
-        "optima": tuple(LocalOptimum(**optimum) for optimum in header["optima"]),
-        "provenance": header["provenance"],
-        "hold": hold,
-    }
-
-
-def _require_stride(
-    params: WheelParams, phases: Sequence[PhaseTrajectory], verification: Verification
-) -> None:
-    """Refuse phases that are not a stride of the wheel, or not the stride that was verified."""
-    for i, phase in enumerate(phases):
-        sizes = phase.states.shape[-1], phase.controls.shape[-1]
-        if sizes != (4, 1):
-            raise ValueError(f"phase{i}: {sizes[0]} states and {sizes[1]} controls, not 4 and 1")
-        if not np.array_equal(phase.control_nodes, phases[0].control_nodes):
-            raise ValueError(f"phase{i}: its control_nodes differ from those of phase0")
-        if not np.allclose(phase.states[1:, 0], phase.states[:-1, -1], rtol=0.0, atol=1e-6):
-            raise ValueError(f"phase{i}: its states jump between elements")
-    for name, value, verified in (
-        ("time", sum(phase.duration for phase in phases), verification.time),
-        ("distance", len(phases) * params.step_length, verification.distance),
-    ):
-        if not math.isclose(value, verified, rel_tol=1e-9):
-            raise ValueError(f"its {name} is {value:g}, but {verified:g} was verified")
-
-
-def _require_held(hold: float, phases: Sequence[PhaseTrajectory]) -> None:
-    """Refuse phases whose voltage is not held over the periods of a clock."""
-    ticks = sum(phase.duration for phase in phases) / hold
-    if abs(ticks - round(ticks)) > 1e-6:
-        raise ValueError(f"its stride lasts {ticks:g} periods of its clock, not a whole number")
-    if any(phase.controls.shape[1] != 1 for phase in phases):
-        raise ValueError("its voltage is not held")

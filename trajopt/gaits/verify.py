@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from rimless_gym import hybrid
-from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.rules import LIMIT_TOLERANCE, VIOLATIONS, Extremes, violations
@@ -38,7 +37,6 @@ class Verification:
     Attributes:
         state_error: largest deviation from the interpolated state when the whole stride is
             simulated from x(0) without feedback (rad, rad/s); infinite if touchdowns do not match.
-        phase_state_error: the same with each phase simulated from its own start.
         energy_audit: |E - (idle + losses + collisions - work of the slope)| (J).
         electrical_positive: E+ of the stride, idle included (J).
         electrical: E of the stride, idle included (J).
@@ -51,9 +49,6 @@ class Verification:
         peak_voltage: largest |V| (V).
         clearance: smallest height of the pendulum's end (m); where the machine walks on a floor
             (`rimless_gym.rules.has_floor`), it must not be negative.
-        cot_at_100hz_hold: CoT over one stride with the voltage held for 10 ms, without feedback;
-            NaN if it falls. Of a gait with a hold of 10 ms, or of a multiple, it is its own CoT.
-        hold_failure: why it falls; empty if it does not.
         failures: the checks that failed, in words; empty if the gait passed.
         repeat_error: of a gait with a hold, largest change of the state over a stride that the
             stepping kernel makes interval by interval, whole turns left out (rad, rad/s); else NaN.
@@ -61,7 +56,6 @@ class Verification:
     """
 
     state_error: float
-    phase_state_error: float
     energy_audit: float
     electrical_positive: float
     electrical: float
@@ -73,8 +67,6 @@ class Verification:
     max_impulse_friction_demand: float
     peak_voltage: float
     clearance: float
-    cot_at_100hz_hold: float
-    hold_failure: str
     failures: tuple[str, ...]
     repeat_error: float = math.nan
     repeat_residual: float = math.nan
@@ -90,8 +82,9 @@ class Verification:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Verification:
-        """From what `to_dict` returned."""
-        return cls(**{**values, "failures": tuple(values["failures"])})
+        """From what `to_dict` returned, of earlier versions too, which had more figures."""
+        known = {f.name: values[f.name] for f in dataclasses.fields(cls) if f.name in values}
+        return cls(**known | {"failures": tuple(values["failures"])})
 
 
 def stride_error(
@@ -114,21 +107,10 @@ def stride_error(
     return float(max(deviations)), run
 
 
-def phase_error(params: WheelParams, phase: PhaseTrajectory) -> float:
-    """Largest deviation of one phase, re-simulated from its own start."""
-    until = phase.duration * (1 - 1e-9)
-    run = simulated(params, [phase], until)
-    t = np.linspace(0.0, until, 200)
-    if run.events:
-        return math.inf
-    return float(np.abs(run.state(t) - phase.state(t)).max())
-
-
 def verify(
     params: WheelParams,
     phases: Sequence[PhaseTrajectory],
     turns: int,
-    held: tuple[float, str] | None = None,
 ) -> Verification:
     """Re-simulate a gait and measure everything that is claimed of it.
 
@@ -136,15 +118,12 @@ def verify(
         params: the machine.
         phases: one per step.
         turns: whole turns that theta gains in a stride.
-        held: what `held_cost` would return, where it is known.
     """
     error, run = stride_error(params, phases, turns)
     ledger, weight = run.ledger, params.weight
     duration = sum(p.duration for p in phases)
-    cost, reason = held_cost(params, phases) if held is None else held
     figures: dict[str, Any] = {
         "state_error": error,
-        "phase_state_error": max(phase_error(params, p) for p in phases),
         "energy_audit": abs(_surplus(params, duration, run)),
         "electrical_positive": ledger.energy,
         "electrical": ledger.energy_with_regeneration,
@@ -156,8 +135,6 @@ def verify(
         "max_impulse_friction_demand": run.impulse_friction_demand if run.touchdowns else math.inf,
         "peak_voltage": peak_voltage(phases),
         "clearance": run.clearance,
-        "cot_at_100hz_hold": cost,
-        "hold_failure": reason,
     }
     return Verification(**figures, failures=tuple(_failures(params, figures)))
 
@@ -191,21 +168,6 @@ def peak_voltage(phases: Sequence[PhaseTrajectory]) -> float:
         t = (phase.edges[:-1, None] + phase.element_durations[:, None] * s).ravel()
         peaks.append(np.abs(phase.control(t)).max())
     return float(max(peaks))
-
-
-def held_cost(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> tuple[float, str]:
-    """CoT of one stride with the voltage held at 100 Hz and "", or NaN and why."""
-    _, law = playback(phases)
-    duration = sum(p.duration for p in phases)
-    ticks = CONTROL_PERIOD * np.arange(math.ceil(duration / CONTROL_PERIOD))
-    try:
-        run = simulate(params, phases[0].start, [law(t + 1e-9, None) for t in ticks], duration)
-    except RuntimeError as error:
-        return math.nan, str(error)
-    missing = len(phases) - run.steps
-    if missing > 1 or run.ledger.distance < 0.9 * len(phases) * params.step_length:
-        return math.nan, f"falls: {run.steps} of {len(phases)} steps without feedback"
-    return run.ledger.cost_of_transport(params), ""
 
 
 def _failures(params: WheelParams, f: dict[str, Any]) -> list[str]:

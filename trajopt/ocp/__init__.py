@@ -7,9 +7,8 @@ The engine knows nothing of any particular system. From the bottom to the top:
     layout, equations, program, transcription
                                 the problem on a mesh as a nonlinear program, solved by IPOPT
     accuracy, resimulation      errors between the nodes, costates; an independent simulation
-    extremal, plots             a solved problem: report, file, picture
+    extremal                    a solved problem: report, file
     refinement, guesses, solve  from a guess to a local minimum on a mesh that is fine enough
     multi_start, continuation   many starts; following a solution along a parameter
 
-`textbook` has problems with known answers.
 """

@@ -20,21 +20,6 @@ Expression: TypeAlias = Callable[..., Any]
 #: Bounds by name: (lower, upper), or one number where both are equal. Unbounded names are left out.
 Bounds = Mapping[str, float | tuple[float, float]]
 
-#: The arguments of functions, by their number.
-ARGUMENTS = {2: ("x", "p"), 3: ("x", "u", "p"), 4: ("starts", "ends", "durations", "p")}
-
-#: Remedies for common mistakes, by what occurs in CasADi's message.
-REMEDIES = {
-    "truth value": "branch with casadi.if_else, fmin or fmax, not with if, min or max",
-    "out of bounds": "indices count from 0 up to these sizes",
-    "SX_get": "indices are integers or slices",
-    "iterate": "casadi.vertsplit makes a list of a vector",
-    "positional argument": "it is called with these arguments",
-    "are free": "it may use only symbols of its own arguments",
-    "You have": "it must give real numbers, CasADi expressions, or a sequence of them",
-}
-
-
 #: Violations below this are rounding.
 NOTEWORTHY = 1e-9
 
@@ -61,7 +46,7 @@ class Constraint:
 
     def __post_init__(self) -> None:
         """Check that every name has bounds, and that the bounds leave room."""
-        object.__setattr__(self, "names", names_in("constraint: names", self.names, least=1))
+        object.__setattr__(self, "names", names_in("constraint: names", self.names))
         for side in ("lower", "upper"):
             values = real_array(f"constraint {self.names}: {side}", getattr(self, side))
             if values.shape not in ((), (1,), (len(self.names),)):
@@ -115,27 +100,11 @@ def equal(function: Expression, values: Sequence[float], *names: str) -> Constra
     return Constraint(function, values, values, names)  # type: ignore[arg-type]
 
 
-def require_constraint(where: str, constraint: Any) -> None:
-    """Refuse anything but a constraint or None, with a TypeError."""
-    if constraint is not None and not isinstance(constraint, Constraint):
-        raise TypeError(
-            f"{where} = {constraint!r}: must be a Constraint; `equal` and `nonnegative` make some"
-        )
-
-
 # -- bounds and names ---------------------------------------------------------------------------
 
 
 def pair(bounds: float | tuple[float, float], where: str = "bounds") -> tuple[float, float]:
-    """Bounds as (lower, upper); one number stands for both.
-
-    Args:
-        bounds: of any type.
-        where: what is bounded, for messages.
-
-    Raises:
-        TypeError: they are neither a number nor a pair of numbers.
-    """
+    """Bounds as (lower, upper); one number stands for both, and others are a TypeError."""
     both: Any = bounds if isinstance(bounds, (Sequence, np.ndarray)) else (bounds, bounds)
     try:
         low, high = both
@@ -156,15 +125,7 @@ def require_room(where: str, low: float, high: float) -> None:
 
 
 def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -> None:
-    """Refuse a table with invalid bounds or, where `known` is given, with an unknown name.
-
-    Raises:
-        InfeasibleBoundsError: no number lies between the bounds of a name.
-        TypeError: it is not a mapping from names to bounds.
-        ValueError: it has an unknown name.
-    """
-    if not isinstance(table, Mapping) or not all(isinstance(name, str) for name in table):
-        raise TypeError(f"{where} = {table!r}: must be a mapping, name: (lower, upper)")
+    """Refuse a table with invalid bounds or, where `known` is given, with an unknown name."""
     unknown = [name for name in table if known is not None and name not in known]
     if unknown:
         raise ValueError(f"{where} names {unknown}, which are not among {known}")
@@ -172,18 +133,10 @@ def require_bounds(where: str, table: Any, known: Sequence[str] | None = None) -
         require_room(f"{where} of {name}", *pair(bounds, f"{where} of {name}"))
 
 
-def names_in(where: str, names: Any, least: int = 0) -> tuple[str, ...]:
-    """Names as a tuple.
-
-    Raises:
-        TypeError: they are not a sequence of strings.
-        ValueError: there are fewer than `least`.
-    """
-    text = isinstance(names, str) or not isinstance(names, Sequence)
-    if text or not all(isinstance(name, str) for name in names):
+def names_in(where: str, names: Any) -> tuple[str, ...]:
+    """Names as a tuple; text, which is a sequence of letters, is refused with a TypeError."""
+    if isinstance(names, str):
         raise TypeError(f"{where} = {names!r}: give a tuple of names, such as ('x',) for one")
-    if len(names) < least:
-        raise ValueError(f"{where} = {names!r}: give at least {least}")
     return tuple(names)
 
 
@@ -200,16 +153,12 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
 
     Raises:
         TypeError: it is not a function.
-        ValueError: it takes other sizes, fails, returns something other than real numbers and
-            expressions, or has a row that is not finite for any of the arguments tried.
+        ValueError: it fails, or a row is not finite for any of the arguments tried.
     """
     if isinstance(function, ca.Function):
         given = tuple(function.size1_in(i) for i in range(function.n_in()))
         if given != sizes:
-            raise ValueError(
-                f"{where} was traced for inputs of sizes {given}, here they are {sizes}: it can be "
-                "used again only in a problem with as many states, controls and parameters"
-            )
+            raise ValueError(f"{where} was traced for inputs of sizes {given}, not {sizes}")
         return function
     if not callable(function):
         raise TypeError(f"{where} = {function!r}: must be a function")
@@ -217,7 +166,9 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
     try:
         traced = ca.Function(where.split()[-1], symbols, [_column(function(*symbols))])
     except Exception as error:  # a caller's function may raise anything
-        raise ValueError(_failure(where, error, sizes)) from error
+        raise ValueError(
+            f"{where} cannot be traced with symbols of sizes {sizes}: {error}"
+        ) from error
     tried = [traced(*(np.full(n, value) for n in sizes)).full() for value in (0.3, 0.7, -0.4)]
     if not np.isfinite(tried).any(axis=0).all():
         raise ValueError(
@@ -225,12 +176,6 @@ def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
             "casadi.sin; functions of math turn symbols into NaN"
         )
     return traced
-
-
-def require_scalar(where: str, function: ca.Function) -> None:
-    """Refuse a function that does not return exactly one number, with a ValueError."""
-    if function.size1_out(0) != 1:
-        raise ValueError(f"{where} gives {function.size1_out(0)} numbers, not one: add them up")
 
 
 def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> None:
@@ -243,23 +188,7 @@ def require_rows(where: str, function: ca.Function, names: Sequence[str]) -> Non
 
 def _column(out: Any) -> ca.SX:
     """What a function returned, as a dense column."""
-    if out is None:
-        raise ValueError("it gives None: end it with return")
     if isinstance(out, np.ndarray):
         out = list(np.atleast_1d(out))
-    entries = out if isinstance(out, Sequence) and not isinstance(out, (str, bytes)) else [out]
-    column = ca.SX(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
-    if column.size2() != 1 and column.numel():
-        raise ValueError(f"it gives a matrix of shape {column.shape}: casadi.vec makes one column")
-    return ca.densify(column)
-
-
-def _failure(where: str, error: Exception, sizes: Sequence[int]) -> str:
-    inputs = zip(ARGUMENTS[len(sizes)], sizes, strict=True)
-    called = ", ".join(f"{name} ({size})" for name, size in inputs)
-    text = str(error).strip() or "no reason given"
-    remedy = next((f"; {hint}" for sign, hint in REMEDIES.items() if sign in text), "")
-    return (
-        f"{where} cannot be traced with symbols of sizes {called}: "
-        f"{type(error).__name__}: {text.splitlines()[-1].strip()}{remedy}"
-    )
+    entries = out if isinstance(out, Sequence) else [out]
+    return ca.densify(ca.vec(ca.SX(ca.vertcat(*entries)))) if entries else ca.SX(0, 1)

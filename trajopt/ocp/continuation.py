@@ -13,9 +13,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from rimless_gym.checks import flag, positive, real, real_array, require_callable, require_kind
+from rimless_gym.checks import positive, real, real_array
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import InfeasibleBoundsError
 from trajopt.ocp.extremal import Extremal
@@ -34,6 +33,10 @@ GROWTH = 2.0
 #: A step that ends short of a value by less than this fraction of the way is extended to it.
 SHORT_OF = 1e-6
 
+#: A step whose solution is farther than this (`distance`) from its extrapolation has jumped to
+#: another solution.
+MOST_JUMP = 0.3
+
 #: A mesh that has grown to more than so many times the elements of the first one is given up for
 #: the first one: refinements where a control used to switch are of no use.
 MOST_GROWTH = 2.0
@@ -47,8 +50,6 @@ def continued(
     mesh: Mesh | None = None,
     step: float | None = None,
     shortest: float | None = None,
-    max_jump: float = 0.3,
-    progress: bool = False,
     **settings: Any,
 ) -> Curve:
     """Follow a solution along a parameter of its problem.
@@ -64,9 +65,6 @@ def continued(
         mesh: to begin with; that of `start` by default, if it has one.
         step: the longest; by default as far as the next value.
         shortest: the shortest that is tried; by default 1/256 of the whole way.
-        max_jump: a step whose solution is farther than this (`distance`) from its extrapolation has
-            jumped to another solution.
-        progress: whether to show a bar.
         settings: of `solve`, options of IPOPT included. With ``passes=0`` every solution is on the
             mesh given; refine the last one with `solve`.
 
@@ -79,7 +77,6 @@ def continued(
         ValueError: there are fewer than two values, a number is out of its range, or IPOPT has no
             such option.
     """
-    require_callable("problem_at", problem_at)
     values = [real("values", value) for value in real_array("values", values).ravel().tolist()]
     if len(values) < 2 or any(a == b for a, b in pairwise(values)):
         raise ValueError(f"values = {values}: give a start and a goal, or more, all different")
@@ -87,14 +84,10 @@ def continued(
         step = positive("step", step)
     length = sum(abs(b - a) for a, b in pairwise(values))
     shortest = SHORTEST * length if shortest is None else positive("shortest", shortest)
-    max_jump, progress = positive("max_jump", max_jump), flag("progress", progress)
-    if mesh is not None:
-        require_kind("mesh", mesh, Mesh)
-    follower = _Follower(problem_at, start, mesh, max_jump, settings)
-    with tqdm(total=100, desc="continuation", unit="%", disable=not progress) as bar:
-        obstacle = follower.follow(values, step or math.inf, shortest, bar)
+    follower = _Follower(problem_at, start, mesh, settings)
+    obstacle = follower.follow(values, step or math.inf, shortest)
     solved, solutions = zip(*follower.solved, strict=True) if follower.solved else ((), ())
-    return Curve(values[-1], solved, solutions, obstacle)
+    return Curve(solved, solutions, obstacle)
 
 
 def distance(one: Sequence[PhaseTrajectory], other: Sequence[PhaseTrajectory]) -> float:
@@ -139,10 +132,9 @@ class _Follower:
         problem_at: Callable[[float], Problem],
         start: Extremal | Sequence[PhaseTrajectory],
         mesh: Mesh | None,
-        max_jump: float,
         settings: dict[str, Any],
     ) -> None:
-        self.problem_at, self.max_jump, self.settings = problem_at, max_jump, settings
+        self.problem_at, self.settings = problem_at, settings
         self.solved: list[tuple[float, Extremal]] = []
         self.transcription: Transcription | None = None
         self.phases: Sequence[PhaseTrajectory]
@@ -156,12 +148,9 @@ class _Follower:
         else:
             self.phases = start
 
-    def follow(
-        self, values: Sequence[float], longest: float, shortest: float, bar: tqdm
-    ) -> Obstacle | None:
+    def follow(self, values: Sequence[float], longest: float, shortest: float) -> Obstacle | None:
         """Go from the first of the values to the last; what is in the way, if anything."""
-        length, step = sum(abs(b - a) for a, b in pairwise(values)), longest
-        obstacle = self._solve(values[0])
+        step, obstacle = longest, self._solve(values[0])
         for target in values[1:]:
             while obstacle is None and (reached := self.solved[-1][0]) != target:
                 way = target - reached
@@ -171,8 +160,6 @@ class _Follower:
                 obstacle = self._solve(value)
                 if obstacle is None:
                     step = min(GROWTH * step, longest)
-                    bar.set_postfix_str(f"at {value:.6g}", refresh=False)
-                    bar.update(100 * abs(value - reached) / length)
                 elif step / 2 > (1 - SHORT_OF) * shortest:
                     step, obstacle = step / 2, None
         return obstacle
@@ -183,7 +170,6 @@ class _Follower:
             problem = self.problem_at(value)
         except InfeasibleBoundsError as error:
             return Obstacle(value, str(error), None)
-        require_kind(f"problem_at({value:g})", problem, Problem)
         guess = self._predicted(value)
         extremal = solve(
             problem,
@@ -195,7 +181,7 @@ class _Follower:
         if not extremal.succeeded or extremal.violations:
             return Obstacle(value, "; ".join(extremal.failures), extremal)
         jump = distance(guess, extremal.phases) if self.solved else 0.0
-        if jump > self.max_jump:
+        if jump > MOST_JUMP:
             return Obstacle(value, f"a jump to another solution, by {jump:.2g}", extremal)
         self.solved.append((value, extremal))
         self.phases, self.parameters = extremal.phases, extremal.parameters
@@ -236,24 +222,18 @@ class Obstacle:
     reason: str
     attempt: Extremal | None
 
-    def __str__(self) -> str:
-        """A line for a report."""
-        return f"at {self.value:.9g}: {self.reason}"
 
-
-@dataclasses.dataclass(frozen=True, repr=False)
+@dataclasses.dataclass(frozen=True)
 class Curve:
     """Solutions along a parameter.
 
     Attributes:
-        goal: the last value asked for.
         values: of the parameter, in order; among them are all values asked for that were reached.
         solutions: one for each value. IPOPT succeeded for all of them; only
             `Extremal.converged` tells whether the mesh is fine enough.
         obstacle: why the goal was not reached; None if it was.
     """
 
-    goal: float
     values: tuple[float, ...] = ()
     solutions: tuple[Extremal, ...] = ()
     obstacle: Obstacle | None = None
@@ -261,14 +241,4 @@ class Curve:
     @property
     def reached(self) -> bool:
         """Whether the goal was reached."""
-        return bool(self.values) and self.values[-1] == self.goal
-
-    @property
-    def costs(self) -> tuple[float, ...]:
-        """The solutions' costs."""
-        return tuple(solution.cost for solution in self.solutions)
-
-    def __repr__(self) -> str:
-        ends = f"from {self.values[0]:.6g} to {self.values[-1]:.6g}" if self.values else "empty"
-        stopped = f", stopped {self.obstacle}" if self.obstacle else ""
-        return f"Curve({len(self.values)} solutions, {ends}{stopped})"
+        return self.obstacle is None

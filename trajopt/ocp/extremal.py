@@ -1,19 +1,19 @@
 """A solved problem, as users see it: states and controls by time, whether it converged, its file.
 
 A file has everything but the problem, whose functions are not plain data. `Extremal.load` is
-therefore given the problem, and detects a wrong one; `load_phases` needs none.
+therefore given the problem; `load_phases` needs none.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rimless_gym.checks import real
-from trajopt.ocp.accuracy import Certificate, audit, hamiltonian
+from trajopt.ocp.accuracy import Certificate
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Violation
 from trajopt.ocp.mesh import Mesh
@@ -28,10 +28,7 @@ from trajopt.ocp.trajectory import (
 )
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
-from trajopt.store import array_of, read_arrays, write_arrays
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from trajopt.store import read_arrays, write_arrays
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -119,11 +116,6 @@ class Extremal:
         return float(self._ends[-1])
 
     @property
-    def cost_gaps(self) -> tuple[Array, ...]:
-        """What each element may cost too much; see `Certificate.cost_gaps`."""
-        return self.certificate.cost_gaps(self.phases, self.cost)
-
-    @property
     def succeeded(self) -> bool:
         """Whether IPOPT solved the program on the mesh; this says nothing about accuracy."""
         return self.status == SUCCESS
@@ -142,7 +134,9 @@ class Extremal:
         """What is wrong, in words; empty if the solution converged."""
         failures = []
         if not self.succeeded:
-            failures.append(f"IPOPT: {self.status}{self._divergence}")
+            failures.append(f"IPOPT: {self.status}")
+        if self.status == DIVERGING:
+            failures.append("the cost has no minimum, or limits contradict each other")
         failures += [str(violation) for violation in self.violations[:3]]
         if not self.mesh_error <= self.tolerance:
             failures.append(f"mesh error {self.mesh_error:.1e} exceeds {self.tolerance:.1e}")
@@ -159,25 +153,6 @@ class Extremal:
     def outcome(self) -> str:
         """Whether the solution converged, or why not, in one line."""
         return "converged" if self.converged else "FAILED: " + "; ".join(self.failures)
-
-    @property
-    def _divergence(self) -> str:
-        """What grew, where the cost has no minimum."""
-        if self.status != DIVERGING:
-            return ""
-        pairs = zip(self.problem.parameters, self.parameters, strict=True)
-        sizes = {f"parameter {name}": abs(float(value)) for name, value in pairs}
-        for phase, trajectory in zip(self.problem.phases, self.phases, strict=True):
-            sizes[f"the duration of phase {phase.name!r}"] = abs(trajectory.duration)
-            both = (phase.states, trajectory.states), (phase.controls, trajectory.controls)
-            for names, values in both:
-                for name, size in zip(names, np.abs(values).max(axis=(0, 1)), strict=True):
-                    sizes[f"{name} of phase {phase.name!r}"] = float(size)
-        name, size = max(sizes.items(), key=lambda item: item[1])
-        return (
-            f": {name} grew to {size:.1e} and the cost came to {self.transcribed_cost:.1e}: it has "
-            "no minimum, or limits contradict each other; bound what grows"
-        )
 
     # -- by time --------------------------------------------------------------------------------
 
@@ -228,7 +203,7 @@ class Extremal:
         """Everything worth knowing, as text; failures in capitals."""
         elements = ", ".join(str(len(d)) for d in self.mesh.degrees)
         iterations = sum(a.iterations for a in self.attempts)
-        gap = sum(gaps.sum() for gaps in self.cost_gaps)
+        gap = sum(g.sum() for g in self.certificate.cost_gaps(self.phases, self.cost))
         lines = [
             f"Optimal control, {len(self.phases)} phase(s), {self.duration:.6g} s",
             f"  outcome              {self.outcome}",
@@ -256,21 +231,6 @@ class Extremal:
         lines += [f"  retried              {a.status} with {a.options}" for a in retried]
         return "\n".join(lines)
 
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """States, controls and Hamiltonian against time; see `trajopt.ocp.plots.plot`.
-
-        Args:
-            path: where to write a picture too, if anywhere; its suffix says which kind.
-        """
-        from trajopt.ocp.plots import plot  # matplotlib takes a second to import
-
-        outcome = "converged" if self.converged else "FAILED: " + self.failures[0]
-        title = f"cost {self.cost:.6g}, {outcome}"
-        figure = plot(self.problem, self.phases, self.parameters, title, self.certificate)
-        if path is not None:
-            figure.savefig(Path(path))
-        return figure
-
     # -- files ----------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
@@ -285,25 +245,18 @@ class Extremal:
     def load(cls, path: str | Path, problem: Problem) -> Extremal:
         """Read what `save` wrote, a solution of `problem`.
 
-        To detect another problem, its names, the Hamiltonian along the trajectory and the limits
-        between the nodes are compared with what was saved.
-
         Raises:
             FileNotFoundError: there is no such file.
             ExtremalFileError: it is not a solution saved by this version, was edited or damaged,
-                or is of another problem.
+                or its problem has other names.
         """
         header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        difference = "it has other names"
-        if header["names"] == _names(problem):
-            extremal = _from_file(header, arrays, problem)
-            difference = _difference(extremal)
-            if not difference:
-                return extremal
-        raise ExtremalFileError(
-            f"{path}: the solution of another problem than the one given: {difference}; "
-            "`load_phases` reads it as a guess"
-        )
+        if header["names"] != _names(problem):
+            raise ExtremalFileError(
+                f"{path}: the solution of another problem than the one given, which has other "
+                "names; `load_phases` reads it as a guess"
+            )
+        return _from_file(header, arrays, problem)
 
 
 def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
@@ -361,7 +314,7 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
     phases, simulated = phases_from_arrays(arrays), header["resimulation"]
 
     def by_phase(name: str) -> tuple[Array, ...]:
-        return tuple(array_of(arrays, f"phase{i}_{name}") for i in range(len(phases)))
+        return tuple(arrays[f"phase{i}_{name}"] for i in range(len(phases)))
 
     if simulated is not None:
         simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
@@ -369,12 +322,12 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         problem=problem,
         mesh=Mesh.from_dict(header["mesh"]),
         phases=phases,
-        parameters=array_of(arrays, "parameters"),
+        parameters=arrays["parameters"],
         certificate=Certificate(
             by_phase("costates"),
             by_phase("hamiltonian"),
             by_phase("mean_hamiltonian"),
-            array_of(arrays, "duration_price"),
+            arrays["duration_price"],
         ),
         resimulation=simulated,
         attempts=tuple(Attempt(**a) for a in header["attempts"]),
@@ -382,22 +335,3 @@ def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem)
         audit=tuple(Violation(**v) for v in header["audit"]),
         **{name: header[name] for name in _PLAIN},
     )
-
-
-def _difference(extremal: Extremal) -> str:
-    """How the saved figures differ from those computed with the problem; "" if they agree."""
-    problem, p, certificate = extremal.problem, extremal.parameters, extremal.certificate
-    saved = zip(certificate.costates, certificate.hamiltonian, strict=True)
-    pairs = zip(problem.phases, extremal.phases, saved, strict=True)
-    for phase, trajectory, (costates, before) in pairs:
-        if phase.integral is not None:  # its multipliers, which are not saved, count as well
-            continue
-        gap = before - hamiltonian(phase, trajectory, costates, p)
-        if np.any(np.abs(gap) > 1e-8 * (1.0 + np.abs(before))):
-            return f"the flow or the running cost of phase {phase.name!r} is different"
-    known = {(v.kind, v.name, v.phase): v.amount for v in extremal.audit}
-    for violation in audit(problem, extremal.phases, p):
-        key = violation.kind, violation.name, violation.phase
-        if violation.amount > known.get(key, 0.0) + 1e-8:
-            return str(violation)
-    return ""

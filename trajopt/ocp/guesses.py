@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from rimless_gym.checks import integer, positive, require_kind
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.problem import Phase, Problem
@@ -54,12 +53,6 @@ class Waypoints:
     problem: Problem
     points: int = 3
     spread: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check types and ranges."""
-        require_kind("problem", self.problem, Problem)
-        integer("points", self.points, 1)
-        positive("spread", self.spread)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Guess:
         """Guess number `index`."""

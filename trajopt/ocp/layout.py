@@ -124,11 +124,12 @@ def pack(
     given are in the middle of their bounds.
 
     Raises:
-        TypeError: the guess is not a sequence of trajectories, or `parameters` are not numbers.
-        ValueError: they do not fit the problem, or are not finite.
+        ValueError: they do not fit the problem.
     """
     _require_fit(problem, guess)
-    p = middle(problem) if parameters is None else _parameters(problem, parameters)
+    p = middle(problem) if parameters is None else real_array("parameters", parameters)
+    if p.shape != (len(problem.parameters),):
+        raise ValueError(f"parameters = {p}: give one number each for {tuple(problem.parameters)}")
     parts: dict[Key, Array] = {(-1, "parameters", 0): p.reshape(-1, 1)}
     low, high = pair(problem.duration)
     total = float(np.cumsum([trajectory.duration for trajectory in guess])[-1])
@@ -146,24 +147,7 @@ def pack(
     return layout.join(parts)
 
 
-def _parameters(problem: Problem, values: Any) -> Array:
-    """A guess of the static parameters, checked."""
-    p, names = real_array("parameters", values), tuple(problem.parameters)
-    if p.shape != (len(names),):
-        raise ValueError(
-            f"parameters = {values!r}: of shape {p.shape}, while the problem has {len(names)}: "
-            f"{names}; give one number for each"
-        )
-    if not np.isfinite(p).all():
-        raise ValueError(f"parameters = {values!r}: must all be finite")
-    return p.astype(float)
-
-
 def _require_fit(problem: Problem, guess: Sequence[PhaseTrajectory]) -> None:
-    if not isinstance(guess, Sequence) or not all(isinstance(t, PhaseTrajectory) for t in guess):
-        raise TypeError(
-            f"guess = {guess!r}: must be a sequence of trajopt.PhaseTrajectory, one per phase"
-        )
     if len(guess) != len(problem.phases):
         raise ValueError(
             f"the guess has {len(guess)} trajectories for the {len(problem.phases)} phases: "

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import cloudpickle
@@ -27,16 +25,18 @@ from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import WARM_BARRIER, minimize, solve
-from trajopt.ocp.trajectory import PhaseTrajectory, phases_from_arrays, phases_to_arrays
+from trajopt.ocp.trajectory import PhaseTrajectory
 from trajopt.ocp.transcription import Transcription
 from trajopt.pool import run
-from trajopt.store import Store
 
 #: The mesh that starts share if no other is given: elements per phase and their degree.
 ELEMENTS, DEGREE = 14, 4
 
 #: Options over `trajopt.ocp.transcription.IPOPT`: a start that takes longer seldom leads anywhere.
 OPTIONS = {"max_iter": 300}
+
+#: Most optima in a report.
+REPORTED = 10
 
 #: By how much costs (relative) and states along the phases (relative to 1 + their magnitude) of one
 #: optimum may differ.
@@ -158,14 +158,8 @@ class Search:
     same: Same = Outcome.same_as
 
     def start(self, index: int) -> Start:
-        """Start number `index`, the same one every time.
-
-        Raises:
-            TypeError: the family gives something else than a guess or a `Start`.
-        """
+        """Start number `index`, the same one every time."""
         drawn = self.family(np.random.default_rng([self.seed, index]), index)
-        if not isinstance(drawn, (Start, Sequence)):
-            raise TypeError(f"family: gives {drawn!r}; must be a Start, or a trajectory per phase")
         start = drawn if isinstance(drawn, Start) else Start(tuple(drawn))
         return dataclasses.replace(start, problems=start.problems or (self.problem,))
 
@@ -179,25 +173,18 @@ class Search:
         """The starts that led nowhere, by index."""
         return tuple(outcome for outcome in self.outcomes if outcome.failure)
 
-    def __repr__(self) -> str:
-        best = f"best cost {self.optima[0].cost:.6g}" if self.optima else "none found"
-        return (
-            f"Search({len(self.outcomes)} starts, {len(self.optima)} local optima, {best}, "
-            f"{len(self.failures)} failed)"
-        )
-
-    def report(self, most: int = 10) -> str:
-        """At most so many of the best optima and the reasons of failure, as text."""
+    def report(self) -> str:
+        """The best optima and the reasons of failure, as text."""
         count, optima = len(self.outcomes), self.optima
         lines = [f"Multi-start, {count} starts (seed {self.seed})"]
-        for optimum in optima[: integer("most", most, 0)]:
+        for optimum in optima[:REPORTED]:
             times, kind = len(optimum.starts), optimum.best.kind
             lines.append(
                 f"  cost {optimum.cost:<15.9g} from {times} start(s), {times / count:.1%}"
                 + (f", {kind}" if kind else "")
             )
-        if len(optima) > most:
-            lines.append(f"  and {len(optima) - most} more, up to {optima[-1].cost:.9g}")
+        if len(optima) > REPORTED:
+            lines.append(f"  and {len(optima) - REPORTED} more, up to {optima[-1].cost:.9g}")
         if not optima:
             lines.append("  NO LOCAL OPTIMUM FOUND")
         reasons = collections.Counter(o.failure.split(":")[0] for o in self.failures)
@@ -213,7 +200,6 @@ def multi_start(
     seed: int = 0,
     workers: int = 1,
     mesh: Mesh | None = None,
-    folder: str | Path | None = None,
     same: Same = Outcome.same_as,
     progress: bool = False,
     **options: Any,
@@ -229,8 +215,6 @@ def multi_start(
         seed: of the generators.
         workers: processes; with one, this process does the work.
         mesh: 14 elements of degree 4 per phase by default.
-        folder: where outcomes are stored as they come, if anywhere. A search that was interrupted
-            or killed continues from there; so does one of more starts.
         same: (outcome, outcome) -> whether they are the same optimum.
         progress: whether to show a bar.
         options: of IPOPT, over `OPTIONS`.
@@ -238,29 +222,19 @@ def multi_start(
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed.
         TypeError: an argument is of the wrong type.
-        ValueError: an argument is out of its range, `folder` holds another search, or IPOPT has no
-            such option.
+        ValueError: an argument is out of its range, or IPOPT has no such option.
     """
     require_kind("problem", problem, Problem)
     starts, seed = integer("starts", starts, 0), integer("seed", seed, 0)
     workers, progress = integer("workers", workers, 1), flag("progress", progress)
-    for name, function in (("family", family), ("same", same)):
-        require_callable(name, function)
+    require_callable("family", family)
     mesh = Mesh.uniform(problem, ELEMENTS, DEGREE) if mesh is None else mesh
     require_kind("mesh", mesh, Mesh)
     search = Search(problem, family, seed, mesh, OPTIONS | options, same=same)
-    store = None if folder is None else Store(folder, _inputs(search))
-    with store or nullcontext():
-        stored = {} if store is None else dict(_stored(store, range(starts)))
-        missing = [index for index in range(starts) if index not in stored]
-        title = "starts" if progress else ""
-        with closing(run(_Solver(search), missing, workers, progress=title)) as results:
-            for index, outcome in results:
-                stored[index] = outcome
-                if store is not None:
-                    store.save(str(index), _to_json(outcome))
-    outcomes = tuple(outcome for _, outcome in sorted(stored.items()))
-    return dataclasses.replace(search, outcomes=outcomes)
+    title = "starts" if progress else ""
+    with closing(run(_Solver(search), range(starts), workers, progress=title)) as results:
+        outcomes = dict(results)
+    return dataclasses.replace(search, outcomes=tuple(outcomes[i] for i in range(starts)))
 
 
 def best_of(search: Search, count: int = 1, **settings: Any) -> tuple[Extremal, ...]:
@@ -336,29 +310,3 @@ class _Solver:
 @lru_cache(maxsize=1)  # a task comes with its solver
 def _unpickled(pickled: bytes) -> _Solver:
     return _Solver(cloudpickle.loads(pickled))
-
-
-# -- stored outcomes ----------------------------------------------------------------------------
-
-
-def _inputs(search: Search) -> dict[str, Any]:
-    """What the outcomes of a search depend on."""
-    problem = hashlib.sha256(cloudpickle.dumps(search.problem)).hexdigest()
-    return {
-        "problem": problem,
-        "seed": search.seed,
-        "mesh": dataclasses.asdict(search.mesh),
-        "options": dict(search.options),
-    }
-
-
-def _to_json(outcome: Outcome) -> dict[str, Any]:
-    values = {field.name: getattr(outcome, field.name) for field in dataclasses.fields(outcome)}
-    return values | {"phases": phases_to_arrays(outcome.phases)}
-
-
-def _stored(store: Store, indices: Iterable[int]) -> Iterator[tuple[int, Outcome]]:
-    for index in indices:
-        if str(index) in store:
-            values = store.load(str(index))
-            yield index, Outcome(**values | {"phases": phases_from_arrays(values["phases"])})

@@ -81,20 +81,15 @@ def simulate_phase(
 ) -> tuple[float, Array, float]:
     """Simulate a phase from `start`: largest deviation from its states, the end, the cost."""
     y, error = np.append(start, 0.0), 0.0
-    for times, values in simulate_elements(phase, trajectory, start, p):
+    for times, values in _simulated_elements(phase, trajectory, start, p):
         inside = trajectory.state(np.minimum(times, trajectory.duration))
         error = max(error, float(np.abs(values[:, :-1] - inside).max()))
         y = values[-1]
     return error, y[:-1], float(y[-1])
 
 
-def simulate_elements(
-    phase: Phase,
-    trajectory: PhaseTrajectory,
-    start: Array,
-    p: Array,
-    rtol: float = RTOL,
-    atol: float = ATOL,
+def _simulated_elements(
+    phase: Phase, trajectory: PhaseTrajectory, start: Array, p: Array
 ) -> Iterator[tuple[Array, Array]]:
     """Simulate a phase from `start`, element by element.
 
@@ -121,7 +116,7 @@ def simulate_elements(
 
         times = begin + (end - begin) * np.linspace(0.0, 1.0, 9)
         times[-1] = end
-        settings: dict[str, Any] = {"rtol": rtol, "atol": atol, "dense_output": True}
+        settings: dict[str, Any] = {"rtol": RTOL, "atol": ATOL, "dense_output": True}
         try:
             run = solve_ivp(rates, (begin, end), y, "DOP853", **settings)
         except _TooStiffError:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rimless_gym.checks import flag, integer, positive, require_kind
+from rimless_gym.checks import integer, positive, require_kind
 from trajopt.ocp.accuracy import Candidate, audit
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Constraint
@@ -65,8 +65,6 @@ def solve(
     *,
     parameters: Array | None = None,
     tolerance: float = 1e-7,
-    cost_tolerance: float = 1e-6,
-    limit_tolerance: float = 1e-6,
     hamiltonian_tolerance: float = 1e-3,
     passes: int = 10,
     verify: bool = True,
@@ -83,9 +81,6 @@ def solve(
         mesh: to begin with; 10 elements of degree 4 per phase by default.
         parameters: guess of the static parameters; the middle of their bounds by default.
         tolerance: of the estimated relative error of the states within an element.
-        cost_tolerance: of the cost's error, and of what the control may cost too much, within an
-            element, relative to 1 + |cost|; only guides the refinement.
-        limit_tolerance: of bounds and path constraints between the nodes.
         hamiltonian_tolerance: of the Hamiltonian's change over an element, relative; elements that
             exceed it are halved a few times, for as long as that helps.
         passes: most refinements; 0 solves on `mesh` alone.
@@ -107,14 +102,10 @@ def solve(
     """
     require_kind("problem", problem, Problem)
     tolerances = Tolerances(
-        positive("tolerance", tolerance),
-        positive("cost_tolerance", cost_tolerance),
-        positive("limit_tolerance", limit_tolerance),
-        positive("hamiltonian_tolerance", hamiltonian_tolerance),
+        states=positive("tolerance", tolerance),
+        hamiltonian=positive("hamiltonian_tolerance", hamiltonian_tolerance),
     )
-    passes, verify = integer("passes", passes, 0), flag("verify", verify)
-    if not option_sets:
-        raise ValueError("option_sets = (): give at least one set of options, such as {}")
+    passes = integer("passes", passes, 0)
     if isinstance(guess, Extremal):
         guess = guess.phases
     guess = straight_lines(problem) if guess is None else guess

@@ -16,7 +16,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from rimless_gym.checks import require_kind
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.constraints import Violation
 from trajopt.ocp.equations import Equations, Rows
@@ -131,8 +130,6 @@ class Transcription:
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
-        require_kind("problem", problem, Problem)
-        require_kind("mesh", mesh, Mesh)
         if len(mesh.degrees) != len(problem.phases):
             raise ValueError(
                 f"the mesh has {len(mesh.degrees)} phases, the problem {len(problem.phases)}: "

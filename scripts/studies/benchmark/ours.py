@@ -76,21 +76,17 @@ class Walks(NamedTuple):
         modes: stance modes at the start, (M,), numbered as in `rimless_gym.hybrid`.
         actions: as the environment takes them, (WINDOW, M) float32.
         ends: states (M, 4) after the last interval.
-        touchdowns: share of the control intervals that have a touchdown.
     """
 
     starts: Floats
     modes: NDArray[np.int64]
     actions: NDArray[np.float32]
     ends: Floats
-    touchdowns: Floats
 
     def pieces(self, index: Any) -> Walks:
         """The pieces of these numbers."""
         actions = np.ascontiguousarray(self.actions[:, index])
-        return Walks(
-            self.starts[index], self.modes[index], actions, self.ends[index], self.touchdowns
-        )
+        return Walks(self.starts[index], self.modes[index], actions, self.ends[index])
 
     def checked(self, difference: Any) -> float:
         """The largest difference of a replay from the recorded end.
@@ -160,15 +156,14 @@ def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
         "steps": steps,
         "seconds": elapsed,
         "replay_error": error,
-        "touchdown_share": float(walks.touchdowns),
     }
 
 
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
     """Kelly's cart-pole: the problem is built, and solved on one mesh."""
+    from scripts.studies.textbook import cart_pole
     from trajopt.ocp.guesses import straight_lines
     from trajopt.ocp.mesh import Mesh
-    from trajopt.ocp.textbook import cart_pole
     from trajopt.ocp.transcription import Transcription
 
     def once() -> dict[str, float]:
@@ -268,7 +263,7 @@ def load_walks(folder: Path) -> Walks:
         np.savez(part, **record_walks()._asdict())
         os.replace(part, path)
     with np.load(path, allow_pickle=False) as arrays:
-        return Walks(**{name: arrays[name] for name in arrays.files})
+        return Walks(**{name: arrays[name] for name in Walks._fields})
 
 
 def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = RECORDED) -> Walks:
@@ -296,17 +291,16 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
     )
     envs.reset(seed=0)
     limit = envs.unwrapped.params[0].voltage_limit
-    states, actions, touchdowns, lasting = [], [], [], np.full(walks, True)
+    states, actions, lasting = [], [], np.full(walks, True)
     for i in range(settling + recorded):
         before = envs.unwrapped.states
         volts = law(before[:, :4], before[:, 4].astype(np.int64))
         action = np.clip(volts / limit, -1.0, 1.0).astype(np.float32)
-        _, _, terminated, _, info = envs.step(action[:, None])
+        _, _, terminated, _, _ = envs.step(action[:, None])
         lasting &= ~terminated
         if i >= settling:
             states.append(before)
             actions.append(action)
-            touchdowns.append(info["touchdowns"] > 0)
     states.append(envs.unwrapped.states)
     edges = np.array(states[::WINDOW])[:, lasting]  # (windows + 1, walks, 6)
     played = np.array(actions)[:, lasting].reshape(-1, WINDOW, lasting.sum()).swapaxes(0, 1)
@@ -316,7 +310,6 @@ def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = R
         first[:, 4].astype(np.int64),
         played.reshape(WINDOW, -1),
         end[:, :4],
-        np.mean(touchdowns),
     )
     single_env, accepted = gym.make("RimlessWheel-v0", params=PRESET), []
     for i, (start, mode) in enumerate(zip(recording.starts, recording.modes, strict=True)):

@@ -67,14 +67,12 @@ class PlaceResults:
         gaits: different ones, best first.
         starts: random starts by turns: how many were tried, and how many became gaits.
         known: keys of the gaits that were continued to here or joined, with success or not.
-        seconds: of computing.
     """
 
     place: Place
     gaits: tuple[SearchGait, ...] = ()
     starts: Mapping[int, tuple[int, int]] = dataclasses.field(default_factory=dict)
     known: frozenset[str] = frozenset()
-    seconds: float = 0.0
 
     def tried(self, turns: int) -> int:
         """Random starts that were tried with so many turns."""
@@ -96,8 +94,7 @@ class PlaceResults:
         else:
             tried, good = starts.get(attempt.turns, (0, 0))
             starts[attempt.turns] = (tried + 1, good + (attempt.gait is not None))
-        seconds = self.seconds + attempt.seconds
-        after = dataclasses.replace(self, starts=starts, known=known, seconds=seconds)
+        after = dataclasses.replace(self, starts=starts, known=known)
         return after if attempt.gait is None else after.with_gait(attempt.gait)
 
     def with_gait(self, gait: SearchGait) -> PlaceResults:
@@ -127,7 +124,6 @@ class PlaceResults:
             "gaits": gaits,
             "starts": starts,
             "known": sorted(self.known),
-            "seconds": self.seconds,
         }
 
     @classmethod
@@ -141,7 +137,7 @@ class PlaceResults:
             for g in value["gaits"]
         )
         starts = {turns: (tried, good) for turns, tried, good in value["starts"]}
-        return cls(place, gaits, starts, frozenset(value["known"]), value["seconds"])
+        return cls(place, gaits, starts, frozenset(value["known"]))
 
 
 class SearchResults:
@@ -182,7 +178,7 @@ class SearchResults:
             if source is None or attempt.gait is None or before.has(attempt.gait):
                 continue
             # The way back ends where it came from.
-            back = SolveAttempt(attempt.turns, attempt.gait.key, None, 0.0)
+            back = SolveAttempt(attempt.turns, attempt.gait.key, None)
             self.save(self.at(place._replace(speed=source)).after(back))
         self.save(after)
 
@@ -210,11 +206,6 @@ class SearchResults:
     def costs(self, *seeds: int) -> dict[float, float]:
         """The costs of transport of `envelope`."""
         return {speed: gait.cot for speed, gait in self.envelope(*seeds).items()}
-
-    @property
-    def seconds(self) -> float:
-        """Computing so far, over all processes (s)."""
-        return sum(results.seconds for results in self.places.values())
 
 
 def disagreements(one: Mapping[float, float], other: Mapping[float, float]) -> dict[float, float]:

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 from scripts.studies.fronts import results as plans
 from scripts.studies.fronts.results import (
@@ -54,14 +54,11 @@ SCREENED = 2
 #: The shortest distance between speeds is the grid's spacing divided by this.
 FINEST = 4
 
-#: Shares of the budget at which the two seeds' search ends, and the last sweeps.
-AGREED, SEARCHED = 0.55, 0.7
-
 #: Rounds of random starts of one-step gaits near the envelope, beyond the first screening.
 MORE_STARTS = 3
 
 #: Most rounds of more random starts where the two seeds disagree, and most last sweeps.
-ROUNDS, SWEEPS = 20, 3
+ROUNDS, SWEEPS = 4, 3
 
 #: Gaits are near the envelope if they cost less than this times it; at most so many of a speed.
 NEAR_FRONT, MOST = 1.25, 3
@@ -77,35 +74,23 @@ TRIED, CONTINUED = 5, 6
 Run: TypeAlias = Callable[[Callable[[Any], Any], Iterable[Any], str], Iterator[tuple[Any, Any]]]
 
 
-class Sweep(NamedTuple):
-    """A last sweep.
-
-    Attributes:
-        gain: by how much it beat both seeds, at most (relative); 0 if it found nothing better.
-        speed: where that was (m/s).
-        complete: whether it ended before the budget did.
-    """
-
-    gain: float
-    speed: float
-    complete: bool
-
-
 class FrontSearch:
     """The stages of a search.
 
     Args:
         results: of an earlier, interrupted search, or empty.
         spacing: of the grid of speeds (m/s); more are put between where the front is steep.
-        budget: of computing time, over all processes (s).
         run: solves tasks.
     """
 
-    def __init__(self, results: SearchResults, spacing: float, budget: float, run: Run) -> None:
-        self.results, self.spacing, self.budget, self.run = results, spacing, budget, run
+    def __init__(self, results: SearchResults, spacing: float, run: Run) -> None:
+        self.results, self.spacing, self.run = results, spacing, run
 
-    def __call__(self) -> tuple[Sweep, ...]:
-        """Search until two seeds agree and a sweep finds nothing better, or the budget is used up.
+    def __call__(self) -> float:
+        """Search until two seeds agree and a sweep finds nothing better.
+
+        Returns:
+            By how much the last sweep beat what was known, at most (relative).
 
         Raises:
             NoGaitError: no gait was found at any speed.
@@ -118,43 +103,41 @@ class FrontSearch:
         screened = self._one_step()
         for seed in SEEDS:
             self._starts(seed, "1 step near the envelope", screened, STEPS[:1], MORE_STARTS)
-        self._settle(AGREED, SEEDS)
-        self._join(AGREED, SEEDS)
+        self._settle(SEEDS)
+        self._join(SEEDS)
         for seed in SEEDS:
             plan = partial(plans.more_steps, seed, screened, self.results)
-            self._solve(AGREED, f"seed {seed}: 2 and 3 steps", plan)
-        self._settle(AGREED, SEEDS)
+            self._solve(f"seed {seed}: 2 and 3 steps", plan)
+        self._settle(SEEDS)
         for number in range(1, ROUNDS + 1):
             gaps = disagreements(*(self.results.costs(seed) for seed in SEEDS))
             speeds = [speed for speed, gap in gaps.items() if gap > AGREEMENT]
-            if not speeds or not self._affordable(AGREED):
+            if not speeds:
                 return
             for seed in SEEDS:
                 title = f"{len(speeds)} speeds of disagreement, round {number}"
                 self._starts(seed, title, speeds, STEPS, MORE_STARTS + number)
                 plan = partial(plans.more_steps, seed, speeds, self.results, number)
-                self._solve(AGREED, f"seed {seed}: {title}", plan)
-            self._join(AGREED, SEEDS)
-            self._settle(AGREED, SEEDS)
+                self._solve(f"seed {seed}: {title}", plan)
+            self._join(SEEDS)
+            self._settle(SEEDS)
 
-    def last_sweeps(self) -> tuple[Sweep, ...]:
+    def last_sweeps(self) -> float:
         """Fresh starts and continuation from what both seeds found, until nothing better comes."""
         for speed in self.results.grid:
             for steps in STEPS:
                 self._unite(speed, steps)
-        sweeps: list[Sweep] = []
+        gain, seeds = math.inf, list(SEEDS)
         for number in range(1, SWEEPS + 1):
-            before = self.results.costs(*SEEDS, *([LAST] if sweeps else []))
-            self._join(SEARCHED, (LAST,))
+            before = self.results.costs(*seeds)
+            self._join((LAST,))
             self._starts(LAST, f"last sweep {number}", self.results.grid, STEPS, number)
-            self._settle(SEARCHED, (LAST,))
-            after = self.results.costs(LAST)
-            gains = {speed: 1 - after[speed] / before.get(speed, math.inf) for speed in after}
-            speed = max(gains, key=lambda v: gains[v])
-            sweeps.append(Sweep(gains[speed], speed, self._affordable(SEARCHED)))
-            if sweeps[-1].gain <= AGREEMENT or not sweeps[-1].complete:
+            self._settle((LAST,))
+            after, seeds = self.results.costs(LAST), [*SEEDS, LAST]
+            gain = max(1 - after[speed] / before.get(speed, math.inf) for speed in after)
+            if gain <= AGREEMENT:
                 break
-        return tuple(sweeps)
+        return gain
 
     def _unite(self, speed: float, steps: int) -> None:
         """Give the last sweep what both seeds found and continued at a place."""
@@ -172,26 +155,25 @@ class FrontSearch:
         tops = []
         for seed in SEEDS:
             speeds: list[float] = []
-            while not self._above(seed, speeds) and self._affordable(AGREED):
+            while not self._above(seed, speeds):
                 speeds = self._multiples(len(speeds) + BATCH)
                 plan = partial(plans.one_step, seed, speeds, self.results)
-                self._solve(AGREED, f"seed {seed}: 1 step, to {speeds[-1]:g} m/s", plan)
+                self._solve(f"seed {seed}: 1 step, to {speeds[-1]:g} m/s", plan)
             tops.append(len(speeds))
         screened = self._multiples(max(tops))
         for seed in SEEDS:
             plan = partial(plans.one_step, seed, screened, self.results)
-            self._solve(AGREED, f"seed {seed}: 1 step", plan)
+            self._solve(f"seed {seed}: 1 step", plan)
         speeds = list(self.results.envelope(*SEEDS))
         if not speeds:
             raise NoGaitError(
-                f"no gait of one step was found from {screened[0]:g} to {screened[-1]:g} m/s "
-                f"within {self.budget / 60:.3g} minutes of computing: give the search more time, "
-                "or the machine a higher voltage limit or friction"
+                f"no gait of one step was found from {screened[0]:g} to {screened[-1]:g} m/s: "
+                "give the machine a higher voltage limit or friction"
             )
         walks = [v for v in screened if speeds[0] <= v <= speeds[-1]]
         between = [v + i * self.spacing for v in walks for i in range(1, SCREENED)]
         self.results.widen([*screened, *between])
-        self._settle(AGREED, SEEDS)
+        self._settle(SEEDS)
         return walks
 
     def _multiples(self, count: int) -> list[float]:
@@ -207,7 +189,7 @@ class FrontSearch:
         at_end = bool(speeds) and speeds == self._multiples(len(speeds) + 1)
         return at_end or (any(walked) and not any(walked[-EMPTY:]))
 
-    def _settle(self, share: float, seeds: Sequence[int]) -> None:
+    def _settle(self, seeds: Sequence[int]) -> None:
         """Continue gaits, with more speeds where the front is steep, until nothing is left."""
         refining = LAST not in seeds  # new speeds are for both seeds
 
@@ -215,9 +197,7 @@ class FrontSearch:
             return [task for seed in seeds for task in plans.continuations(seed, self.results)]
 
         for number in range(1, 100):
-            if not self._affordable(share):
-                return
-            if self._solve(share, f"continuation, round {number}", plan):
+            if self._solve(f"continuation, round {number}", plan):
                 continue
             costs = self.results.costs(*SEEDS)
             steep = midpoints(self.results.grid, costs, self.spacing / FINEST)
@@ -228,27 +208,22 @@ class FrontSearch:
         self, seed: int, title: str, speeds: Sequence[float], steps: Sequence[int], rounds: int
     ) -> None:
         """Random starts near a seed's envelope."""
-        share = SEARCHED if seed == LAST else AGREED
         plan = partial(plans.near_envelope, seed, speeds, steps, self.results, rounds)
-        self._solve(share, f"seed {seed}: {title}", plan)
+        self._solve(f"seed {seed}: {title}", plan)
 
-    def _join(self, share: float, seeds: Sequence[int]) -> None:
+    def _join(self, seeds: Sequence[int]) -> None:
         """Join one-step gaits to strides of more steps."""
         for seed in seeds:
             plan = partial(plans.joints, seed, self.results)
-            self._solve(share, f"seed {seed}: joined steps", plan)
+            self._solve(f"seed {seed}: joined steps", plan)
 
-    def _solve(self, share: float, title: str, plan: Callable[[], list[Task]]) -> int:
-        """Solve planned tasks while the budget's share lasts; how many are planned."""
+    def _solve(self, title: str, plan: Callable[[], list[Task]]) -> int:
+        """Solve planned tasks; how many there are."""
         tasks = plan()
-        affordable = (task for task in tasks if self._affordable(share))
-        for task, made in self.run(partial(attempts, self.results.params), affordable, title):
+        for task, made in self.run(partial(attempts, self.results.params), tasks, title):
             source = task.gait.speed if isinstance(task, Continuation) else None
             self.results.add(task.place, made, source)
         return len(tasks)
-
-    def _affordable(self, share: float) -> bool:
-        return self.results.seconds < share * self.budget
 
 
 # -- fine meshes ----------------------------------------------------------------------------------
@@ -265,12 +240,11 @@ class FineMeshes:
 
     Args:
         results: of the search.
-        budget: of computing time, over all processes, the search included (s).
         run: solves tasks.
     """
 
-    def __init__(self, results: SearchResults, budget: float, run: Run) -> None:
-        self.results, self.budget, self.run = results, budget, run
+    def __init__(self, results: SearchResults, run: Run) -> None:
+        self.results, self.run = results, run
         self.done: dict[str, Polished] = {}
 
     def __call__(self) -> list[Polished]:
@@ -283,25 +257,23 @@ class FineMeshes:
         return list(self.done.values())
 
     def solve(self, title: str, gaits: Iterable[SearchGait]) -> int:
-        """Solve gaits finely as long as the budget lasts; how many were new."""
+        """Solve gaits finely; how many were new."""
         before, store = len(self.done), self.results.store
         unsolved = []
         (store.folder / "fine").mkdir(exist_ok=True)
         for gait in gaits:
             key = f"fine/{gait.key}"
             if key in store:
-                failure, seconds, *files = store.load(key)
+                failure, *files = store.load(key)
                 solution = Solution.load(store.folder / files[0]) if files else None
-                self.done[gait.key] = Polished(gait, solution, failure, seconds)
+                self.done[gait.key] = Polished(gait, solution, failure)
             else:
                 unsolved.append(gait)
-        affordable = (gait for gait in unsolved if self._seconds() < self.budget)
-        for gait, polished in self.run(partial(polish, self.results.params), affordable, title):
+        for gait, polished in self.run(partial(polish, self.results.params), unsolved, title):
             files = [] if polished.solution is None else [f"fine/{gait.key}.gait.npz"]
             if polished.solution is not None:
                 polished.solution.save(store.folder / files[0])
-            value = [polished.failure, polished.seconds, *files]
-            store.save(f"fine/{gait.key}", value, files)
+            store.save(f"fine/{gait.key}", [polished.failure, *files], files)
             self.done[gait.key] = polished
         return len(self.done) - before
 
@@ -361,9 +333,6 @@ class FineMeshes:
             if each.gait.speed == speed and each.solution is not None and not each.failure
         ]
         return min(costs, default=math.inf)
-
-    def _seconds(self) -> float:
-        return self.results.seconds + sum(each.seconds for each in self.done.values())
 
 
 def different(results: SearchResults, speed: float) -> list[SearchGait]:

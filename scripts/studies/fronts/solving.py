@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -139,21 +138,11 @@ class SolveAttempt(NamedTuple):
         turns: of the family.
         known: the key of what was continued or joined; None for a random start.
         gait: the gait, if there is one.
-        seconds: of computing.
     """
 
     turns: int
     known: str | None
     gait: SearchGait | None
-    seconds: float
-
-
-class Timed(Protocol):
-    """A phase of a guess or of a solution."""
-
-    @property
-    def duration(self) -> float:
-        """Its time (s)."""
 
 
 def attempts(params: WheelParams, task: Task) -> list[SolveAttempt]:
@@ -176,7 +165,6 @@ def attempts(params: WheelParams, task: Task) -> list[SolveAttempt]:
 
 def started(params: WheelParams, place: Place, turns: int, index: int) -> SolveAttempt:
     """A random start, solved with regeneration first, where the landscape is smoother."""
-    begin = time.process_time()
     label = f"seed {place.seed}, random start {index} at {place.speed:g} m/s"
     numbers = [place.seed, round(1e4 * place.speed), place.steps, turns + 1000, index]
     rng = np.random.default_rng(numbers)
@@ -191,12 +179,12 @@ def started(params: WheelParams, place: Place, turns: int, index: int) -> SolveA
         guess = result.phases
     assert result is not None
     gait = _gait(params, place, turns, result, label)
-    return SolveAttempt(turns, None, gait, time.process_time() - begin)
+    return SolveAttempt(turns, None, gait)
 
 
 def continued(params: WheelParams, task: Continuation) -> SolveAttempt:
     """A gait continued to another speed at once, or else in two steps."""
-    begin, (place, gait) = time.process_time(), task
+    place, gait = task
     halfway = place._replace(speed=(gait.speed + place.speed) / 2)
     options = {"mu_init": BARRIER, "max_iter": CONTINUED_ITERATIONS}
     result = _solved(params, place, gait.turns, gait.phases, False, **options)
@@ -206,12 +194,12 @@ def continued(params: WheelParams, task: Continuation) -> SolveAttempt:
             result = _solved(params, place, gait.turns, between.phases, False, **options)
     label = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
     there = _gait(params, place, gait.turns, result, label)
-    return SolveAttempt(gait.turns, task.key, there, time.process_time() - begin)
+    return SolveAttempt(gait.turns, task.key, there)
 
 
 def joined(params: WheelParams, task: Joint) -> SolveAttempt:
     """One-step gaits joined to a stride: the pendulum goes on from step to step."""
-    begin, (place, parts) = time.process_time(), task
+    place, parts = task
     phases, turns = [], 0
     for part in parts:
         turned = np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
@@ -221,7 +209,7 @@ def joined(params: WheelParams, task: Joint) -> SolveAttempt:
     speeds = ", ".join(f"{part.speed:g}" for part in parts)
     label = f"{parts[0].origin.split('; ')[0]}; steps of {speeds} m/s joined"
     gait = _gait(params, place, turns, result, label)
-    return SolveAttempt(turns, task.key, gait, time.process_time() - begin)
+    return SolveAttempt(turns, task.key, gait)
 
 
 def _gait(
@@ -268,7 +256,7 @@ def _solved(
     return result
 
 
-def elements_for(phases: Sequence[Timed], duration: float) -> tuple[int, ...]:
+def elements_for(phases: Sequence[PhaseTrajectory], duration: float) -> tuple[int, ...]:
     """Elements of every step on the search's mesh, for steps whose times add up to a duration."""
     scale = duration / sum(phase.duration for phase in phases)
     times = [scale * phase.duration for phase in phases]
@@ -293,32 +281,29 @@ class Polished(NamedTuple):
         gait: of the search.
         solution: verified, or not; None where the fine mesh has none.
         failure: why it does not count; empty if it does.
-        seconds: of computing.
     """
 
     gait: SearchGait
     solution: Solution | None
     failure: str
-    seconds: float
 
 
 def polish(params: WheelParams, gait: SearchGait) -> Polished:
     """One gait solved finely and verified."""
-    begin = time.process_time()
     problem = gait_problem(params, speed=gait.speed, steps=gait.steps, theta_turns=gait.turns)
     duration = gait.steps * params.step_length / gait.speed
     elements = [max(ELEMENTS, n) for n in elements_for(gait.phases, duration)]
     mesh = Mesh.uniform(problem, elements, DEGREE, control_degree=CONTROL_DEGREE)
-    settings = {"speed": gait.speed, "found_by": gait.origin, "cot_of_search": gait.cot}
+    settings = {"speed": gait.speed, "found_by": gait.origin}
     phases, solution, failure = gait.phases, None, ""
     for refined in REFINED:
         extremal = solve(problem, phases, mesh, verify=False, mu_init=WARM_BARRIER, **refined)
         if not extremal.succeeded:
             failure = failure or f"no gait on a fine mesh: {extremal.status}"
             break
-        solution = finished(params, extremal, gait.turns, False, (), settings)
+        solution = finished(params, extremal, gait.turns, False, settings)
         failure = "; ".join(solution.verification.failures)
         if not failure:
             break
         phases, mesh = extremal.phases, extremal.mesh
-    return Polished(gait, solution, failure, time.process_time() - begin)
+    return Polished(gait, solution, failure)

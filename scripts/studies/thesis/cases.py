@@ -32,6 +32,8 @@ from scripts.studies.thesis.problems import (
     Table,
     Weights,
     from_state,
+    least_final_swing,
+    least_pull,
     rod_of_mass,
     steps,
     symmetric,
@@ -95,6 +97,8 @@ class Case:
         appended: whether the motion is a further step of that case's, simulated together with it.
         effort: of the search.
         quickest: whether the quickest of equally good solutions is kept, not the first.
+        limit: whether the case only shows what is possible. Its solution grazes the guards, where
+            a simulation cannot follow it well, so that `Solved.converged` does not ask for one.
         design: what is to be chosen of the machine, if anything.
         family: problem -> family of starts; random waypoints by default.
     """
@@ -107,6 +111,7 @@ class Case:
     appended: bool = False
     effort: Effort = USUAL
     quickest: bool = False
+    limit: bool = False
     design: Design | None = None
     family: Callable[[Problem], StartFamily] | None = None
 
@@ -148,14 +153,22 @@ def experiment_1() -> tuple[Case, ...]:
 
 @cache
 def experiment_2() -> tuple[Case, ...]:
-    """One step that ends without a collision, Table 4.4.
+    """One step that ends without a collision, Table 4.4, and the least that such a step needs.
 
     The printed bound of 3 pi on the last theta' admits no such step.
     """
     table = dataclasses.replace(TABLE_4_4, swing=symmetric(8 * pi, 8 * pi, 8 * pi))
     quick = Effort(30, elements=10, durations=(0.15, 1.5))
     printed = Printed("|theta'| <= 8 pi at the end", 1.246894, 139.855118)
-    return (_case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),)
+    slow, light = Printed("least |theta'| at the end"), Printed("least pull of the foot")
+    swing = partial(least_final_swing, NOMINAL, table)
+    pull = partial(least_pull, NOMINAL, table)
+    much = Effort(60, elements=10, durations=(0.3, 1.2))
+    return (
+        _case(2, [printed], (NOMINAL, table, COST_4_5, 1), quick),
+        Case(2, (slow,), NOMINAL, lambda _: swing(), effort=much, limit=True),
+        Case(2, (light,), NOMINAL, lambda _: pull(), effort=quick, limit=True),
+    )
 
 
 @cache

@@ -47,7 +47,7 @@ COLUMNS = (
 MARKS = markdown.marks("thesis", ("table",))
 
 #: Fields of `Solved` about the search, which the store holds beside the solution.
-SEARCH = ("optima", "failed", "reaching", "seconds")
+SEARCH = ("optima", "failed", "reaching")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

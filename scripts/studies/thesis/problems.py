@@ -117,6 +117,9 @@ COST_4_12 = Weights(1.0, 0.1, 0.1, 0.1, 1.0)
 #: m2 alone: the thesis's I2 does not depend on it.
 PENDULUM_MASS = Design.of("pendulum_mass")
 
+#: No running cost.
+NOTHING = Weights(0.0, 0.0, 0.0, 0.0, 0.0)
+
 
 def steps(
     params: WheelParams,
@@ -170,6 +173,30 @@ def step(
         start={"phi": c.a, **table.row(0 if first else 1)},
         end={"phi": c.b, **table.row(2 if last else 1)},
         duration=(shortest / count, longest),
+    )
+
+
+def least_final_swing(params: WheelParams, table: Table) -> Problem:
+    """The step within a table's bounds that ends with the slowest pendulum; cost: theta'^2."""
+    alone = dataclasses.replace(step(WheelPhases(params), table, NOTHING), cost=None)
+    return Problem((alone,), endpoint_cost=lambda starts, ends, durations, p: ends[0][3] ** 2)
+
+
+def least_pull(params: WheelParams, table: Table) -> Problem:
+    """The step whose foot must be held down least; its cost is that force, in weights."""
+    wheel = WheelPhases(params)
+    force, weight = wheel.function("ground_reaction"), wheel.function("weight")
+    held = Constraint(
+        lambda x, u, p: force(x, u, p)[1] / weight(x, p) + p[0],
+        np.zeros(1),
+        np.full(1, np.inf),
+        ("normal force and pull",),
+    )
+    alone = dataclasses.replace(step(wheel, table, NOTHING), cost=None, path=held)
+    return Problem(
+        (alone,),
+        parameters={"pull": (0.0, 100.0)},
+        endpoint_cost=lambda starts, ends, durations, p: p[0],
     )
 
 

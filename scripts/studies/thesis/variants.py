@@ -16,7 +16,7 @@ from rimless_gym.symbolic import Design
 from trajopt.gaits.periodic import finished
 from trajopt.gaits.problem import CONTROL_DEGREE, designed_gait
 from trajopt.gaits.search import random_guess, same_gait
-from trajopt.gaits.solution import LocalOptimum, Solution
+from trajopt.gaits.solution import Solution
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.continuation import Curve, Obstacle, continued
 from trajopt.ocp.extremal import Extremal
@@ -157,10 +157,9 @@ def cheapest(
     mesh = Mesh.uniform(base, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
     search = multi_start(*(base, family, STARTS + len(known)), seed=seed, mesh=mesh, same=same_gait)
     reasons = [outcome.failure for outcome in search.failures]
-    optima = tuple(LocalOptimum(o.cost, int(o.best.kind), len(o.starts)) for o in search.optima)
     for optimum in search.optima[:REFINED]:
         best = optimum.best
-        found = refined(variant, scale, best, int(best.kind), optima)
+        found = refined(variant, scale, best, int(best.kind))
         if found.verification.passed:
             return found, ""
         reasons.insert(0, "; ".join(found.verification.failures))
@@ -177,7 +176,7 @@ def cheaper(
         if curve.reached and curve.solutions[-1].transcribed_cost < (1 - WORTH_IT) * best:
             reached.append((curve.solutions[-1], gait))
     for extremal, gait in least_first(reached, lambda pair: pair[0].transcribed_cost):
-        found = refined(variant, scale, extremal, gait.theta_turns, gait.optima)
+        found = refined(variant, scale, extremal, gait.theta_turns)
         if found.verification.passed and found.cot < (1 - WORTH_IT) * best:
             return found
     return None
@@ -200,9 +199,9 @@ def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
         *(problem, gait.phases, mesh), parameters=parameters, mu_init=WARM_BARRIER, **settings
     )
     if not start.succeeded:
-        return Curve(scale, obstacle=Obstacle(begin, "; ".join(start.failures), start))
+        return Curve(obstacle=Obstacle(begin, "; ".join(start.failures), start))
     if math.isclose(begin, scale, rel_tol=1e-9):  # the gait's own scale, read off its machine
-        return Curve(scale, (scale,), (start,))
+        return Curve((scale,), (start,))
     return continued(
         lambda s: variant.problem(s, gait.theta_turns),
         start,
@@ -217,7 +216,6 @@ def refined(
     scale: float,
     near: Outcome | Extremal,
     turns: int,
-    optima: tuple[LocalOptimum, ...],
 ) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
     problem = variant.problem(scale, turns)
@@ -233,7 +231,7 @@ def refined(
     )
     machine = variant.machine(scale, float(found.parameters[1]))
     settings = {"scale": scale, "variant": variant.name, "starts": STARTS}
-    return finished(machine, found, turns, False, optima, settings)
+    return finished(machine, found, turns, False, settings)
 
 
 #: Most turns of theta per step, either way: light pendulums whirl.

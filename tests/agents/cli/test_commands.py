@@ -7,7 +7,6 @@ import sys
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import imageio_ffmpeg
 import pytest
@@ -167,17 +166,6 @@ def test_a_saved_gait_is_watched_but_not_on_another_machine(
     assert out.is_file()
     assert main([*arguments, "--preset", "THESIS_PHYSICAL"]) == REFUSED
     assert "own.npz: is a gait of another machine" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("gait")
-def test_a_window_shows_the_optimum_until_its_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rimless_gym.rendering.display.has_display", lambda: True)
-    shown: list[Any] = []
-    monkeypatch.setattr(
-        "rimless_gym.rendering.display.Window.show", lambda window, frame: shown.append(frame)
-    )
-    assert main(["watch", "--seconds", "0.2", "--size", "240", "160"]) == 0
-    assert [frame.shape for frame in shown] == 5 * [(160, 240, 3)]
 
 
 def test_what_is_missing_is_named_with_a_remedy(

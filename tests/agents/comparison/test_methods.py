@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,8 @@ from agents.comparison.methods import (
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import (
     FRONT_POLICY,
-    HEADLINE,
     SCREENED_PPO,
-    Row,
-    by_speed,
-    format_table,
     gait_row,
-    headline,
     policy_row,
 )
 from agents.policy_files import load_policy
@@ -125,12 +119,6 @@ def test_the_minutes_of_a_cloning_count_for_what_begins_from_it() -> None:
     assert [each["minutes"] for each in learning_curve(tuned, results)] == [1.5, 2.0]
 
 
-def test_a_gap_that_rounds_to_nothing_has_no_minus_sign_and_missing_figures_are_dashes() -> None:
-    table = format_table([Row("optimal", gap=-3e-5), Row("scratch", objective=-0.4, cot=math.nan)])
-    assert table.splitlines()[2] == "| optimal | - | - | - | +0.0% | - | - | - |"
-    assert table.splitlines()[3] == "| scratch | - | -0.400 | - | - | - | - | - |"
-
-
 def test_rows_have_the_friction_demand_of_stance_and_touchdowns() -> None:
     v = (gait := shipped()[0]).verification
     row = gait_row("optimal", gait, 0.0, 0.5)
@@ -147,16 +135,3 @@ def test_the_return_of_a_gait_is_the_reward_of_walking_on_it() -> None:
     reward = Task().distance_weight * v.distance - energy / gait.params.weight
     row = gait_row("optimal", gait, None, None)
     assert row.objective == pytest.approx(reward / v.time, rel=1e-6)
-
-
-def test_rows_stand_in_order_of_their_speeds_and_equal_ones_once() -> None:
-    rows = by_speed([Row("a", at) for at in (None, 0.6, 0.5, 0.6)])
-    assert [row.study_speed for row in rows] == [0.5, 0.6, 0.6, None]
-    assert len(format_table(rows).split("\n\n")[0].splitlines()) == 3
-
-
-def test_the_headline_has_the_rows_of_the_studys_own_speed() -> None:
-    rows = [Row(title, at, cot=0.05) for title in HEADLINE for at in (0.53, 0.56)]
-    lines = headline(rows, 0.56, {"imitation": "+2 %, 9 of 10 walk"}).splitlines()[2:]
-    assert len(lines) == len(HEADLINE)
-    assert [line.split(" | ")[-1] for line in lines].count("+2 %, 9 of 10 walk |") == 1

@@ -22,7 +22,7 @@ from agents.evolution.walks import SIZE, Duration
 from agents.policy_files import FORMAT, load_policy
 from agents.reward_weight import NO_WALK, CleanWalking
 from agents.training import TrainingConfig, train
-from tests.agents.runs import SETTLED, assert_same_policies, killed_after, run, scalars, weights
+from tests.agents.runs import SETTLED, assert_same_policies, killed_after, run, scalars
 from trajopt.store import read_arrays, write_arrays
 
 SETTINGS = EvolutionSettings(screened=40, retained=5, candidates=2, trial=10, finalists=1, race=10)
@@ -136,8 +136,6 @@ def test_a_gait_that_lasts_only_short_walks_does_not_stay_the_best():
     [
         ({"trial": 9}, ValueError, "trial = 9: must be an integer of at least 10"),
         ({"race": 15}, ValueError, "race = 15: must be a multiple of 10"),
-        ({"population": 2.5}, TypeError, r"population = 2\.5"),
-        ({"spread": 0.0}, ValueError, r"spread = 0\.0"),
         ({"least_counted": 1.5}, ValueError, r"least_counted = 1\.5: .* at most 1"),
     ],
 )
@@ -158,15 +156,6 @@ def test_killed_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch, 
     shown = scalars(tmp_path)
     wanted = {"evolution/distance_weight", "evolution/family", "evolution/score", "eval/objective"}
     assert wanted <= set(shown)
-
-
-def test_begun_from_a_policy_killed_and_resumed_it_ends_with_the_same_policy(tmp_path, monkeypatch):
-    begun = {"init": "evolution", "timesteps": 300_000}
-    undisturbed = run(tmp_path / "whole", "evolution", **begun)
-    killed_after(12, monkeypatch, lambda: run(tmp_path / "broken", "evolution", **begun))
-    resumed = run(tmp_path / "broken", "evolution", **begun)
-    assert not np.array_equal(weights(resumed.last), weights("evolution"))
-    assert_same_policies(resumed, undisturbed)
 
 
 def test_begun_from_a_policy_that_does_not_walk_it_goes_on_and_logs_no_gait(tmp_path, whole):

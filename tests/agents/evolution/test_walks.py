@@ -74,14 +74,6 @@ def test_a_walk_depends_neither_on_threads_nor_on_the_others(weights, starts, si
         assert one[0, 0] == all_of_them[2, 4]
 
 
-def test_under_a_steady_voltage_the_pendulum_leans_forward_and_the_wheel_rolls(weights):
-    starts = draw_starts(BUILDABLE, 12, 3)
-    found = PolicySimulator(BUILDABLE).walk(weights[:1], starts, Duration(600, 300))
-    rolls = members(found, 0.0)
-    assert rolls.any()
-    assert found.distance[rolls].min() > 0.9
-
-
 def test_an_action_is_within_its_limits_and_smooth():
     rng = np.random.default_rng(1)
     seen = rng.normal(size=(2000, 6)).astype(np.float32)

@@ -1,7 +1,5 @@
 """The reward weight of distance that follows the policy, in stable-baselines3."""
 
-import math
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from agents.reward_weight import (
     NO_WALK,
     CleanWalking,
     adapted_weight,
-    economy,
 )
 from agents.sb3 import reward_weight
 from agents.sb3.reward_weight import AdaptiveRewardWeight, WeightSchedule, clean_walking
@@ -34,11 +31,6 @@ def test_the_weight_follows_the_cost_of_walking_and_never_rises():
     assert adapted_weight(5.0, NO_WALK, 0.5) == 5.0
     assert adapted_weight(5.0, walk, 0.5, multiple=3.0) == 3.0 * 0.8
     assert adapted_weight(5.0, walk, 0.5, margin=0.1) == pytest.approx(0.9)
-
-
-def test_economy_is_distance_per_energy_times_the_fourth_power_of_the_share():
-    assert economy(0.5, 2.0) == 0.5**4 / 2.0
-    assert economy(0.0, math.inf) == 0.0
 
 
 def native(n, **settings):
@@ -93,13 +85,6 @@ def test_it_falls_with_the_policys_own_cost_once_enough_starts_walk(walks):
     assert checks == [800] * 3  # 8 s
 
 
-def test_its_share_and_margin_can_be_chosen(walks):
-    walks(CleanWalking(0.7, 1.0, 0.5), CleanWalking(0.8, 1.5, 0.5))
-    adaptive = Noted(first_weight=9.0, every=EVERY, least_share=0.8, margin=1.0)
-    learned(adaptive, checks=2)
-    assert adaptive.weights == [9.0, 9.0, 2.5]
-
-
 def test_it_begins_anew_with_every_new_training_and_goes_on_with_an_old_one(walks):
     walks(*[COSTLY] * 4)
     adaptive = AdaptiveRewardWeight(first_weight=9.0, every=EVERY)
@@ -131,15 +116,6 @@ def test_it_works_through_wrappers_and_leaves_the_true_task_behind(walks, kind):
     assert envs.get_attr("task")[0] == Task()
 
 
-def test_it_rewards_no_more_speed_than_the_task(walks):
-    walks()
-    task = Task(fall_penalty=0.2, slip_penalty=0.1, target_speed=0.3)
-    adaptive = Noted()
-    learned(adaptive, VecMonitor(Sb3VecEnv(native(2, task=task))), checks=0)
-    assert adaptive.tasks[0].target_speed == 0.3
-    assert adaptive.weights == [20.0]
-
-
 def test_a_constant_voltage_walks_at_a_high_cost_and_rest_does_not_walk():
     envs = reward_weight._probe_of(Sb3VecEnv(native(1)), 16)
 
@@ -156,10 +132,6 @@ def test_a_constant_voltage_walks_at_a_high_cost_and_rest_does_not_walk():
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"rewarded_speed": 0.0}, ValueError, "rewarded_speed"),
-        ({"multiple": 1.0}, ValueError, r"multiple = 1: .*give more than 1; 2 is usual"),
-        ({"margin": 0.0}, ValueError, "margin = 0"),
-        ({"least_share": 1.1}, ValueError, r"least_share = 1\.1: must be at most 1"),
         ({"evry": 3}, TypeError, "evry"),
         ({"schedule": WeightSchedule(), "every": 3}, TypeError, "give one of them"),
     ],

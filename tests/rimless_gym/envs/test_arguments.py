@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import pickle
 from typing import Any
@@ -40,7 +39,6 @@ ROUGH = Disturbances(
 )
 ARGUMENTS: dict[str, dict[str, Any]] = {
     "a machine's name": {"params": "PROTOTYPE"},
-    "some of its fields": {"params": UPHILL, "task": {"distance_weight": 0.8}},
     "objects": {"params": PROTOTYPE, "task": Task(target_speed=0.4), "disturbances": ROUGH},
     "ranges": {"ranges": Ranges({"slope": (-0.02, 0.02)}), "params": THESIS_NOMINAL},
     "dictionaries": {
@@ -52,7 +50,6 @@ OF_VECTORS: dict[str, dict[str, Any]] = {
     "objects": ARGUMENTS["objects"],
     "a machine for each row": {"params": [PROTOTYPE, "THESIS_NOMINAL", UPHILL]},
     "numbers and modes": {"max_episode_steps": np.int64(15), "autoreset_mode": SAME},
-    "numpy's numbers": {"ranges": {"slope": np.array([-0.02, 0.02], np.float32)}},
     "no limit": {"max_episode_steps": None},
 }
 
@@ -89,14 +86,6 @@ def test_a_vector_environment_can_be_made_again_from_its_spec(arguments: dict) -
     goes_on_alike(envs, twins, swinging(3, 30))
 
 
-def test_a_spec_holds_only_plain_values() -> None:
-    env = gym.make(ID, params=PROTOTYPE, disturbances=ROUGH)
-    assert env.spec is not None
-    assert env.spec.kwargs == json.loads(json.dumps(env.spec.kwargs))
-    assert env.spec.kwargs["params"] == PROTOTYPE.to_dict()
-    assert RimlessWheelEnv().spec is None
-
-
 def test_machines_tasks_and_disturbances_can_be_given_by_name_or_by_fields() -> None:
     env = RimlessWheelEnv("PROTOTYPE", {"distance_weight": 0.8})
     assert env.params == PROTOTYPE
@@ -126,24 +115,13 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
     ("make_one", "arguments", "error", "message"),
     [
         (Task, {"slip_penalty": -1}, ValueError, "slip_penalty = -1.0: must be at least 0"),
-        (Task, {"horizon": math.nan}, ValueError, "horizon = nan: must be finite"),
         (Task, {"distance_weight": "1"}, TypeError, "distance_weight = '1': must be a real number"),
         (Task, {"target_speed": 0}, ValueError, "target_speed = 0.0: must be greater than 0"),
-        (Task, {"target_speed": math.nan}, ValueError, "target_speed = nan: must be finite"),
         (Task, {"target_speed": 1e31}, ValueError, "target_speed = .*: must be finite, and at"),
-        (Starts, {"rest": -1.0}, ValueError, "rest = -1.0: must be at least 0"),
         (Starts, {"rest": 0, "moving": 0}, ValueError, "one of the shares must be greater than 0"),
-        (Pushes, {"rate": -1.0, "impulse": (0, 1)}, ValueError, "rate = -1.0: must be at least 0"),
-        (Pushes, {"rate": 1.0, "impulse": (-1, 1)}, ValueError, "impulse = -1.0: must be at least"),
         (Pushes, {"rate": 1.0, "impulse": (2, 1)}, ValueError, "impulse = .*: must be in order"),
-        (Pushes, {"rate": 1.0, "impulse": 1.0}, TypeError, "give the least and the greatest"),
-        (SensorNoise, {"leg_rate": math.nan}, ValueError, "leg_rate = nan: must be finite"),
-        (Disturbances, {"pushes": 3.0}, TypeError, "pushes = 3.0: give a rimless_gym.Pushes"),
         (Disturbances, {"sensor_noise": {"leg": 1}}, ValueError, "'leg' .*choose from .*leg_angle"),
         (Disturbances, {"actuator_delay": (3, 1)}, ValueError, "actuator_delay = .* in order"),
-        (Disturbances, {"actuator_delay": 0.5}, TypeError, "actuator_delay = 0.5: must be an int"),
-        (Disturbances, {"actuator_delay": (1, 2, 3)}, ValueError, "give one number, or two"),
-        (Ranges, {"bounds": {"n_legs": (4, 6)}}, ValueError, "'n_legs' cannot be drawn: choose"),
         (Ranges, {"bounds": {"slope": (0.1, -0.1)}}, ValueError, "slope = .*: must be in order"),
     ],
 )
@@ -159,33 +137,16 @@ def test_each_class_of_arguments_names_value_limit_and_remedy(
     ("arguments", "error", "message"),
     [
         ({"params": "CONCRETE"}, ValueError, "'CONCRETE': choose from BUILDABLE, .*PROTOTYPE"),
-        ({"params": {"leg_lenght": 1}}, ValueError, "'leg_lenght' .*choose from .*'leg_length'"),
-        ({"params": {"drag": -1}}, ValueError, "drag = -1.0: must be at least 0"),
         ({"params": {"armature_resistance": 1e-6}}, ValueError, "motor damps"),
         ({"params": 3}, TypeError, "params = 3: give a WheelParams, a preset's name or a dict"),
-        ({"task": {"value": 1}}, ValueError, "task: 'value' .*choose from .*'distance_weight'"),
         ({"task": "walk"}, TypeError, "task = 'walk': give a rimless_gym.Task or a dictionary"),
         ({"ranges": "slope"}, TypeError, "ranges = 'slope': give a mapping"),
-        ({"ranges": {"sloop": (0, 1)}}, ValueError, "'sloop' cannot be drawn: choose from .*slope"),
-        ({"ranges": {"wheel_mass": (-1, 1)}}, ValueError, "wheel_mass = -1"),
         ({"ranges": {"armature_resistance": (1e-6, 5)}}, ValueError, "motor damps"),
-        (
-            {"ranges": {"pendulum_length": (0.142, 0.16), "pendulum_reach": (0.15, 0.17)}},
-            ValueError,
-            "pendulum_reach = 0.15: must be at least pendulum_length = 0.16",
-        ),
-        ({"disturbances": {"push": 1}}, ValueError, "'push' .*choose from .*'pushes'"),
-        ({"disturbances": {"pushes": {"rate": 1}}}, TypeError, "impulse"),
         ({"disturbances": [1]}, TypeError, r"disturbances = \[1\]: give a rimless_gym.Dist"),
-        ({"starts": {"lying": 1.0}}, ValueError, "starts: 'lying' is not a field of Starts"),
         ({"starts": 1.0}, TypeError, "starts = 1.0: give a rimless_gym.Starts or a dictionary"),
         ({"control_period": 0.015}, ValueError, "control_period = 0.015 s: .* from 0.01 to 0.1"),
-        ({"control_period": 0.11}, ValueError, "control_period = 0.11 s"),
-        ({"control_period": math.nan}, ValueError, "control_period = nan: must be finite"),
-        ({"control_period": "0.01"}, TypeError, "control_period = '0.01': must be a real number"),
         ({"actions": "torque"}, ValueError, r"actions = 'torque': choose from \('voltage', 'curr"),
         ({"render_mode": "ascii"}, ValueError, "render_mode = 'ascii': choose from"),
-        ({"speeds": (0.3, 0.6)}, TypeError, "speeds"),
     ],
 )
 def test_an_environment_names_value_limit_and_remedy(
@@ -199,10 +160,7 @@ def test_an_environment_names_value_limit_and_remedy(
     ("arguments", "error", "message"),
     [
         ({"num_envs": 0}, ValueError, "num_envs = 0: must be an integer of at least 1"),
-        ({"num_envs": 2.0}, TypeError, "num_envs = 2.0: must be an integer"),
         ({"max_episode_steps": math.nan}, TypeError, "max_episode_steps = nan: must be an integer"),
-        ({"autoreset_mode": "sometimes"}, ValueError, "'sometimes' is not a valid"),
-        ({"render_mode": "human"}, ValueError, "render_mode = 'human': choose from"),
         ({"params": [PROTOTYPE] * 3, "num_envs": 2}, ValueError, "params: 3 for 2 rows"),
     ],
 )
@@ -219,10 +177,7 @@ def test_a_vector_environment_names_value_limit_and_remedy(
     [
         ({"speeds": (0.6, 0.3)}, ValueError, "must be in order"),
         ({"speeds": (0.0, 0.3)}, ValueError, "greater than 0 and at most 2 m/s"),
-        ({"speeds": (0.3, 3.0)}, ValueError, "greater than 0 and at most 2 m/s"),
         ({"speeds": (0.3, 0.4, 0.5)}, ValueError, "give one number, or 2"),
-        ({"speeds": "fast"}, TypeError, "must be real numbers"),
-        ({"speeds": None}, TypeError, "speeds = None: give the least and the greatest"),
         ({"task": {"target_speed": 0.5}}, ValueError, "the command takes its place"),
     ],
 )
@@ -236,7 +191,6 @@ def test_an_environment_with_a_command_names_value_limit_and_remedy(
 STATE = {"state": [1.5, 0, 0, 0]}
 OPTIONS = [
     ({"sate": [1.4, 0, 0, 0]}, ValueError, "unknown reset option 'sate'"),
-    ({"speed": 0.5}, ValueError, "unknown reset option 'speed'"),
     ({"state": [0.1, 0, 0, 0]}, ValueError, "phi = 0.1"),
     (
         {"params": THESIS_PHYSICAL, "state": [1.5, 3.0, 0, MAX_RATE]},
@@ -245,12 +199,9 @@ OPTIONS = [
     ),
     ({"state": [1.5, -1e17, 0, 0]}, ValueError, r"theta = -1e\+17: .* modulo 2 pi"),
     ({"state": [1.5, 0, math.nan, 0]}, ValueError, "four finite numbers"),
-    ({"state": 1.5}, ValueError, "four finite numbers"),
     ({"state": [[1.5, 0, 0, 0], [1.5]]}, ValueError, "rows of one length"),
     ({"state": np.zeros((2, 4))}, ValueError, "state: 2 for . rows, must be one per row"),
-    ({"state": "hanging"}, TypeError, r"state = .*must be real numbers"),
     (STATE | {"mode": "flying"}, ValueError, "mode = 'flying'"),
-    (STATE | {"mode": 3}, TypeError, "mode = 3: give a name, or one per row"),
     (STATE | {"mode": ["single_stance"] * 2}, ValueError, "mode: 2 for . rows"),
     ({"mode": "single_stance"}, ValueError, "goes with 'state'"),
     ({"params": [THESIS_PHYSICAL] * 2}, ValueError, "params: 2 for . rows"),
@@ -292,17 +243,10 @@ def test_refused_options_and_seeds_are_named_and_change_nothing(n: int | None) -
     [
         (None, TypeError),
         ("full speed", TypeError),
-        (np.array(["0.5"]), TypeError),
-        (np.array([None]), TypeError),
-        (np.array([10**400]), TypeError),
         (np.array([0.5 + 0j]), TypeError),
-        (np.array([1], "datetime64[s]"), TypeError),
         ([[0.5], [0.1, 0.2]], ValueError),
-        ([], ValueError),
         (np.zeros(2, np.float32), ValueError),
-        (np.zeros((1, 1), np.float32), ValueError),
         (np.array([math.nan], np.float32), ValueError),
-        (np.array([math.nan], np.float16), ValueError),
     ],
 )
 def test_refused_actions_change_nothing(action: Any, error: type) -> None:
@@ -319,9 +263,7 @@ def test_refused_actions_change_nothing(action: Any, error: type) -> None:
     [
         (np.array([[np.nan], [0.0], [np.nan]], np.float32), ValueError, r"rows \[0, 2\] are NaN"),
         (np.zeros(3, np.float32), ValueError, r"must have shape \(3, 1\)"),
-        (None, TypeError, "must be real numbers"),
         ([[0.5], ["0.5"], [0.5]], TypeError, "must be real numbers"),
-        (np.array([[0.5], [10**400], [0]], object), TypeError, "must be real numbers"),
     ],
 )
 def test_refused_actions_of_rows_change_nothing(actions: Any, error: type, message: str) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from rimless_gym import BUILDABLE, Disturbances, Pushes, RimlessWheelEnv
 from rimless_gym.envs.layout import MEMORY
@@ -83,18 +81,6 @@ def test_an_episode_is_truncated_after_20_seconds(period: float, steps: int) -> 
     assert envs.step(all_still)[3].all()
 
 
-def test_max_episode_steps_still_shortens_episodes() -> None:
-    env = gym.make(ID, control_period=0.04, max_episode_steps=3)
-    envs = make(1, SAME, control_period=0.04, max_episode_steps=3)
-    for each in (env, envs):
-        each.reset(options={"mode": "double_stance"})
-    assert [bool(env.step(STILL)[3]) for _ in range(3)] == [False, False, True]
-    assert [bool(envs.step([STILL])[3][0]) for _ in range(3)] == [False, False, True]
-    for endless in (None, 3000):
-        envs = make(1, control_period=0.04, max_episode_steps=endless)
-        assert envs.max_episode_steps == endless
-
-
 @pytest.mark.parametrize("mount", ["wheel", "frame"])
 def test_a_current_is_driven_at_the_beginning_of_the_interval(mount: str) -> None:
     params = BUILDABLE.replace(motor_mount=mount)
@@ -130,20 +116,3 @@ def test_no_current_costs_no_energy_at_the_beginning_and_any_current_as_much_as_
     assert env.measurements["copper"] == pytest.approx(
         (0.1 * stall) ** 2 * BUILDABLE.armature_resistance * 0.01, rel=0.2
     )
-
-
-def test_gymnasiums_checker_is_silent_and_frames_come_at_the_control_period() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        env = gym.make(ID, control_period=0.04, actions="current", render_mode="rgb_array")
-        check_env(env.unwrapped)
-    assert env.metadata["render_fps"] == make(1, control_period=0.04).metadata["render_fps"] == 25
-    assert RimlessWheelEnv.metadata["render_fps"] == 100
-
-
-def test_a_snapshot_of_another_control_is_refused() -> None:
-    env = RimlessWheelEnv(control_period=0.02)
-    env.reset(seed=0)
-    for other in (RimlessWheelEnv(), RimlessWheelEnv(control_period=0.02, actions="current")):
-        with pytest.raises(ValueError, match=r"period=0.02.*, not of Control"):
-            other.set_state(env.get_state())

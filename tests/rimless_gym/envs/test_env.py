@@ -38,16 +38,6 @@ def test_gymnasiums_checker_is_silent(id: str) -> None:
         checked.step(STILL)
 
 
-@pytest.mark.slow  # for the import of torch
-@pytest.mark.parametrize("id", [ID, SPEED_ID])
-def test_the_checker_of_stable_baselines3_is_silent(id: str) -> None:
-    from stable_baselines3.common.env_checker import check_env as sb3_check_env
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        sb3_check_env(gym.make(id))
-
-
 def test_the_environment_itself_enforces_the_order_of_calls() -> None:
     env = gym.make(ID, render_mode="rgb_array")
     with pytest.raises(RuntimeError, match=r"no episode is running: call reset\(\) first"):
@@ -216,19 +206,6 @@ def test_slow_rocking_ends_in_rest_and_balances_alone_and_in_rows() -> None:
         touchdowns += energy["touchdowns"]
     assert touchdowns > 10
     assert info["mode"] == rows[-1]["mode"][1] == DOUBLE
-
-
-def test_frames_are_drawn_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    env = gym.make(ID, render_mode="rgb_array")
-    env.reset(seed=0)
-    first = env.render()
-    for _ in range(10):
-        env.step(np.ones(1, np.float32))
-    second = env.render()
-    assert first.dtype == np.uint8
-    assert first.shape[2] == 3
-    assert not np.array_equal(first, second)
 
 
 def test_the_arrow_keys_set_the_voltage_and_no_key_means_zero(monkeypatch: Any) -> None:

@@ -94,16 +94,6 @@ def test_seeds_can_be_one_per_row_and_none_keeps_drawing() -> None:
     assert len(envs.np_random) == 3
 
 
-@pytest.mark.parametrize("seed", [np.array(7), np.uint8(7), np.array(7, np.int16)])
-def test_seeds_can_be_numpy_integers(seed: Any) -> None:
-    for env, same, used in ((RimlessWheelEnv(), 7, 7), (make(3), 7, (7, 8, 9))):
-        plain = type(env)(**({} if used == 7 else {"num_envs": 3}))
-        assert np.array_equal(env.reset(seed=seed)[0], plain.reset(seed=same)[0])
-        assert env.np_random_seed == used
-    rows = np.array([5, 0, 7], seed.dtype)
-    assert np.array_equal(make(3).reset(seed=rows)[0], make(3).reset(seed=[5, 0, 7])[0])
-
-
 def test_a_masked_reset_leaves_other_rows_and_the_callers_options_alone() -> None:
     envs = make(4, DISABLED, **ROUGH)
     envs.reset(seed=0)

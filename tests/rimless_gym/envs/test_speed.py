@@ -15,8 +15,6 @@ from rimless_gym import (
     BUILDABLE,
     RimlessWheelEnv,
     RimlessWheelSpeedEnv,
-    RimlessWheelSpeedVectorEnv,
-    Task,
 )
 from rimless_gym.envs.task import rewarded
 from tests.rimless_gym.envs.rows import DISABLED, ID, NEXT, SAME, SPEED_ID, STILL, make, swinging
@@ -129,15 +127,6 @@ def test_snapshots_pickles_and_specs_keep_the_command() -> None:
         RimlessWheelSpeedEnv().set_state(env.unwrapped.get_state())
     with pytest.raises(ValueError, match="not of Control"):
         RimlessWheelEnv(control_period=0.04).set_state(env.unwrapped.get_state())
-
-
-def test_defaults_and_a_dictionary_of_weights() -> None:
-    assert RimlessWheelSpeedEnv().task == Task(5.0, 0.5, 1.0)
-    assert RimlessWheelSpeedEnv(task={"slip_penalty": 3.0}).task == Task(5.0, 0.5, 3.0)
-    assert RimlessWheelSpeedVectorEnv(2, task={"slip_penalty": 3.0}).tasks[1] == Task(5.0, 0.5, 3.0)
-    assert gym.spec(SPEED_ID).max_episode_steps == rows(1).max_episode_steps == 500
-    assert rows(1, control_period=0.1).max_episode_steps == 200
-    assert gym.make(SPEED_ID, actions="current").unwrapped.control.by_current
 
 
 def test_resting_is_not_rewarded() -> None:

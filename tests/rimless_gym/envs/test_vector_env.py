@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 from rimless_gym import EPISODE_STEPS, THESIS_PHYSICAL, RimlessWheelVectorEnv
-from tests.rimless_gym.envs.rows import DISABLED, ID, NEXT, SAME, make, swinging
+from tests.rimless_gym.envs.rows import DISABLED, NEXT, SAME, make, swinging
 
 EACH_MODE = pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED], ids=lambda mode: mode.value)
 
@@ -50,71 +47,6 @@ def test_spaces_and_metadata_follow_gymnasiums_contract() -> None:
     assert terminated.dtype == truncated.dtype == np.bool_
     assert envs.spec is not None
     assert envs.max_episode_steps == EPISODE_STEPS
-
-
-@pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
-def test_every_reset_and_step_has_the_same_entries_each_of_one_type(mode: AutoresetMode) -> None:
-    envs, kinds, lasts = make(3, mode), set(), 0
-
-    def see(info: dict[str, Any]) -> None:
-        kinds.add(tuple(sorted((name, each.dtype, each.shape) for name, each in info.items())))
-
-    see(envs.reset(seed=0)[1])
-    for actions in swinging(3, 400):
-        info = envs.step(actions)[-1]
-        final = {name: info.pop(name) for name in list(info) if "final" in name}
-        see(info)
-        if final:
-            lasts += 1
-            see(final["final_info"])
-            assert final["final_info"]["failure"][final["_final_info"]].all()
-    assert len(kinds) == 1
-    assert (lasts > 0) == (mode is SAME)
-
-
-@pytest.mark.parametrize("wrapper", ["RecordEpisodeStatistics", "DictInfoToList"])
-@pytest.mark.parametrize("mode", [NEXT, SAME], ids=lambda mode: mode.value)
-def test_gymnasiums_vector_wrappers_work(wrapper: str, mode: AutoresetMode) -> None:
-    envs = getattr(gym.wrappers.vector, wrapper)(make(3, mode, max_episode_steps=30))
-    envs.reset(seed=0)
-    lengths = []
-    for actions in swinging(3, 70):
-        info = envs.step(actions)[-1]
-        if wrapper == "DictInfoToList":
-            assert isinstance(info[0]["distance"], float)
-        elif "episode" in info:
-            lengths += info["episode"]["l"][info["_episode"]].tolist()
-    assert wrapper == "DictInfoToList" or max(lengths) == 30
-
-
-def test_absurd_voltages_never_give_nan() -> None:
-    envs = make(7, params=[THESIS_PHYSICAL.replace(voltage_limit=10.0**k) for k in range(1, 8)])
-    envs.reset(seed=0)
-    for actions in swinging(7, 100, hold=5):
-        try:
-            seen, rewards, _, _, info = envs.step(actions)
-        except RuntimeError:  # a row's motion left the model's range
-            continue
-        assert np.isfinite(seen).all()
-        assert np.isfinite(rewards).all()
-        assert not any(np.isnan(values).any() for values in info.values())
-
-
-def test_rendering_gives_the_single_environments_frame_of_each_row() -> None:
-    envs = make(2, render_mode="rgb_array")
-    with pytest.raises(RuntimeError, match="reset"):
-        envs.render()
-    envs.reset(seed=0)
-    first = envs.render()
-    for i, frame in enumerate(first):
-        single = gym.make(ID, render_mode="rgb_array")
-        single.reset(seed=i)
-        assert np.array_equal(frame, single.render())
-    envs.step(np.ones((2, 1), np.float32))
-    second = envs.render()
-    assert isinstance(second, tuple)
-    assert len(second) == 2
-    assert not np.array_equal(first[0], second[0])
 
 
 def test_the_action_of_a_row_that_is_reset_is_ignored_even_if_it_is_nan() -> None:

@@ -184,18 +184,6 @@ def test_grazing_touchdowns_are_hit_or_missed_as_in_the_reference(excess: float)
     assert np.abs(state[:4] - reference.x[-1]).max() < 1e-7
 
 
-def test_two_half_intervals_equal_a_whole_one() -> None:
-    rng = np.random.default_rng(3)
-    whole = random_states(THESIS_PHYSICAL, rng, 200)
-    halves, volts = whole.copy(), rng.uniform(-20, 20, 200)
-    rows = advance(THESIS_PHYSICAL, whole, volts, 0.02, math.inf)
-    parts = advance(THESIS_PHYSICAL, halves, volts, 0.008, math.inf)
-    parts += advance(THESIS_PHYSICAL, halves, volts, 0.012, math.inf)
-    assert rows[:, ROW.touchdowns].sum() > 5
-    assert np.abs(whole - halves).max() < 1e-9
-    assert np.abs(rows[:, : ROW.steps] - parts[:, : ROW.steps]).max() < 1e-6
-
-
 def test_loss_of_contact_is_located_where_the_normal_force_vanishes() -> None:
     params, rng = THESIS_PHYSICAL, np.random.default_rng(4)
     states = random_states(params, rng, 400)
@@ -236,22 +224,6 @@ def test_a_wheel_resting_on_two_feet_lifts_off_when_a_foot_would_be_pulled() -> 
     assert reference.events[0].kind == "lift_off"
     leading, trailing = hybrid.lift_off_guards(*reference.events[0].before[[1, 3]], -20.0, p)
     assert min(abs(leading), abs(trailing)) < 1e-8
-
-
-def test_a_foot_that_barely_lifts_and_returns_does_not_chatter() -> None:
-    params, p = THESIS_PHYSICAL, THESIS_PHYSICAL.constants
-    rng, lifted = np.random.default_rng(6), 0
-    for _ in range(500):
-        theta, dtheta = rng.uniform(-1.2, 1.2), rng.uniform(-3, 3)
-        guards = np.array([hybrid.lift_off_guards(theta, dtheta, v, p) for v in (0.0, 1.0)])
-        side = int(rng.integers(2))  # the voltage is such that this foot is hardly pulled
-        volts = -guards[0, side] / (guards[1, side] - guards[0, side])
-        volts += rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -1)
-        state = np.array([[p.a, theta, 0.0, dtheta, DOUBLE, 0.0]])
-        out = advance(params, state, np.array([volts]), pull=math.inf)[0]
-        assert out[ROW.failure] == OK
-        lifted += out[ROW.touchdowns] > 0 or state[0, MODE] == SINGLE
-    assert lifted > 100
 
 
 @pytest.mark.parametrize("name", ["THESIS_PHYSICAL", "PROTOTYPE"])

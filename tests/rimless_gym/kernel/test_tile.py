@@ -16,7 +16,7 @@ from rimless_gym.kernel import integration
 from rimless_gym.kernel import tile as slot
 from rimless_gym.kernel.accounting import measure, open_interval
 from rimless_gym.kernel.attempt import check_attempt, plan
-from rimless_gym.kernel.integration import quintic, rk8, smooth_states, upward_root, value
+from rimless_gym.kernel.integration import rk8, smooth_states
 from rimless_gym.kernel.stepping import (
     MODE,
     STATE_SIZE,
@@ -160,28 +160,6 @@ def test_halving_the_step_divides_the_error_by_two_to_the_eighth(
     orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 7.8
     assert errors[-1] < 1e-10
-
-
-def test_the_interpolating_quintic_is_exact_for_quintics_and_of_sixth_order() -> None:
-    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -0.7, 0.1])
-    rate, acceleration = polynomial.deriv(), polynomial.deriv(2)
-    h = 0.8
-    c = quintic(*(f(t) for t in (0.0, h) for f in (polynomial, rate, acceleration)), h)
-    s = np.linspace(0, 1, 11)
-    assert np.abs(value(c, s) - polynomial(h * s)).max() < 1e-14
-
-    def error(h: float) -> float:
-        c = quintic(0.0, 1.0, 0.0, math.sin(h), math.cos(h), -math.sin(h), h)
-        return float(np.abs(value(c, s) - np.sin(h * s)).max())
-
-    assert math.log2(error(0.4) / error(0.2)) > 5.8
-
-
-def test_a_root_at_the_start_is_skipped_if_the_polynomial_falls_there() -> None:
-    assert upward_root((0.0, 1.0, 0.0, 0.0, 0.0, 0.0), 1.0) == 0.0
-    assert upward_root((0.0, -0.5, 1.0, 0.0, 0.0, 0.0), 1.0) == 0.5
-    assert abs(upward_root((0.0, 0.0, -0.25, 1.0, 0.0, 0.0), 1.0) - 0.25) < 1e-15
-    assert abs(upward_root((-0.125, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0) - 0.5) < 1e-15
 
 
 def test_an_attempt_in_which_an_angle_turns_too_far_is_halved() -> None:

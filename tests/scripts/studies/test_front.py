@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
-from rimless_gym import BUILDABLE, THESIS_PHYSICAL, WheelParams
+from rimless_gym import BUILDABLE, THESIS_PHYSICAL
 from scripts.studies.fronts import command, solving
 from scripts.studies.fronts.results import (
     PlaceResults,
@@ -36,6 +34,7 @@ from scripts.studies.fronts.solving import (
     Task,
     attempts,
 )
+from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import ARCHIVE, index
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
@@ -67,10 +66,10 @@ def imagined(task: Task) -> list[SolveAttempt]:
     gait = found(place.speed, round(0.01 + 0.1 * place.speed, 6), -1, place.steps)
     there = gait if place.speed < 0.6 else None
     if not isinstance(task, RandomStarts):
-        return [SolveAttempt(-1, task.key, there, 0.01)]
+        return [SolveAttempt(-1, task.key, there)]
     made = []
     for turns, _, starts in task.families:
-        made += [SolveAttempt(turns, None, there if turns == -1 else None, 0.01)] * starts
+        made += [SolveAttempt(turns, None, there if turns == -1 else None)] * starts
     return made
 
 
@@ -128,9 +127,9 @@ def test_results_read_again_are_the_same(results: SearchResults) -> None:
     results.add(
         place,
         (
-            SolveAttempt(-1, None, found(0.5, 0.03), 1.5),
-            SolveAttempt(0, None, None, 0.5),
-            SolveAttempt(-1, "another gait", found(0.5, 0.02), 0.25),
+            SolveAttempt(-1, None, found(0.5, 0.03)),
+            SolveAttempt(0, None, None),
+            SolveAttempt(-1, "another gait", found(0.5, 0.02)),
         ),
     )
     here = again(results).at(place)
@@ -138,7 +137,6 @@ def test_results_read_again_are_the_same(results: SearchResults) -> None:
     assert [gait.cot for gait in here.gaits] == [0.02, 0.03]
     assert here.starts == {-1: (1, 1), 0: (1, 0)}
     assert here.known == {"another gait"}
-    assert here.seconds == 2.25
     assert (here.gaits[0].phases[0].states == found(0.5, 0.02).phases[0].states).all()
 
 
@@ -155,7 +153,7 @@ def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(
     for task in one_step(0, [0.5], results):
         assert isinstance(task, RandomStarts)
         results.add(place, imagined(task)[: 2 if task.families[0][0] == -1 else None])
-    results.add(place, [SolveAttempt(-2, None, None, 0.0)])
+    results.add(place, [SolveAttempt(-2, None, None)])
     backwards = [
         task.families
         for task in one_step(0, [0.5], results, rounds=2)
@@ -190,30 +188,22 @@ def test_a_gait_that_was_continued_to_a_speed_is_not_continued_back(
 def test_an_interrupted_search_goes_on_without_what_it_had_finished(tmp_path: Path) -> None:
     whole, first, second = Imagined(), Imagined(40), Imagined()
     results = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "whole"))
-    (sweep,) = FrontSearch(results, GRID, 1000.0, whole)()
-    assert sweep.complete
-    assert sweep.gain == pytest.approx(0.0)
+    assert FrontSearch(results, GRID, whole)() == pytest.approx(0.0)
     assert results.costs(0) == results.costs(1) == results.costs(2)
     assert max(results.costs(0)) == pytest.approx(0.6 - GRID / 4)
     parts = SearchResults(THESIS_PHYSICAL, Store(tmp_path / "parts"))
     with pytest.raises(KeyboardInterrupt):
-        FrontSearch(parts, GRID, 1000.0, first)()
+        FrontSearch(parts, GRID, first)()
     parts = again(parts)
-    FrontSearch(parts, GRID, 1000.0, second)()
+    FrontSearch(parts, GRID, second)()
     assert not {repr(task) for task in first.tasks} & {repr(task) for task in second.tasks}
     assert len(first.tasks) + len(second.tasks) == len(whole.tasks)
     assert parts.costs(2) == results.costs(2)
     # Damaged results are searched again.
     (tmp_path / "whole" / "search" / "seed0_1_steps_0.4000.json").write_bytes(b"damaged")
     repair = Imagined()
-    FrontSearch(again(results), GRID, 1000.0, repair)()
+    FrontSearch(again(results), GRID, repair)()
     assert {task.place for task in repair.tasks} == {Place(0, 0.4, 1)}
-
-
-def test_a_search_stops_when_its_budget_is_used_up(results: SearchResults) -> None:
-    (sweep,) = FrontSearch(results, GRID, 1.0, Imagined())()
-    assert not sweep.complete
-    assert results.seconds < 1.0
 
 
 def solved(task: Task) -> SearchGait | None:
@@ -270,7 +260,7 @@ class Verified:
             self.solved.append(gait.turns)
             cot = self.cots.get(gait.turns)
             solution = None if cot is None else costing(cot)
-            yield gait, Polished(gait, solution, "" if solution else "none", 1.0)
+            yield gait, Polished(gait, solution, "" if solution else "none")
 
 
 def add(results: SearchResults, cots: dict[int, float], speed: float = 0.5) -> None:
@@ -286,7 +276,7 @@ def test_gaits_are_solved_finely_until_the_next_could_not_cost_less(
     add(results, {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05})
     run = Verified({-2: 0.045, -3: 0.041})
     for _ in range(2):  # finished gaits are not solved again
-        done = FineMeshes(results, 60.0, run)()
+        done = FineMeshes(results, run)()
     assert run.solved == [-1, -2, -3]
     assert [each.failure == "" for each in done] == [False, True, True]
     assert done[2].solution is not None
@@ -298,7 +288,7 @@ def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
 ) -> None:
     add(results, {-1: 0.02})
     add(results, {-2: 0.01}, 0.6)
-    done = FineMeshes(results, 60.0, Verified({-1: 0.02}))()
+    done = FineMeshes(results, Verified({-1: 0.02}))()
     (there,) = [each for each in done if each.gait.speed == 0.6 and not each.failure]
     assert there.gait.turns == -1
     assert there.gait.origin.endswith("continued from 0.5 m/s on a fine mesh")
@@ -316,32 +306,26 @@ def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
 
 def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
     old, costlier = known(0.5), costing(2 * known(0.5).cot)
-    done = Polished(found(0.5, 0.06), costlier, "", 1.0)
+    done = Polished(found(0.5, 0.06), costlier, "")
     assert command.chosen([done], [old]) == [old]
     assert command.chosen([done], []) == [costlier]
     failed = done._replace(failure="slips")
     assert command.chosen([failed], [old]) == [old]
-    with pytest.raises(NoGaitError, match="--minutes"):
+    with pytest.raises(NoGaitError, match="verification"):
         command.chosen([failed], [])
 
 
-def test_the_record_the_page_and_the_figure_are_written_and_the_gaits_shipped(
+def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
     results: SearchResults, tmp_path: Path
 ) -> None:
-    sweeps = FrontSearch(results, GRID, 1000.0, Imagined())()
-    gaits = [dataclasses.replace(known(speed), provenance={}) for speed in (0.45, 0.5)]
-    text = command.record("TRIAL", results, gaits, [], sweeps, {"budget": 10.0, "workers": 1})
-    assert json.loads(json.dumps(text, allow_nan=False)) == text
-    assert [row["found_by"] for row in text["front"]] == [command.SHIPPED] * 2
-    path = tmp_path / "front.md"
-    path.write_text("# Fronts\n")
-    for _ in range(2):
-        command.write_section(path, text)
-        assert path.read_text().count("the two seeds agree everywhere") == 1
-    assert command.drawn(text).axes
+    gain = FrontSearch(results, GRID, Imagined())()
+    gaits = [known(speed) for speed in (0.45, 0.5)]
+    front = CotFront(tuple(gaits))
+    assert "the two seeds agree everywhere" in command.section("TRIAL", front, results, gain)
+    assert command.drawn("TRIAL", front).axes
     for count in (2, 1):
-        command.ship(tmp_path / "library", "TRIAL", gaits[:count], text)
-        assert len(command.gait_files(tmp_path / "library" / ARCHIVE.name)) == count
+        command.ship(tmp_path / "gaits.zip", "TRIAL", gaits[:count])
+        assert len(command.gait_files(tmp_path / "gaits.zip")) == count
 
 
 def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
@@ -349,75 +333,11 @@ def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
     assert (tmp_path / "gaits.zip").read_bytes() == ARCHIVE.read_bytes()
 
 
-class Gait(NamedTuple):
-    """What counts of a gait for resting."""
-
-    speed: float
-    cot: float
-    params: WheelParams = BUILDABLE
-
-
-def rest(*gaits: tuple[float, float]) -> list[Any]:
-    return command.rests(SimpleNamespace(envelope=[Gait(*gait) for gait in gaits]))  # type: ignore[arg-type]
-
-
-def test_resting_costs_the_energy_of_walking_and_the_idle_power_of_the_rest() -> None:
-    slow, fastest = rest((0.2, 0.4), (0.6, 0.1))
-    assert (slow["speed"], slow["walking"]) == (0.2, 0.6)
-    # In 3 s the wheel goes 0.6 m: 1 s of walking, 2 s of rest.
-    energy = 0.1 * BUILDABLE.weight * 0.6 + 2.0 * BUILDABLE.idle_power
-    assert slow["cot"] == pytest.approx(energy / (BUILDABLE.weight * 0.6))
-    assert fastest is None
-
-
-def test_resting_saves_nothing_where_walking_slowly_costs_less_than_idling() -> None:
-    idle = BUILDABLE.idle_power / BUILDABLE.weight
-    assert rest((0.2, 0.1 + 3 * idle), (0.6, 0.1))[0] is None
-    assert rest((0.2, 0.1 + 4 * idle), (0.6, 0.1))[0] is not None
-    first, second, last = rest((0.2, 0.5), (0.3, 0.1), (0.6, 0.3))
-    assert (first["walking"], second, last) == (0.3, None, None)
-
-
-@pytest.mark.parametrize("trial", [False, True])
-def test_only_a_search_of_a_preset_itself_is_shipped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trial: bool
-) -> None:
-    folders: list[Path] = []
-
-    def shipping(folder: Path, *_: object) -> None:
-        folders.append(folder)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "FrontSearch", lambda *_: lambda: ())
-    monkeypatch.setattr(command, "FineMeshes", lambda *_: list)
-    monkeypatch.setattr(command, "record", lambda *_: {})
-    monkeypatch.setattr(command, "ship", shipping)
-    changes = ["--params", '{"friction": 0.8}' if not trial else '{"voltage_limit": 12}']
-    monkeypatch.setattr(command, "chosen", lambda *_: [])
-    assert command.main([*(changes if trial else []), "--out", str(tmp_path)]) == 130
-    assert (folders == [ARCHIVE.parent]) is not trial
-    # Results of another grid do not mix with these.
-    assert command.main([*(changes if trial else []), "--out", str(tmp_path), "--grid", "0.1"]) == 2
-
-
-def recorded() -> list[tuple[str, dict[str, Any]]]:
-    """The fronts of the shipped records."""
-    contents = [json.loads(path.read_text()) for path in ARCHIVE.parent.glob("*_front.json")]
-    return [(content["machine"], row) for content in contents for row in content["front"]]
-
-
-def test_every_gait_of_a_recorded_front_is_shipped() -> None:
-    assert recorded()
-    for _, row in recorded():
-        assert row["cot"] in [e.cot for e in index() if round(e.speed, 4) == row["speed"]]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75, 1.0])
 def test_a_periodic_gait_never_costs_more_than_the_searched_front(share: float) -> None:
-    rows = recorded()
-    name, row = rows[round(share * (len(rows) - 1))]
-    params = next(e.params for e in index() if e.cot == row["cot"])
-    gait = periodic_gait(params, row["speed"], row["steps"])
-    assert gait.verification.passed, name
-    assert gait.cot <= row["cot"] * 1.005
+    gaits = [g for p in (BUILDABLE, THESIS_PHYSICAL) for g in shipped_front(p).envelope]
+    best = gaits[round(share * (len(gaits) - 1))]
+    gait = periodic_gait(best.params, best.speed, best.steps)
+    assert gait.verification.passed
+    assert gait.cot <= best.cot * 1.005

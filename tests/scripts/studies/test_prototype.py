@@ -15,7 +15,6 @@ from scripts.studies.thesis.variants import (
     MOST_TURNS,
     SCALES,
     VARIANTS,
-    StartsAtScale,
     cheapest,
     followed,
     whirling,
@@ -60,13 +59,6 @@ def test_random_starts_make_the_turns_that_they_are_labelled_with() -> None:
         gained = phase.end[1] - phase.start[1]
         assert gained == pytest.approx(2 * np.pi * turns)
         assert abs(turns) <= MOST_TURNS
-
-
-def test_known_gaits_are_the_first_starts_with_their_own_turns_and_gear() -> None:
-    gait = slow_whirl()
-    start = StartsAtScale(GEARED, 3.5, (gait,))(np.random.default_rng(0), 0)
-    assert start.kind == str(gait.theta_turns)
-    assert np.array_equal(start.parameters, [3.5, 1.0])
 
 
 def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:

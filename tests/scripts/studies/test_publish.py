@@ -1,4 +1,4 @@
-"""A finished comparison, or another policy, comes into the documents and the package as a whole."""
+"""A finished comparison comes into the documents and the package as a whole."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 import json
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,7 @@ import pytest
 from agents.comparison.methods import LearnedMethod, methods
 from agents.comparison.study import Study
 from agents.comparison.table import HEADLINE, Row
-from agents.evaluate import PROTOCOL, evaluate
 from agents.policy_files import PRETRAINED, read_record
-from rimless_gym.envs.speed import TASK
 from scripts.studies import publish
 from scripts.studies.publish import STUDIED, card, over_seeds
 
@@ -124,20 +121,14 @@ def test_the_table_the_pictures_and_the_policies_with_their_cards_are_published(
     assert contents(root) == once
 
 
-def test_an_unfinished_comparison_is_not_published(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert publish.main(["--study", str(tmp_path)]) == 2
-    assert "results.json: is missing; run make compare" in capsys.readouterr().err
-
-
 def test_nothing_is_published_into_pages_without_marks_or_without_a_line_over_seeds(
     study: Path, root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lost = LEARNING.replace("| evolution from scratch, best kept | 9", "| evolution | 9")
-    changes = [(publish.LEARNING, lost, "evolution from scratch, best kept")]
-    changes += [(page, "none\n", f"<!-- compare: {n} -->") for n, page in publish.PAGES.items()]
-    for page, text, message in changes:
+    for page, text, message in (
+        (publish.LEARNING, lost, "evolution from scratch, best kept"),
+        (publish.PAGES["table"], "none\n", "<!-- compare: table -->"),
+    ):
         original = (root / page).read_text()
         (root / page).write_text(text)
         before = contents(root)
@@ -180,109 +171,29 @@ def test_the_published_headline_is_taken_from_the_published_tables(root: Path) -
     assert (root / "README.md").read_text() == readme
 
 
-# -- cards -----------------------------------------------------------------------------------------
-
-
-def text_of(record: dict[str, Any] = RECORD, row: Row = ROW, init: str = "scratch") -> str:
-    return card("mine", record, [row], "BUILDABLE", init, publish.COMPARED)
-
-
-def test_a_card_has_what_the_policy_is_how_it_walks_and_what_made_it() -> None:
-    text = text_of()
-    assert text.startswith("# `mine`: PPO from scratch\n\nLearned from nothing: no gait")
+def test_a_card_has_the_figures_of_its_row_and_what_the_training_began_from() -> None:
+    lines = card("mine", RECORD, ROW, "BUILDABLE", "scratch").splitlines()
+    assert lines[:3:2] == ["# `mine`: PPO from scratch", publish.ORIGINS["scratch"]]
     for line in (
-        "| task | `RimlessWheel-v0`, reward of the task as it is registered |",
-        "| machine | `BUILDABLE` |",
-        "| algorithm | ppo |",
-        "| steps | 1,234,567 |",
         "| starts that walk | 95% |",
         "| CoT | 0.0500 |",
         "| return | 0.250 m/s |",
         "| speed | 0.600 m/s |",
         "| gap to the optimum at this speed | +10.0% |",
         "| friction demand, least Fy / weight | 0.71, 0.06 |",
-        "| made by | revision 0123456789 with rimless-gym 0.1.0, torch 2.13.0 |",
     ):
-        assert line in text.splitlines()
-    assert "`rimless evaluate mine` measures this file" in text
-    changed = {"task": {"distance_weight": 0.8}, "ranges": {"drag": [0, 1]}, "timesteps": 0}
-    text = text_of(RECORD | changed, dataclasses.replace(ROW, cot=None, gap=None))
-    for line in (
-        '| task | `RimlessWheel-v0`, reward of {"distance_weight": 0.8} |',
-        '| machine | `BUILDABLE`, ranges {"drag": [0, 1]} |',
-        "| steps | none: only cloned |",
-        "| CoT | - |",
-        "| gap to the optimum at this speed | - |",
-    ):
-        assert line in text.splitlines()
+        assert line in lines
+    falls = dataclasses.replace(ROW, cot=None, gap=None)
+    lines = card("mine", RECORD, falls, "BUILDABLE", "ppo policy 12ab").splitlines()
+    assert lines[2] == "It began as: ppo policy 12ab."
+    assert "| CoT | - |" in lines
 
 
-@pytest.mark.parametrize(
-    ("init", "origin"),
-    [
-        ("imitation", "A clone of the LQR about the environment's own optimum."),
-        ("imitation of evolution policy 12ab", "A network cloned from the evolved policy: no gait"),
-        ("ppo policy 12ab", "It began as: ppo policy 12ab."),
-    ],
-)
-def test_a_card_has_what_the_training_began_from(init: str, origin: str) -> None:
-    assert text_of(init=init).splitlines()[2].startswith(origin)
-
-
-@pytest.mark.parametrize("name", sorted(PRETRAINED))
+@pytest.mark.parametrize("name", publish.POLICIES)
 def test_the_card_of_a_shipped_policy_is_that_of_its_file(name: str) -> None:
     shipped = PRETRAINED[name].with_suffix(".md").read_text().splitlines()
     record = read_record(PRETRAINED[name])
-    lines = card(name, record, [ROW], "BUILDABLE", "scratch", "").splitlines()
-    fields = ["task", "machine", "algorithm", "steps", "seed", "made by"]
-    for field in [*fields, *["commands"] * bool(record.get("speeds"))]:
+    lines = card(name, record, ROW, "BUILDABLE", "scratch").splitlines()
+    for field in ("task", "machine", "algorithm", "steps", "seed", "made by"):
         (line,) = [line for line in lines if line.startswith(f"| {field} |")]
         assert line in shipped
-
-
-def test_a_card_has_a_line_for_each_commanded_speed() -> None:
-    task = dataclasses.asdict(TASK)
-    record = RECORD | {"task": task, "speeds": [0.5, 0.6], "control_period": 0.01}
-    rows = [dataclasses.replace(ROW, study_speed=0.62), Row("x", 0.5, walking_share=0.0)]
-    lines = card("mine", record, rows, "BUILDABLE", "imitation with {}", "Ask;").splitlines()
-    assert lines[2].startswith("A clone of LQRs about")
-    for line in (
-        "| task | `RimlessWheelSpeed-v0`, reward of the task as it is registered |",
-        "| commands | 0.5 to 0.6 m/s, a decision every 10 ms |",
-        "| 0.62 m/s | 95% | 0.0500 | 0.600 m/s | +10.0% | 0.71, 0.06 |",
-        "| 0.5 m/s | 0% | - | - | - | -, - |",
-    ):
-        assert line in lines
-
-
-# -- another policy --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("duration", "walks"), [(12.0, True), (0.2, False)])
-def test_another_policy_is_copied_with_a_card_of_its_figures_if_it_walks(
-    root: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    duration: float,
-    walks: bool,
-) -> None:
-    brief = dataclasses.replace(PROTOCOL, starts=2, duration=duration, window=0.1, alive=0.01)
-    brief = dataclasses.replace(brief, window=4.0, alive=2.0) if walks else brief
-    monkeypatch.setattr(publish, "evaluate", partial(evaluate, protocol=brief))
-    monkeypatch.setattr(publish, "gap_to_optimum", lambda *given, progress: 0.123)
-    (tmp_path / "train.json").write_text(json.dumps({"init": "scratch"}))
-    policy = Path(shutil.copy(PRETRAINED["evolution"], tmp_path / "best.zip"))
-    arguments = ["--policy", str(policy), "--name", "found", "--title", "found by evolution"]
-    if walks:
-        assert publish.main(arguments) == 0
-        text = (publish.PRETRAINED / "found.md").read_text()
-        assert text.startswith("# `found`: found by evolution\n\nLearned from nothing")
-        assert "| gap to the optimum at this speed | +12.3% |" in text
-        assert (publish.PRETRAINED / "found.zip").read_bytes() == policy.read_bytes()
-    else:
-        assert publish.main(arguments) == 2
-        assert "walks from no start" in capsys.readouterr().err
-        assert publish.main([*arguments[:2], "--name", "imitation"]) == 2
-        assert "must be a plain name" in capsys.readouterr().err
-        assert not list(publish.PRETRAINED.iterdir())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,8 @@ def test_the_mass_goes_to_its_bound_unless_the_cost_is_that_of_transport(
 
 @pytest.mark.slow
 def test_the_foot_is_pulled_unless_it_must_press(everything: dict[Key, Any]) -> None:
+    assert everything[2, "least pull of the foot"].extremal.parameters[0] > 3
+    assert everything[2, "least |theta'| at the end"].extremal.cost > (4 * math.pi) ** 2
     (collisionless,) = everything[2, "|theta'| <= 8 pi at the end"].rows()
     assert collisionless["min_normal_force_over_weight"] < -3
     for key, solution in everything.items():

@@ -32,6 +32,11 @@ def path(law, x, seconds):
     return np.array(visited), np.array(voltages), steps
 
 
+def changed(law, **numbers):
+    """The law with other numbers."""
+    return dataclasses.replace(law, data=law.data._replace(**numbers))
+
+
 def distances(law, states):
     return np.sqrt(squared_distances(np.ascontiguousarray(states), law.data.orbit))
 
@@ -117,14 +122,14 @@ def test_the_lqr_holds_a_gait_of_two_steps_with_a_continuous_voltage(gait, walk)
 
 def test_no_gain_of_the_input_output_law_changes_the_motion_along_the_constraint(one_step):
     first, second = (
-        multipliers(input_output.design(one_step, kp=rate**2, kd=2 * rate), one_step)[0]
+        multipliers(changed(input_output.design(one_step), kp=rate**2, kd=2 * rate), one_step)[0]
         for rate in (20.0, 40.0)
     )
     assert first == pytest.approx(second, rel=0.05)
 
 
 def test_the_output_decays_as_its_equation_says(one_step):
-    linearising = input_output.design(one_step, kp=100.0, kd=20.0)
+    linearising = changed(input_output.design(one_step), kp=100.0, kd=20.0)
     x = one_step.state(0.2) + [0.001, 0.0, 0.0, 0.0]
     visited, _, _ = path(linearising, x[None], 0.31)
     outputs = [output(x, linearising.data.constraint, P.constants) for x in visited[:, 0]]
@@ -158,7 +163,8 @@ def test_the_phase_is_the_angle_that_turns_steadily():
 
 
 def test_sigma_shrinks_in_every_period_and_keeps_its_sign(one_step):
-    sliding = sliding_mode.design(one_step, reach=0.2, layer=0.4)
+    limit = P.voltage_limit
+    sliding = changed(sliding_mode.design(one_step), reach=0.2 * limit, layer=0.4 * limit)
     x = one_step.state(0.3) + [0.0, 0.0, 0.02, 0.0]
     visited, _, _ = path(sliding, x[None], 0.2)
     sigma = np.array([sliding_mode.sigma_now_and_later(x, sliding.data)[1] for x in visited[:, 0]])

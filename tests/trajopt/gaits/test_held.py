@@ -57,7 +57,6 @@ def test_the_kernel_repeats_it_and_closes_its_ledger(held):
     assert abs(ledger.residual) < 1e-9
     assert ledger.energy == held.verification.electrical_positive
     assert ledger.cost_of_transport(P) == pytest.approx(held.cot, rel=1e-10)
-    assert held.verification.cot_at_100hz_hold == pytest.approx(held.cot, rel=1e-10)
 
 
 def test_the_environment_repeats_it_bit_for_bit_with_its_single_precision_actions(held):
@@ -91,10 +90,6 @@ def test_its_speed_is_the_nearest_possible_one_and_its_cost_a_little_above_the_o
     assert held.duration == pytest.approx(0.88, abs=1e-12)
     assert held.speed == pytest.approx(P.step_length / 0.88)
     assert continuous.cot < held.cot < 1.04 * continuous.cot
-    # Averaged over intervals, without being optimised for them, the same voltage costs more.
-    assert held.cot < continuous.verification.cot_at_100hz_hold
-    # What was minimised was never less than what is paid, and hardly more.
-    assert held.cot < held.optima[0].cot < held.cot * (1 + 2e-4)
 
 
 def test_the_reference_simulator_agrees_with_the_kernel(held):

@@ -140,7 +140,6 @@ def test_the_same_optimum_found_twice_is_listed_once_with_both_starts(gait):
         ({"progress": 1}, TypeError, "progress = 1: must be True or False"),
         ({"hold": "0.01"}, TypeError, "hold = '0.01'"),
         ({"hold": 0.0}, ValueError, "hold = 0"),
-        ({"params": {"hub_damping": 100.0}}, NoGaitError, "motor is too weak.*hub_damping = 100"),
     ],
 )
 def test_invalid_arguments_are_refused_by_name(arguments, error, message):

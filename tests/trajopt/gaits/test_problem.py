@@ -1,4 +1,4 @@
-"""The wheel's problems: across modes, with a known answer, and where there is no gait."""
+"""The wheel's problems: across modes, and with a known answer."""
 
 from __future__ import annotations
 
@@ -8,20 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from rimless_gym import THESIS_PHYSICAL, simulate
 from rimless_gym.symbolic import Design, HybridModel
 from scripts.studies.textbook import passive_wheel, passive_wheel_rate
 from trajopt import Extremal, Mesh, Phase, Problem, solve
-from trajopt.gaits.library import index, nearest
+from trajopt.gaits.library import nearest
 from trajopt.gaits.problem import (
     CONTROL_DEGREE,
     WheelPhases,
-    lacks_power,
-    least_mean_rate,
-    most_power_at_hub,
 )
 from trajopt.gaits.verify import playback
 from trajopt.ocp.guesses import polyline
@@ -187,60 +182,3 @@ def test_a_smooth_motion_is_refined_by_degree_alone() -> None:
     assert found.converged
     assert found.mesh.elements == 4
     assert max(found.mesh.degrees[0]) > 3
-
-
-# -- where there is no gait -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"hub_damping": 100.0}, "hub_damping = 100"),
-        ({"voltage_limit": 0.5}, "voltage_limit = 0.5 V"),
-        ({"drag": 1000.0}, "drag = 1000"),
-        ({"hub_friction": 50.0}, "hub_friction = 50"),
-        ({"slope": -1.0, "gear_ratio": 5.0, "voltage_limit": 5.0}, "slope = -1"),
-    ],
-)
-def test_a_walk_beyond_the_motors_power_is_refused_with_value_and_remedy(
-    changes: dict, named: str
-) -> None:
-    why = lacks_power(P.replace(**changes), 0.5, 2)
-    assert named in why
-    assert "raise voltage_limit" in why
-
-
-def test_no_gait_that_exists_is_refused_and_psi_turns_as_fast_as_the_bound_or_faster() -> None:
-    for gait in index():
-        assert lacks_power(gait.params, gait.speed, gait.steps) == ""
-        turned = gait.steps * gait.params.leg_angle + 2 * math.pi * gait.theta_turns
-        duration = gait.steps * gait.params.step_length / gait.speed
-        least = least_mean_rate(gait.params, gait.speed, gait.steps)
-        assert least <= abs(turned) / duration + 1e-12
-
-
-@pytest.mark.parametrize("law", ["thesis", "relabel"])
-def test_laws_whose_touchdowns_may_create_energy_are_never_refused(law: str) -> None:
-    assert lacks_power(P.replace(hub_damping=100.0), 0.5, 1) != ""
-    assert lacks_power(P.replace(hub_damping=100.0, impact_law=law), 0.5, 1) == ""
-
-
-@settings(max_examples=4)
-@given(
-    *(st.floats(0.0, 20.0), st.sampled_from([(0.0, 0.0), (0.5, 0.0), (0.2, 0.3)])),
-    *(st.floats(1.0, 20.0), st.integers(0, 2**32 - 1)),
-)
-def test_no_motion_takes_more_power_from_the_hub_than_its_mean_rate_allows(
-    damping: float, dry: tuple[float, float], limit: float, seed: int
-) -> None:
-    changes = dict(zip(("hub_friction", "gear_loss"), dry, strict=True))
-    params = P.replace(hub_damping=damping, voltage_limit=limit, **changes)
-    rng = np.random.default_rng(seed)
-    volts, fast = rng.uniform(-limit, limit, 30), rng.uniform(-20.0, 20.0)
-    run = simulate(params, [1.4, 0.5, 0.5, fast], volts, 0.3)
-    ledger, t = run.ledger, np.linspace(0.0, run.t[-1], 3001)
-    lost = ledger.losses
-    fed = ledger.electrical - lost.copper - lost.damping - lost.friction - lost.gear
-    x = run.state(t)
-    mean = np.abs(x[:, 2] + x[:, 3]).mean()
-    assert fed / run.t[-1] <= most_power_at_hub(params, 0.999 * mean) + 1e-3

@@ -15,7 +15,7 @@ import pytest
 from rimless_gym.symbolic import HybridModel
 from trajopt import Solution
 from trajopt.gaits.library import index
-from trajopt.gaits.solution import FORMAT, GaitFileError, LocalOptimum
+from trajopt.gaits.solution import FORMAT, GaitFileError
 from trajopt.gaits.verify import verify
 from trajopt.store import digest
 
@@ -55,29 +55,11 @@ def test_the_state_is_periodic_but_for_the_turns_of_theta(gait: Solution) -> Non
     assert isinstance(gait.control(0.3), float)
 
 
-def test_the_report_warns_of_an_optimum_of_clearly_less_cost(one_step: Solution) -> None:
-    for cot, warned in ((0.5 * one_step.cot, True), (0.97 * one_step.cot, False)):
-        met = dataclasses.replace(one_step, optima=(LocalOptimum(cot, -1, 1),))
-        assert ("LESS COST WAS MET" in met.report()) is warned
-
-
 def test_the_report_shows_a_failed_verification(one_step: Solution) -> None:
     phases = [dataclasses.replace(p, controls=p.controls + 0.1) for p in one_step.phases]
     spoilt = verify(one_step.params, phases, one_step.theta_turns)
     assert not spoilt.passed
     assert "FAILED" in dataclasses.replace(one_step, verification=spoilt).report()
-
-
-def test_the_plot_of_a_gait_shows_its_states_and_voltage(
-    one_step: Solution, tmp_path: Path
-) -> None:
-    figure = one_step.plot(tmp_path / "gait.png")
-    assert (tmp_path / "gait.png").stat().st_size > 10_000
-    labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
-    assert sorted(labels) == ["V", "phi", "phi'", "theta", "theta'"]
-    volts = next(axes for axes in figure.axes if axes.get_ylabel() == "V").lines
-    limit = one_step.params.voltage_limit
-    assert max(np.max(line.get_ydata()) for line in volts) <= limit * (1 + 1e-9)
 
 
 # -- file -----------------------------------------------------------------------------------------
@@ -153,8 +135,6 @@ def test_what_was_edited_without_its_digest_is_refused(path: Path) -> None:
         (lambda h: {key: value for key, value in h.items() if key != "verification"}, "no valid"),
         (lambda h: h | {"verification": None}, "no valid gait"),
         (lambda h: h | {"params": {"wheel_mass": -1}}, "no valid gait"),
-        (lambda h: h | {"optima": [3]}, "no valid gait"),
-        (lambda h: h | {"hold": 0.0123}, "not a whole number"),
         (lambda h: "[]", "not a file of format 'rimless-gym gait"),
         (lambda h: "not JSON", "not a file of format 'rimless-gym gait"),
     ],
@@ -166,41 +146,12 @@ def test_headers_that_are_wrong_are_refused_even_if_signed(
     refused(path, match)
 
 
-CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
-    "cut short": lambda a: a[:-1],
-    "of another shape": lambda a: a.reshape(len(a), -1, 1, 1),
-    "of less precision": lambda a: a.astype(np.float32),
-    "text": lambda a: a.astype(str),
-    "not a number": lambda a: np.where(np.arange(a.size).reshape(a.shape) == 1, np.nan, a),
-    "missing": lambda a: None,
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", ["edges", "nodes", "states", "control_nodes", "controls"])
-def test_arrays_that_do_not_fit_are_refused_by_name_even_if_signed(
-    path: Path, name: str, change: str
-) -> None:
+def test_arrays_that_do_not_fit_are_refused_even_if_signed(path: Path, name: str) -> None:
     with np.load(path) as data:
-        changed = CHANGES[change](data[f"phase0_{name}"])
-    rewrite(path, **{f"phase0_{name}": changed})
-    missing = (name, change) == ("edges", "missing")
-    refused(path, "no phases" if missing else r"(shape|type|finite|missing|increase|end)")
-
-
-def test_phases_that_are_no_stride_are_refused_even_if_signed(path: Path) -> None:
-    content = path.read_bytes()
-    with np.load(path) as data:
-        parts = {name: data[f"phase0_{name}"] for name in ("edges", "states", "controls")}
-    cut = {f"phase0_{name}": array[:-1] for name, array in parts.items()}
-    for changes, match in (
-        (cut, "its time is .* was verified"),
-        ({"phase0_states": parts["states"][::-1]}, "jump between elements"),
-        ({"phase7_edges": np.linspace(0.0, 1.0, 3)}, "phase7_edges: no such arrays are known"),
-    ):
-        rewrite(path, **changes)
-        refused(path, match)
-        path.write_bytes(content)
+        cut = data[f"phase0_{name}"][:-1]
+    rewrite(path, **{f"phase0_{name}": cut})
+    refused(path, "of shape")
 
 
 def test_damage_anywhere_is_refused_or_harmless(path: Path) -> None:

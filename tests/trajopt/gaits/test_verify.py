@@ -51,16 +51,6 @@ def test_the_energy_audit_closes_on_a_slope_and_downhill_costs_less(slope: float
     assert (sloped.cot < ONE.cot) == (slope > 0)
 
 
-def test_the_cost_at_a_hundred_hertz_hold_is_that_of_a_simulation_with_held_voltages() -> None:
-    ticks = 0.01 * np.arange(math.ceil(ONE.duration / 0.01))
-    run = simulate(P, ONE.state(0.0), ONE.control(ticks + 1e-9), ONE.duration)
-    found = verify(P, ONE.phases, ONE.theta_turns)
-    assert found.passed
-    assert found.hold_failure == ""
-    assert found.cot_at_100hz_hold == pytest.approx(run.ledger.cost_of_transport(P), rel=1e-6)
-    assert found.cot_at_100hz_hold > ONE.cot + 1e-4
-
-
 @pytest.mark.parametrize(
     ("limit", "figure", "failure"),
     [

@@ -10,9 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from scripts.studies.textbook import PROBLEMS
 from trajopt import Extremal, Phase, PhaseTrajectory, Problem, solve
 from trajopt.ocp.schemes import radau_nodes
-from trajopt.ocp.textbook import EXAMPLES
 
 FREE = math.inf
 NONE = np.zeros(0)
@@ -21,7 +21,7 @@ NONE = np.zeros(0)
 @functools.cache
 def solved(name: str) -> Extremal:
     """The solution of the textbook's problem of this name, solved once for all tests."""
-    return solve(next(example for example in EXAMPLES if example.name == name).problem())
+    return solve(next(example for example in PROBLEMS if example.name == name).problem())
 
 
 def solve_once(problem: Problem, *arguments: Any, **settings: Any) -> Extremal:

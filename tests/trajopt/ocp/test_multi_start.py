@@ -1,9 +1,8 @@
-"""Searches from many starts: their optima, workers, interruptions and files."""
+"""Searches from many starts: their optima and workers."""
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -12,8 +11,7 @@ import pytest
 
 from tests.trajopt.ocp.problems import valley
 from trajopt.ocp.constraints import nonnegative, pair
-from trajopt.ocp.guesses import Guess, Waypoints, line, straight_lines
-from trajopt.ocp.mesh import Mesh
+from trajopt.ocp.guesses import Waypoints, line, straight_lines
 from trajopt.ocp.multi_start import Outcome, Search, Start, best_of, distinct, multi_start
 from trajopt.ocp.problem import Phase, Problem
 
@@ -101,42 +99,6 @@ def test_guesses_are_random_but_the_first_and_stay_within_the_bounds() -> None:
         assert np.all(guess.controls <= upper)
         least, most = pair(phase.duration)
         assert least <= guess.duration <= most
-
-
-@dataclasses.dataclass
-class Unplugged:
-    """Ctrl-C is pressed at one start; counts the others."""
-
-    at: int = -1
-    drawn: int = 0
-
-    def __call__(self, rng: np.random.Generator, index: int) -> Guess:
-        if index == self.at:
-            raise KeyboardInterrupt
-        self.drawn += 1
-        return FAMILY(rng, index)
-
-
-def test_an_interrupted_search_continues_from_its_folder(search: Search, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        multi_start(AROUND, Unplugged(at=5), 12, folder=tmp_path)
-    family = Unplugged()
-    whole = multi_start(AROUND, family, 12, folder=tmp_path)
-    assert family.drawn == 7
-    for one, other in zip(whole.outcomes, search.outcomes, strict=True):
-        assert (one.index, one.cost, one.iterations) == (other.index, other.cost, other.iterations)
-        assert np.array_equal(one.phases[0].states, other.phases[0].states)
-    assert whole.report() == search.report()
-
-
-def test_the_folder_of_another_search_is_refused(tmp_path: Path) -> None:
-    multi_start(AROUND, FAMILY, 1, folder=tmp_path)
-    multi_start(AROUND, FAMILY, 2, folder=tmp_path)  # more starts are the same search
-    for other in ({"seed": 1}, {"mesh": Mesh.uniform(AROUND, 5)}, {"tol": 1e-6}):
-        with pytest.raises(ValueError, match="choose another folder"):
-            multi_start(AROUND, FAMILY, 1, folder=tmp_path, **other)
-    with pytest.raises(ValueError, match="choose another folder"):
-        multi_start(around(speed=9.0), FAMILY, 1, folder=tmp_path)
 
 
 def test_a_problem_without_solutions_yields_none_and_the_reasons() -> None:

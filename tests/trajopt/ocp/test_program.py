@@ -85,24 +85,6 @@ def test_derivatives_are_those_that_casadi_finds_for_the_whole_program(
         np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=1e-12, atol=1e-12)
 
 
-def test_derivatives_agree_with_finite_differences(transcription: Transcription) -> None:
-    given, size = transcription.program.derivatives, transcription.layout.size
-    rng = np.random.default_rng(2)
-    w, d = rng.uniform(0.5, 1.5, size), rng.normal(size=size)
-    step = 1e-6
-    difference = [
-        (np.asarray(up) - np.asarray(down)).ravel() / (2 * step)
-        for up, down in zip(
-            (given["grad_f"](w + step * d, [])[0], given["jac_g"](w + step * d, [])[0]),
-            (given["grad_f"](w - step * d, [])[0], given["jac_g"](w - step * d, [])[0]),
-            strict=True,
-        )
-    ]
-    gradient, jacobian = given["grad_f"](w, [])[1], given["jac_g"](w, [])[1]
-    assert float(np.asarray(gradient).ravel() @ d) == pytest.approx(difference[0][0], rel=1e-7)
-    np.testing.assert_allclose(np.asarray(jacobian) @ d, difference[1], rtol=1e-6, atol=1e-7)
-
-
 def test_the_jacobian_stores_no_zeros_between_elements(transcription: Transcription) -> None:
     jacobian = transcription.program.derivatives["jac_g"].sparsity_out(1)
     assert jacobian.nnz() < 0.4 * jacobian.numel()

@@ -9,9 +9,10 @@ import math
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import NONE, block, sampled, solve_once
 from trajopt import Mesh, Phase, PhaseTrajectory, Problem, solve
-from trajopt.ocp import refinement, textbook
+from trajopt.ocp import refinement
 from trajopt.ocp.accuracy import Quality
 from trajopt.ocp.refinement import (
     Tolerances,
@@ -171,25 +172,6 @@ def test_a_long_problem_with_two_boundary_layers_gets_its_elements_there() -> No
     x = np.array([1.0, 1.5])
     exact = -(x**3) + np.array([1.0, -1.0]) * np.sqrt(x**6 + x**2)
     assert costates == pytest.approx(exact, rel=1e-4)
-
-
-def test_van_der_pols_oscillator_with_a_limit_on_its_speed_takes_few_meshes() -> None:
-    swing = Phase(
-        "swing",
-        states=("v", "x"),
-        controls=("u",),
-        flow=lambda x, u, p: ((1 - x[1] ** 2) * x[0] - x[1] + u, x[0]),
-        cost=lambda x, u, p: x[0] ** 2 + x[1] ** 2 + u**2,
-        bounds={"u": (-1.0, 1.0), "v": (-0.25, math.inf)},
-        start={"v": 0.0, "x": 1.0},
-        duration=10.0,
-    )
-    found = solve(Problem((swing,)))
-    assert found.converged, found.report()
-    assert len(found.attempts) <= 7
-    assert found.mesh.elements <= 25
-    fine = solve(found.problem, found.phases, Mesh.uniform(1, 80, 4), verify=False)
-    assert found.cost == pytest.approx(fine.cost, rel=1e-6)
 
 
 def test_the_best_mesh_is_kept_when_a_finer_one_fails(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from scripts.studies import textbook
 from tests.trajopt.ocp.problems import FREE, move, solve_once, solved, valley
 from trajopt import Extremal, Mesh, Phase, Problem, solve
-from trajopt.ocp import textbook
 from trajopt.ocp.guesses import polyline, straight_lines
 from trajopt.ocp.ranking import clearly_less, least_first, tied
 from trajopt.ocp.solve import OPTION_SETS
@@ -61,7 +61,7 @@ def test_a_solution_is_a_guess_that_leads_back_to_itself_at_once(swing: Extremal
 
 
 def test_problems_survive_pickling() -> None:
-    for example in textbook.EXAMPLES[::3]:
+    for example in textbook.PROBLEMS[::3]:
         problem = pickle.loads(pickle.dumps(example.problem()))
         mesh = Mesh.uniform(problem, 4)
         costs = [
@@ -145,20 +145,12 @@ def drift(cost: Any, **changes: Any) -> Problem:
     ],
     ids=["linear", "a maximum", "exponential", "logarithmic", "duration", "powers"],
 )
-def test_a_cost_without_a_minimum_is_no_success_and_its_report_names_what_grows(
+def test_a_cost_without_a_minimum_is_no_success(
     problem: Problem,
 ) -> None:
     found = solve_once(problem)
     assert not found.converged
-    assert "no minimum" in found.failures[0]
-    assert "drift" in found.failures[0]
-
-
-@pytest.mark.slow
-def test_a_static_parameter_that_grows_is_named() -> None:
-    free = Phase("drift", ("x",), lambda x, u, p: u, ("u",), cost=lambda x, u, p: u**2 + p[0])
-    found = solve(Problem((free,), parameters={"bonus": (-math.inf, math.inf)}, duration=1.0))
-    assert "parameter bonus" in found.failures[0]
+    assert "no minimum" in found.outcome
 
 
 def test_a_guess_on_a_saddle_leads_away_from_it() -> None:

@@ -10,17 +10,17 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
+from scripts.studies import textbook
+from scripts.studies.textbook import PROBLEMS, Example
 from tests.trajopt.ocp.problems import solve_once, solved
 from trajopt import Mesh, solve
-from trajopt.ocp import textbook
-from trajopt.ocp.textbook import EXAMPLES, Example
 
 #: Errors of the cost, relative to the closed form, where they exceed 1e-7; they are larger
 #: where the solution has kinks or a constraint on the state, which holds to 1e-6.
 LOOSER = {"least work move": 3e-6, "bryson denham": 3e-6}
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.name)
+@pytest.mark.parametrize("example", PROBLEMS, ids=lambda e: e.name)
 def test_radau_finds_the_closed_forms_cost_with_few_elements(example: Example) -> None:
     found, known = solved(example.name), example.known()
     assert found.converged, found.report()
@@ -31,7 +31,7 @@ def test_radau_finds_the_closed_forms_cost_with_few_elements(example: Example) -
 
 
 @pytest.mark.parametrize(
-    "example", [e for e in EXAMPLES if e.name in ("brachistochrone", "bouncing ball", "gear")]
+    "example", [e for e in PROBLEMS if e.name in ("brachistochrone", "bouncing ball", "gear")]
 )
 @pytest.mark.parametrize(("scheme", "error"), [("hermite-simpson", 2e-5), ("trapezoid", 3e-2)])
 def test_other_schemes_find_the_cost_as_accurately_as_their_order_allows(
@@ -43,13 +43,8 @@ def test_other_schemes_find_the_cost_as_accurately_as_their_order_allows(
     assert found.cost == pytest.approx(example.known(), rel=error)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "time"),
-    [
-        (math.pi, 2.0, math.pi / math.sqrt(9.81)),  # half a turn
-    ],
-)
-def test_the_brachistochrone_is_a_cycloid(x: float, y: float, time: float) -> None:
+def test_the_brachistochrone_is_a_cycloid() -> None:
+    x, y, time = math.pi, 2.0, math.pi / math.sqrt(9.81)  # half a turn
     assert textbook.brachistochrone_time(x, y) == pytest.approx(time, rel=1e-14)
     found = solve(textbook.brachistochrone(x, y))
     assert found.cost == pytest.approx(time, rel=1e-7)

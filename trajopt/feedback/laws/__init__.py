@@ -42,18 +42,20 @@ def holding(law: str | Law, solution: Solution) -> Law:
 
     Raises:
         TypeError: an argument is of the wrong type.
-        ValueError: there is no such law, its file is not that of a law, it is for another machine,
-            or the gait failed its verification.
+        ValueError: there is no such law, it is for another machine, or the gait failed its
+            verification.
     """
     from trajopt.feedback.law import Law, require_machine
     from trajopt.feedback.transverse import multipliers
 
-    if not isinstance(law, str | Law):
+    if isinstance(law, str):
+        if law not in names():
+            raise ValueError(f"law = {law!r}: choose from {names()}")
+        law = importlib.import_module(f"{__name__}.{law}").design(solution)
+    if not isinstance(law, Law):
         raise TypeError(
             f"law = {reprlib.repr(law)}: must be one of {names()}, or a trajopt.feedback.law.Law"
         )
-    if isinstance(law, str):
-        law = _designed(law, solution)
     require_machine("law", law, solution.params)
     if law.smooth and (largest := multipliers(law, solution)[0]) > 1.0:
         warnings.warn(
@@ -85,19 +87,3 @@ def design(law: str | Law, solution: Solution, folder: Path | None = None) -> Co
     law = holding(law, solution)
     switching = SwitchingController(law, startup_for(law, NEAR, folder))
     return ContactGuard(law.params, switching, margin_for(solution))
-
-
-def _designed(name: str, solution: Solution) -> Law:
-    """What the file of this name designs."""
-    from trajopt.feedback.law import Law
-
-    if name not in names():
-        raise ValueError(f"law = {name!r}: choose from {names()}")
-    module = importlib.import_module(f"{__name__}.{name}")
-    law = module.design(solution) if callable(getattr(module, "design", None)) else None
-    if not isinstance(law, Law):
-        raise ValueError(
-            f"{module.__file__}: has no function design(solution) that returns a "
-            "trajopt.feedback.law.Law; write one, or move the file out of this folder"
-        )
-    return law

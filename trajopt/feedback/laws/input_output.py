@@ -12,9 +12,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rimless_gym.checks import positive
 from rimless_gym.equations import SINGLE
-from rimless_gym.hybrid import CONTROL_PERIOD, accelerations
+from rimless_gym.hybrid import accelerations
 from rimless_gym.jit import inner
 from rimless_gym.params import Constants
 from trajopt.feedback.constraint import LEG, VirtualConstraint, constraint_of, output
@@ -44,30 +43,15 @@ class Inverse(NamedTuple):
     kd: float
 
 
-def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
+def design(solution: Solution) -> Law:
     """The law for a gait.
 
-    The voltage is held, so the gains have limits: those of a sampled double integrator.
-
-    Args:
-        solution: the gait.
-        kp: gain (1/s^2) of y; > 0 and less than 2 kd / 10 ms.
-        kd: gain (1/s) of y'; > 0 and less than 2 / 10 ms.
-
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a gain is out of range, or the gait failed its verification or has no virtual
-            constraint.
+        TypeError: `solution` is not a `trajopt.Solution`.
+        ValueError: it failed its verification or has no virtual constraint.
     """
-    kp, kd = positive("kp", kp), positive("kd", kd)
-    for name, value, limit in (("kd", kd, 2 / CONTROL_PERIOD), ("kp", kp, 2 * kd / CONTROL_PERIOD)):
-        if value >= limit:
-            raise ValueError(
-                f"{name} = {value}: must be less than {limit:g}, or the loop is unstable with the "
-                f"voltage held for {1e3 * CONTROL_PERIOD:g} ms"
-            )
     constraint = constraint_of(solution)
-    data = Inverse(constraint.orbit, constraint, solution.params.constants, kp, kd)
+    data = Inverse(constraint.orbit, constraint, solution.params.constants, KP, KD)
     return Law(solution.params, volts, data)
 
 

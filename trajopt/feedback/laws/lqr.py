@@ -55,20 +55,12 @@ class LqrGains(NamedTuple):
     blend: float
 
 
-def design(
-    solution: Solution,
-    gentle: float = GENTLE,
-    firm: float = FIRM,
-    blend: float = BLEND,
-    ahead: float | None = AHEAD,
-) -> Law:
+def design(solution: Solution, gentle: float = GENTLE, ahead: float | None = AHEAD) -> Law:
     """The law for a gait.
 
     Args:
         solution: the gait.
         gentle: cost of a squared volt on the gait; see `GENTLE`; > 0.
-        firm: the same away from the gait; > 0.
-        blend: see `BLEND`; > 0.
         ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
             (`trajopt.feedback.orbit`), it does not matter.
 
@@ -81,7 +73,7 @@ def design(
     clock = Clock.of(solution, ahead)
     transverse = transverse_dynamics(grid)
     on = riccati(transverse, positive("gentle", gentle), clock.ahead).gains
-    off = riccati(transverse, positive("firm", firm), math.inf).gains
+    off = riccati(transverse, FIRM, math.inf).gains
     orbit = grid.orbit()
     data = LqrGains(
         orbit=orbit,
@@ -90,7 +82,7 @@ def design(
         firm=grid.at_nodes(transverse.per_deviation(off)),
         timing=grid.at_nodes(on[:, 3]),
         clock=clock,
-        blend=positive("blend", blend),
+        blend=BLEND,
     )
     return Law(solution.params, volts, data)
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rimless_gym.checks import not_negative, positive
 from rimless_gym.jit import inner
 from rimless_gym.params import Constants
 from trajopt.feedback.constraint import PENDULUM, VirtualConstraint, constraint_of, output
@@ -47,22 +46,17 @@ class ServoGains(NamedTuple):
     kd: float
 
 
-def design(solution: Solution, kp: float = KP, kd: float = KD) -> Law:
+def design(solution: Solution) -> Law:
     """The law for a gait.
 
-    Args:
-        solution: the gait.
-        kp: gain (1/s) of the angle's error; see `KP`; > 0.
-        kd: gain of its rate's error; see `KD`; at least 0.
-
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a gain is out of range, or the gait failed its verification, or has no virtual
-            constraint that a servo of the motor's angle holds.
+        TypeError: `solution` is not a `trajopt.Solution`.
+        ValueError: it failed its verification, or has no virtual constraint that a servo of the
+            motor's angle holds.
     """
     constraint, constants = constraint_of(solution), solution.params.constants
     _require_servo(constraint, solution.params.motor_mount)
-    kp, kd = constants.K * positive("kp", kp), constants.K * not_negative("kd", kd)
+    kp, kd = constants.K * KP, constants.K * KD
     return Law(solution.params, volts, ServoGains(constraint.orbit, constraint, constants, kp, kd))
 
 

@@ -34,7 +34,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import cfunc, types
 
-from rimless_gym.checks import integer, positive
 from rimless_gym.energy import ROW
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.jit import inner
@@ -46,7 +45,6 @@ from rimless_gym.kernel.stepping import (
     advance_batch,
     machine_arrays,
 )
-from rimless_gym.params import WheelParams
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
@@ -132,11 +130,6 @@ class Simulator(NamedTuple):
     constants: Floats
     poles: Floats
 
-    @classmethod
-    def of(cls, params: WheelParams) -> Simulator:
-        """The machine that `params` describes. The first call takes some seconds of compiling."""
-        return cls(_advance(), *machine_arrays([params]))
-
 
 class Lookahead(NamedTuple):
     """What the law needs.
@@ -146,8 +139,8 @@ class Lookahead(NamedTuple):
         gains: the LQR's.
         objective: that is minimised.
         simulator: the stepping kernel.
-        horizon: see `HORIZON`.
-        iterations: see `ITERATIONS`.
+        horizon: control intervals.
+        iterations: of iLQR.
     """
 
     orbit: Orbit
@@ -158,37 +151,18 @@ class Lookahead(NamedTuple):
     iterations: int
 
 
-def design(
-    solution: Solution,
-    horizon: int = HORIZON,
-    iterations: int = ITERATIONS,
-    effort: float = lqr.GENTLE,
-    lifting: float = LIFTING,
-    slipping: float = SLIPPING,
-    ahead: float | None = lqr.AHEAD,
-) -> Law:
+def design(solution: Solution) -> Law:
     """The law for a gait.
 
-    Args:
-        solution: the gait.
-        horizon: see `HORIZON`; >= 1.
-        iterations: see `ITERATIONS`; >= 0, and 0 is the best of the starts.
-        effort: cost of a squared volt, see `trajopt.feedback.laws.lqr.GENTLE`; > 0.
-        lifting: see `LIFTING`; > 0.
-        slipping: see `SLIPPING`; > 0.
-        ahead: see `trajopt.feedback.laws.lqr.AHEAD`; > 0, or None.
-
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a number is out of its range, or the gait failed its verification.
+        TypeError: `solution` is not a `trajopt.Solution`.
+        ValueError: it failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
-    horizon = integer("horizon", horizon, least=1)
-    iterations = integer("iterations", iterations, least=0)
-    start, clock = lqr.design(solution, ahead=ahead), Clock.of(solution, ahead)
+    start, clock = lqr.design(solution), Clock.of(solution, lqr.AHEAD)
     grid, params, gait = Grid.of(solution), solution.params, solution.verification
-    transverse, effort = transverse_dynamics(grid), positive("effort", effort)
-    into, to_go = transverse.into, riccati(transverse, effort, clock.ahead).to_go
+    transverse = transverse_dynamics(grid)
+    into, to_go = transverse.into, riccati(transverse, lqr.GENTLE, clock.ahead).to_go
     turned = into.swapaxes(1, 2)
     objective = Objective(
         orbit=start.data.orbit,
@@ -197,21 +171,21 @@ def design(
         tangent=grid.at_nodes(grid.tangents),
         voltage_slope=grid.at_nodes(grid.voltage_rates[:, None] * into[:, 3]),
         clock=clock,
-        effort=effort,
+        effort=lqr.GENTLE,
         normal=min(PRESSED * params.weight, gait.min_normal_force),
         friction=max(
             GRIP * params.friction, gait.max_friction_demand, gait.max_impulse_friction_demand
         ),
-        lifting=positive("lifting", lifting) / params.weight,
-        slipping=positive("slipping", slipping),
+        lifting=LIFTING / params.weight,
+        slipping=SLIPPING,
     )
     data = Lookahead(
         orbit=start.data.orbit,
         gains=start.data,
         objective=objective,
-        simulator=Simulator.of(params),
-        horizon=horizon,
-        iterations=iterations,
+        simulator=Simulator(_advance(), *machine_arrays([params])),
+        horizon=HORIZON,
+        iterations=ITERATIONS,
     )
     return Law(params, volts, data, smooth=False)
 

@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rimless_gym.checks import positive
 from rimless_gym.jit import inner
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.orbit import Clock, Grid, Orbit, between, offset
@@ -35,7 +34,7 @@ from trajopt.feedback.transverse import riccati, transverse_dynamics
 from trajopt.gaits.solution import Solution
 
 #: Volts by which sigma shrinks in a period, and half the width of the boundary layer, both as
-#: shares of the voltage limit.
+#: shares of the voltage limit. The former is the smaller one, or sigma would overshoot.
 REACH, LAYER = 0.5, 0.7
 
 #: Cost of a squared volt in the Riccati recursion behind the surface, where a squared deviation of
@@ -70,37 +69,18 @@ class Surface(NamedTuple):
     clock: Clock
 
 
-def design(
-    solution: Solution,
-    reach: float = REACH,
-    layer: float = LAYER,
-    effort: float = EFFORT,
-    ahead: float | None = AHEAD,
-) -> Law:
+def design(solution: Solution) -> Law:
     """The law for a gait.
 
-    Args:
-        solution: the gait.
-        reach: see `REACH`; > 0, and at most `layer`, so that sigma does not overshoot.
-        layer: see `LAYER`; > 0.
-        effort: see `EFFORT`; > 0.
-        ahead: see `AHEAD`; > 0, or None not to keep to the gait's clock. Where the gait has none
-            (`trajopt.feedback.orbit`), it does not matter.
-
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a number is out of range, or the gait failed its verification.
+        TypeError: `solution` is not a `trajopt.Solution`.
+        ValueError: it failed its verification.
         RuntimeError: the Riccati recursion does not converge.
     """
     grid, limit = Grid.of(solution), solution.params.voltage_limit
-    reach, layer = positive("reach", reach), positive("layer", layer)
-    if reach > layer:
-        raise ValueError(
-            f"reach = {reach}: must be at most layer = {layer}, or sigma overshoots; lower reach"
-        )
-    clock = Clock.of(solution, ahead)
+    clock = Clock.of(solution, AHEAD)
     transverse = transverse_dynamics(grid)
-    optimal = riccati(transverse, positive("effort", effort), clock.ahead)
+    optimal = riccati(transverse, EFFORT, clock.ahead)
     now, later = optimal.surface, optimal.gains
     data = Surface(
         orbit=grid.orbit(),
@@ -108,8 +88,8 @@ def design(
         later=grid.at_nodes(transverse.per_deviation(later)),
         timing_now=grid.at_nodes(now[:, 3]),
         timing_later=grid.at_nodes(later[:, 3]),
-        reach=reach * limit,
-        layer=layer * limit,
+        reach=REACH * limit,
+        layer=LAYER * limit,
         clock=clock,
     )
     return Law(solution.params, volts, data)

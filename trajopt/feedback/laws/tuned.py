@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 from tqdm import tqdm
 
-from rimless_gym.checks import extra, flag, integer, positive
+from rimless_gym.checks import extra, integer
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -61,6 +61,9 @@ GENTLE_UNIT, VOLTAGE_UNIT = 0.3, 0.002
 #: Series that are tuned: two gains for each of four coordinates, and the voltage.
 _SERIES = 9
 
+#: Numbers that are tuned.
+COUNT = _SERIES * (2 * HARMONICS + 1) + 2
+
 #: Sizes of the disturbances, from the least to the most, in standard deviations of the gait's own
 #: motion.
 SIZES = (0.02, 0.2)
@@ -96,22 +99,15 @@ class Numbers(NamedTuple):
 
     @classmethod
     def of(cls, q: Floats) -> Numbers:
-        """From one row of `count` numbers."""
+        """From one row of `COUNT` numbers."""
         gentle, firm, voltage = np.split(q[:-2].reshape(_SERIES, -1), [4, 8])
         return cls(gentle, firm, voltage[0], q[-2], q[-1])
-
-    @staticmethod
-    def count(harmonics: int) -> int:
-        """How many there are."""
-        return _SERIES * (2 * harmonics + 1) + 2
 
 
 def design(
     solution: Solution,
-    harmonics: int = HARMONICS,
     wheels: int = WHEELS,
     generations: int = GENERATIONS,
-    spread: float = SPREAD,
     seed: int = 0,
     progress: bool = True,
 ) -> Law:
@@ -119,10 +115,8 @@ def design(
 
     Args:
         solution: the gait.
-        harmonics: see `HARMONICS`; >= 0.
         wheels: see `WHEELS`; >= 1.
         generations: see `GENERATIONS`; >= 0, and 0 is the LQR.
-        spread: see `SPREAD`; > 0.
         seed: of the disturbances and of the evolution; >= 0.
         progress: whether to show a progress bar.
 
@@ -130,10 +124,8 @@ def design(
         TypeError: an argument is of the wrong type.
         ValueError: a number is out of its range, or the gait failed its verification.
     """
-    harmonics = integer("harmonics", harmonics, 0)
     generations = integer("generations", generations, 0)
-    spread, seed = positive("spread", spread), integer("seed", seed, 0)
-    progress, start = flag("progress", progress), lqr.design(solution)
+    seed, start = integer("seed", seed, 0), lqr.design(solution)
     trial = Trial.about(solution, start.data.orbit, integer("wheels", wheels, 1), seed)
 
     def law(q: Floats) -> Law:
@@ -143,14 +135,14 @@ def design(
     def loss(q: Floats) -> float:
         return score(law(q), solution, trial)
 
-    rng, best = np.random.default_rng(seed), np.zeros(Numbers.count(harmonics))
+    rng, best = np.random.default_rng(seed), np.zeros(COUNT)
     options = {
         "CMA_diagonal": True,  # too few generations for a full covariance
         "randn": lambda *shape: rng.standard_normal(shape),
         "seed": np.nan,  # numpy's global generator stays as it is
         "verbose": -9,
     }
-    strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], spread, options), loss(best)
+    strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], SPREAD, options), loss(best)
     with (
         ThreadPoolExecutor(cores()) as threads,
         tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
@@ -177,7 +169,7 @@ def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.
     """
     angle = 2 * np.pi * gains.orbit.times / duration
     waves = [np.ones_like(angle)]
-    for k in range(1, len(numbers.voltage) // 2 + 1):
+    for k in range(1, HARMONICS + 1):
         waves += [np.cos(k * angle), np.sin(k * angle)]
     series = np.array(waves).T
     gentle, firm = (np.sqrt(np.mean(each**2, axis=0)) for each in (gains.gentle, gains.firm))
