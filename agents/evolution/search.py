@@ -136,14 +136,6 @@ class EvolutionSettings(LearnerSettings):
                 integer(field.name, getattr(self, field.name), LEAST.get(field.name, 1))
             else:
                 positive(field.name, getattr(self, field.name))
-        for name in ("trial", "race"):
-            if getattr(self, name) % CHECK_EVERY:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: must be a multiple of {CHECK_EVERY}, after "
-                    "which a policy is checked"
-                )
-        if self.least_counted > 1.0:
-            raise ValueError(f"least_counted = {self.least_counted}: a share, must be at most 1")
 
 
 class Groups(enum.Enum):
