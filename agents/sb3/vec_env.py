@@ -219,10 +219,7 @@ class Sb3VecEnv(VecEnv):
         Raises:
             NotImplementedError: always, with the remedy.
         """
-        raise NotImplementedError(
-            f"set_attr({attr_name!r}): native rows share one environment; give other parameters or "
-            "start with set_options({'params': ..., 'state': ...}), all else when making it"
-        )
+        raise NotImplementedError("rows share one environment; use set_options")
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
@@ -277,13 +274,7 @@ def _wrappers_of(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, 
 
 
 def _gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
-    """Rows that behave like the single environments, with autoreset in the same step.
-
-    Raises:
-        TypeError: the class of an environment is not in `NATIVE`.
-        ValueError: they differ in more than `params`, or one has a wrapper whose
-            effect cannot be reproduced.
-    """
+    """Rows that behave like the single environments, with autoreset in the same step."""
     arguments = [_arguments_of(env) for env in envs]
     shared = {name: value for name, value in arguments[0].items() if name != "params"}
     for i, other in enumerate(arguments):

@@ -170,15 +170,14 @@ class StartUpPhase(VecEnvWrapper):
         steps: of each row since this was made, (N,); those backward count as -1.
 
     Raises:
-        TypeError: it is no such monitor, or a number is of the wrong kind.
+        TypeError: a number is of the wrong kind.
         ValueError: a number is out of its range.
     """
 
     def __init__(
         self, venv: VecMonitor, intervals: int = 0, travel: float = 0.0, penalty: float = 0.0
     ) -> None:
-        if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
-            raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
+        assert isinstance(venv.venv, Sb3VecEnv)
         super().__init__(venv)
         self.intervals = integer("intervals", intervals, 0)
         self.travel = not_negative("travel", travel)
