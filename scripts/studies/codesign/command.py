@@ -19,7 +19,6 @@ from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
 from scripts.studies.codesign import gaits, machine
 from scripts.studies.codesign.gaits import (
-    BuildCase,
     best_gait,
     better_gait,
     figures,
@@ -37,21 +36,11 @@ from trajopt.store import Store, jsonable, write_text
 
 LEGS = (5, 6, 7, 8, 9, 10)
 
-#: Families by turns of the pendulum per step, and the builds they are tried on.
-TURNS, TRIED_ON = (-2, 0, 1), ((6, "35:1"), (7, "21:1"), (8, "28:1"))
-
-#: Pendulums of the map, on the build of the preset: bobs (kg) and arms (m).
-BOBS, ARMS = (1.4, 1.45, 1.5, 1.55), (0.137, 0.147, 0.157, 0.167)
-
-#: Random starts of a pendulum on the map, which begins from the best one's gait too, and of a
-#: family that is seldom found.
-FEW_STARTS, MANY_STARTS = 1, 8
-
 #: Builds that cost at most so much more than the best one are tried on starts.
 CLOSE = 1.5
 
-#: Starts that are tried: of finalists, and of every pendulum on the map.
-FINAL_STARTS, MAP_STARTS = 24, 16
+#: Starts that are tried of finalists.
+FINAL_STARTS = 24
 
 #: Speeds of the preset's table (m/s), and a finalist's second speed in units of its best.
 SPEEDS, SLOWER = (0.5, 0.54, 0.58, 0.6, 0.62, 0.6375), 0.9
@@ -62,14 +51,7 @@ SHOWN = 10
 #: The highest cost of transport that is drawn: no build with 62 : 1 costs less.
 HIGHEST = 0.15
 
-MARKS = marks("codesign", ("budget", "finals", "families", "preset", "comparison"))
-
-#: Total cost of transport of walkers, as published.
-OTHERS = (
-    ("Cornell Ranger at its best, all its power (its 65 km cost 0.28)", 0.19),
-    ("RR2 at its best, all its power", 0.13),
-    ("a human, metabolic, at the speed of least cost", 0.3),
-)
+MARKS = marks("codesign", ("budget", "finals", "preset"))
 
 #: Tables' columns: heading and format.
 PRESET_COLUMNS = {
@@ -108,27 +90,25 @@ def codesign(
     Args:
         out: folder of the study.
         workers: processes; by default one for every core.
-        docs: a page, docs/machine.md, to put the tables and figures into.
+        docs: a page, docs/machine.md, to put the tables and the figure into.
     """
     modules = (machine, gaits, sys.modules[__name__])
     constants = {
         f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
         for module in modules
         for name, value in vars(module).items()
-        if name.isupper() and name not in ("MARKS", "OTHERS", "HIGHEST", "SHOWN")
+        if name.isupper() and name not in ("MARKS", "HIGHEST", "SHOWN")
     }
     with Store(out, {"constants": constants}) as store:
         study = CodesignStudy(store, workers)
         landscape = study.landscape()
         results = {
             "landscape": {k: figures(g) for k, g in landscape.items() if isinstance(g, Solution)},
-            "families": study.families(),
             "finals": study.finals(landscape),
-            "pendulums": study.pendulums(landscape),
             "preset": study.preset(landscape),
         }
     write_text(out / "results.json", json.dumps(jsonable(results), indent=1) + "\n")
-    draw(results, docs.parent if docs else out)
+    draw(results["landscape"], docs.parent if docs else out)
     if docs:
         refresh(docs, MARKS, tables(results))
     print("\n".join(tables(results).values()))
@@ -143,17 +123,14 @@ class CodesignStudy:
 
     def landscape(self) -> dict[str, Any]:
         """The best gait of every build, from random starts and then from neighbours' gaits."""
-        cases = [BuildCase(Build(gear, legs)) for legs in LEGS for gear in GPX_22_UP]
-        tasks = {_key(case): (case,) for case in cases}
-        return self._from_neighbours("landscape", cases, self.stage("landscape", tasks, best_gait))
-
-    def families(self) -> dict[str, Any]:
-        """Gaits with other turns of the pendulum per step."""
-        gears = {f"{gear.ratio:.0f}:1": gear for gear in GPX_22_UP}
-        cases = [BuildCase(Build(gears[gear], legs), k) for legs, gear in TRIED_ON for k in TURNS]
-        tasks = {_key(case): (case, (), MANY_STARTS) for case in cases}
-        gaits = self.stage("families", tasks, best_gait)
-        return {k: figures(g) if isinstance(g, Solution) else {} for k, g in gaits.items()}
+        builds = [Build(gear, legs) for legs in LEGS for gear in GPX_22_UP]
+        tasks = {_key(build): (build,) for build in builds}
+        first = self.stage("landscape", tasks, best_gait)
+        again = {}
+        for build in builds:
+            near = _gaits({_key(each): first[_key(each)] for each in neighbours(build, builds)})
+            again[_key(build)] = (build, first[_key(build)], tuple(near.values()))
+        return self.stage("landscape from neighbours", again, better_gait)
 
     def finals(self, landscape: dict[str, Any]) -> dict[str, Any]:
         """Start-up of the best builds, at their best speed and at a slower one."""
@@ -167,32 +144,13 @@ class CodesignStudy:
         starts = {key: (gait, FINAL_STARTS) for key, gait in every.items()}
         return self.stage("start-up of finalists", starts, start_up)
 
-    def pendulums(self, landscape: dict[str, Any]) -> dict[str, Any]:
-        """Gaits and start-up over bob and arm, on the build of the preset."""
-        build = preset_build()
-        known = tuple(_gaits({"": landscape[_key(BuildCase(build))]}).values())
-        cases = [BuildCase(build, bob=b, arm=a, lifts=False) for b in BOBS for a in ARMS]
-        tasks = {_key(case): (case, known, FEW_STARTS) for case in cases}
-        gaits = self._from_neighbours("pendulums", cases, self.stage("pendulums", tasks, best_gait))
-        starts = {key: (gait, MAP_STARTS) for key, gait in _gaits(gaits).items()}
-        return self.stage("start-up of pendulums", starts, start_up)
-
     def preset(self, landscape: dict[str, Any]) -> dict[str, Any]:
         """The preset's gaits over speed, and their start-up with the voltage held."""
-        known = tuple(_gaits({"": landscape[_key(BuildCase(preset_build()))]}).values())
+        known = tuple(_gaits({"": landscape[_key(preset_build())]}).values())
         tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
         free = {k: (gait,) for k, gait in _gaits(self.stage("preset", tasks, gait_at)).items()}
         held = {k: (g,) for k, g in _gaits(self.stage("preset, held", free, held_gait)).items()}
         return self.stage("start-up of the preset", held, start_up_and_walk)
-
-    def _from_neighbours(
-        self, name: str, cases: Sequence[BuildCase], first: dict[str, Any]
-    ) -> dict[str, Any]:
-        tasks = {}
-        for case in cases:
-            near = _gaits({_key(c): first[_key(c)] for c in neighbours(case, cases)})
-            tasks[_key(case)] = (case, first[_key(case)], tuple(near.values()))
-        return self.stage(f"{name} from neighbours", tasks, better_gait)
 
     def stage(
         self, name: str, tasks: Mapping[str, tuple[Any, ...]], work: Callable[..., Any]
@@ -238,11 +196,8 @@ def _gaits(results: Mapping[str, Any]) -> dict[str, Solution]:
     return {key: each for key, each in results.items() if isinstance(each, Solution)}
 
 
-def _key(case: BuildCase) -> str:
-    key = f"{case.build.n_legs:02d}_legs_{case.build.gearhead.ratio:.0f}"
-    if case.bob is not None and case.arm is not None:
-        key += f"_{case.bob:.3f}_kg_{case.arm:.3f}_m"
-    return key if case.turns == -1 else f"{key}_turns_{case.turns}"
+def _key(build: Build) -> str:
+    return f"{build.n_legs:02d}_legs_{build.gearhead.ratio:.0f}"
 
 
 # -- tables and figures ---------------------------------------------------------------------------
@@ -251,21 +206,10 @@ def _key(case: BuildCase) -> str:
 def tables(results: Mapping[str, Any]) -> dict[str, str]:
     """All tables of the page, by name."""
     finals = sorted(results["finals"].values(), key=lambda each: float(each["cot"]))[:SHOWN]
-    families = [
-        [
-            key.replace("_", " "),
-            *(f"{each[name]:.3g}" if each else "-" for name in ("cot", "speed")),
-        ]
-        for key, each in results["families"].items()
-    ]
     made = {
         "budget": table(["part", "mass (g)"], _budget()),
         "finals": _rows(finals, FINAL_COLUMNS),
-        "families": table(["legs and gear, turns per step", "CoT", "speed (m/s)"], families),
         "preset": _rows(results["preset"].values(), PRESET_COLUMNS),
-        "comparison": table(
-            ["walker", "total cost of transport"], _comparison(results["preset"].values())
-        ),
     }
     return {name: text + "\n" for name, text in made.items()}
 
@@ -291,26 +235,11 @@ def _budget() -> list[list[str]]:
     return [*rows, ["**sum**", f"**{1000 * sum(parts.values()):.0f}**"]]
 
 
-def _comparison(rows: Any) -> list[list[str]]:
-    best = min(rows, key=lambda each: float(each["cot"]))
-    lines = [
-        [f"BUILDABLE, optimal gait at {best['speed']:.3f} m/s (a model)", f"{best['cot']:.3f}"]
-    ]
-    steady = [each for each in rows if each["joined"] > 0.95]
-    if steady:
-        held = min(steady, key=lambda each: float(each["cot_of_walks"]))
-        law = (
-            f"BUILDABLE under the LQR at 100 Hz, for the gait of {held['speed']:.3f} m/s (a model)"
-        )
-        lines.append([law, f"{held['cot_of_walks']:.3f}"])
-    return lines + [[name, f"{cot:.2f}"] for name, cot in OTHERS]
-
-
-def draw(results: Mapping[str, Any], folder: Path) -> None:
-    """Write the figures: cost over gear and legs; cost and start-up over bob and arm."""
+def draw(landscape: Mapping[str, Any], folder: Path) -> None:
+    """Write the figure of cost over gear and legs."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     panels = figure.subplots(1, 2)
-    rows = [row for row in results["landscape"].values() if row["cot"] < HIGHEST]
+    rows = [row for row in landscape.values() if row["cot"] < HIGHEST]
     for legs in sorted({row["legs"] for row in rows}):
         line = sorted((r for r in rows if r["legs"] == legs), key=lambda r: float(r["ratio"]))
         for panel, name in zip(panels, ("cot", "multiplier"), strict=True):
@@ -326,28 +255,3 @@ def draw(results: Mapping[str, Any], folder: Path) -> None:
     panels[0].legend()
     figure.suptitle("The best gait of every build: bob, arm and speed chosen with it")
     figure.savefig(folder / "machine_landscape.png", dpi=90)
-
-    figure = Figure(figsize=(10, 4.2), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
-    rows = list(results["pendulums"].values())
-    bob, arm = [row["bob"] for row in rows], [1000 * row["arm"] for row in rows]
-    preset_bob, preset_arm = chosen(BUILDABLE)
-    for panel, (name, label, form) in zip(
-        panels,
-        (("cot", "least cost of transport", ".3f"), ("joined", "in the gait within 10 s", ".0%")),
-        strict=True,
-    ):
-        values = [row[name] for row in rows]
-        colours = panel.scatter(arm, bob, c=values, s=900, marker="s", cmap="viridis")
-        for value, x, y in zip(values, arm, bob, strict=True):
-            box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-            panel.annotate(f"{value:{form}}", (x, y), ha="center", va="center", size=7, bbox=box)
-        panel.plot(1000 * preset_arm, preset_bob, "rs", ms=33, mfc="none", mew=2)
-        panel.set_xlabel("arm (mm)")
-        panel.margins(0.15)
-        figure.colorbar(colours, ax=panel, label=label)
-    panels[0].set_ylabel("bob (kg)")
-    figure.suptitle(
-        f"Pendulums on the build of BUILDABLE ({BUILDABLE.n_legs} legs); framed: the preset's"
-    )
-    figure.savefig(folder / "machine_pendulum.png", dpi=90)

@@ -32,6 +32,9 @@ from trajopt.ocp.solve import solve
 #: Bounds on speed (m/s), bob (kg) and arm (m).
 SPEEDS, LIGHTEST_BOB, SHORTEST_ARM = (0.3, 1.2), 0.3, 0.08
 
+#: Whole turns of theta in a step, of the family of least cost.
+TURNS = -1
+
 #: What the study requires of a gait beyond the preset's limits: least normal force (weights),
 #: and the largest friction demand.
 NORMAL_FORCE, FRICTION_DEMAND = 0.15, 0.75
@@ -40,54 +43,27 @@ NORMAL_FORCE, FRICTION_DEMAND = 0.15, 0.75
 #: that cannot lift its pendulum has to pump it up, and often fails to.
 LIFTED_SHARE = 0.8
 
-#: A bound of zero width has no interior; values that are given are met to so much.
-GIVEN = 1e-6
+
+def bounds(build: Build) -> dict[str, tuple[float, float]]:
+    """On the design variables: bob (kg) and arm (m)."""
+    return {
+        "bob": (LIGHTEST_BOB, build.heaviest_bob),
+        "arm": (SHORTEST_ARM, build.longest_arm),
+    }
 
 
-@dataclasses.dataclass(frozen=True)
-class BuildCase:
-    """A build, and what is given of its gait.
-
-    Attributes:
-        build: motor, gearhead and legs.
-        turns: of theta per step.
-        bob, arm: kg and m; chosen where None.
-        lifts: whether the motor must be able to lift the pendulum, with a margin.
-    """
-
-    build: Build
-    turns: int = -1
-    bob: float | None = None
-    arm: float | None = None
-    lifts: bool = True
-
-    @property
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """On the design variables.
-
-        Raises:
-            ValueError: the bob is too heavy or the arm too long for the build.
-        """
-        limits = {
-            "bob": (LIGHTEST_BOB, self.build.heaviest_bob, self.bob),
-            "arm": (SHORTEST_ARM, self.build.longest_arm, self.arm),
-        }
-        for name, (low, high, given) in limits.items():
-            if given is not None and not low <= given <= high:
-                raise ValueError(
-                    f"{name} = {given}: must be from {low:.3g} to {high:.3g} with "
-                    f"{self.build.n_legs} legs"
-                )
-        return {
-            name: (low, high) if given is None else (given - GIVEN, given + GIVEN)
-            for name, (low, high, given) in limits.items()
-        }
-
-    def problem(self) -> Problem:
-        """The problem of one periodic step at any speed; cases of a build share its functions."""
-        ring = _ring(self.build, self.lifts)
-        link = dataclasses.replace(ring.linkages[0], offset={"theta": -2 * math.pi * self.turns})
-        return dataclasses.replace(ring, linkages=(link,), parameters=self.bounds)
+@lru_cache(maxsize=4)
+def step_problem(build: Build) -> Problem:
+    """The problem of one periodic step at any speed, and of the build's bob and arm."""
+    machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
+    slow, fast = SPEEDS
+    ring = designed_gait(
+        *(machine, build.design, bounds(build)),
+        steps=1,
+        duration=(machine.step_length / fast, machine.step_length / slow),
+        theta_turns=TURNS,
+    )
+    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build),))
 
 
 def regenerating(problem: Problem) -> Problem:
@@ -96,27 +72,12 @@ def regenerating(problem: Problem) -> Problem:
     return dataclasses.replace(problem, phases=phases)
 
 
-@lru_cache(maxsize=4)
-def _ring(build: Build, lifts: bool) -> Problem:
-    machine = build.machine(1.0, SHORTEST_ARM).replace(friction=FRICTION_DEMAND)
-    slow, fast = SPEEDS
-    ring = designed_gait(
-        *(machine, build.design, {"bob": (0.1, 10.0), "arm": (0.01, 1.0)}),
-        steps=1,
-        duration=(machine.step_length / fast, machine.step_length / slow),
-        theta_turns=-1,  # a link with an offset, which a case replaces
-    )
-    return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build, lifts),))
-
-
-def _with_margins(stance: Phase, build: Build, lifts: bool) -> Phase:
+def _with_margins(stance: Phase, build: Build) -> Phase:
     path, at_end = stance.path, stance.at_end
     assert path is not None
     assert at_end is not None
     least = np.array([NORMAL_FORCE, *path.lower[1:]])
     stance = dataclasses.replace(stance, path=dataclasses.replace(path, lower=least))
-    if not lifts:
-        return stance
     strength = build.lifting_torque()
 
     def lifted(x: Any, p: Any) -> Any:
@@ -132,17 +93,17 @@ def _with_margins(stance: Phase, build: Build, lifts: bool) -> Phase:
     return dataclasses.replace(stance, at_end=constraint)
 
 
-def neighbours(case: BuildCase, cases: Sequence[BuildCase]) -> list[BuildCase]:
-    """The cases that differ from one by the next gearhead, number of legs, bob or arm."""
+def neighbours(build: Build, builds: Sequence[Build]) -> list[Build]:
+    """The builds that differ from one by the next gearhead or number of legs."""
 
-    def place(each: BuildCase) -> tuple[float, ...]:
-        return each.build.n_legs, each.build.gearhead.ratio, each.bob or 0.0, each.arm or 0.0
+    def place(each: Build) -> tuple[float, ...]:
+        return each.n_legs, each.gearhead.ratio
 
-    near, here = [], place(case)
-    for i in range(4):
+    near, here = [], place(build)
+    for i in range(2):
         line = {
             place(each)[i]: each
-            for each in cases
+            for each in builds
             if place(each)[:i] + place(each)[i + 1 :] == here[:i] + here[i + 1 :]
         }
         near += [line[v] for v in sorted(v for v in line if v > here[i])[:1]]
@@ -152,7 +113,7 @@ def neighbours(case: BuildCase, cases: Sequence[BuildCase]) -> list[BuildCase]:
 
 # -- gaits ----------------------------------------------------------------------------------------
 
-#: Random starts of a case.
+#: Random starts of a build.
 STARTS = 3
 
 #: Meshes (elements, degree): of the search, and the first one of the refined gait.
@@ -181,22 +142,19 @@ CONTINUED = 3
 
 
 def best_gait(
-    case: BuildCase, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
+    build: Build, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
 ) -> Solution | str:
     """The gait of least cost that passes verification, or the reason why there is none.
 
     Args:
-        case: its build and what is given.
-        known: gaits of other cases to start from.
+        build: motor, gearhead and legs.
+        known: gaits of other builds to start from.
         starts: random ones besides.
         seed: of the random starts.
     """
-    try:
-        problem = case.problem()
-    except ValueError as error:
-        return str(error)
+    problem = step_problem(build)
     mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
-    low, high = np.array(list(case.bounds.values())).T
+    low, high = np.array(list(bounds(build).values())).T
     extremals = []
     for gait in known:
         bob_and_arm = np.clip(np.array(chosen(gait.params)), low, high)
@@ -205,7 +163,7 @@ def best_gait(
         )
     rng = np.random.default_rng(seed)
     for _ in range(starts):
-        step, middle = random_step(case, rng), (low + high) / 2
+        step, middle = random_step(build, rng), (low + high) / 2
         smooth = solve(regenerating(problem), step, mesh, parameters=middle, **_QUICK)
         if smooth.succeeded:
             extremals.append(
@@ -214,25 +172,25 @@ def best_gait(
     good = [each for each in extremals if each.succeeded and not each.violations]
     reason = "no start became a gait"
     for each in least_first(good, lambda extremal: extremal.transcribed_cost)[:REFINED]:
-        gait = refined(case, each)
+        gait = refined(build, each)
         if gait.verification.passed:
             return gait
         reason = "; ".join(gait.verification.failures)
     return reason
 
 
-def better_gait(case: BuildCase, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
+def better_gait(build: Build, best: Solution | str, known: Sequence[Solution]) -> Solution | str:
     """The gait continued from others if it costs less than `best`, else `best`."""
-    other = best_gait(case, known, starts=0)
+    other = best_gait(build, known, starts=0)
     if isinstance(other, str):
         return best
     better = isinstance(best, str) or other.cot < (1 - WORTH_IT) * best.cot
     return other if better else best
 
 
-def refined(case: BuildCase, near: Extremal) -> Solution:
+def refined(build: Build, near: Extremal) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
-    problem = case.problem()
+    problem = step_problem(build)
     extremal = solve(
         problem,
         near.phases,
@@ -245,18 +203,18 @@ def refined(case: BuildCase, near: Extremal) -> Solution:
         mu_init=WARM_BARRIER,
     )
     bob, arm = (float(value) for value in extremal.parameters)
-    machine = case.build.machine(bob, arm)
-    return finished(machine, extremal, case.turns, False, {"study": "codesign"})
+    machine = build.machine(bob, arm)
+    return finished(machine, extremal, TURNS, False, {"study": "codesign"})
 
 
-def random_step(case: BuildCase, rng: np.random.Generator) -> Guess:
-    """A random step with the case's turns of theta."""
-    params = case.build.machine(1.0, 0.1)
+def random_step(build: Build, rng: np.random.Generator) -> Guess:
+    """A random step with `TURNS` of theta."""
+    params = build.machine(1.0, 0.1)
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.3 * slow), math.log(fast / 1.2)))
     (phase,), _ = random_guess(params, 1, params.step_length / speed, rng)
     states = phase.states.copy()
-    missing = 2 * math.pi * case.turns - (states[-1, -1, 1] - states[0, 0, 1])
+    missing = 2 * math.pi * TURNS - (states[-1, -1, 1] - states[0, 0, 1])
     share = np.linspace(0.0, 1.0, states[..., 0].size).reshape(states.shape[:2])
     states[..., 1] += missing * share
     states[..., 3] += missing / phase.duration
@@ -333,14 +291,11 @@ def figures(gait: Solution) -> dict[str, Any]:
         "ratio": p.gear_ratio,
         "bob": bob,
         "arm": arm,
-        "turns": gait.theta_turns,
         "cot": gait.cot,
         "speed": gait.speed,
         "multiplier": float(abs(gait.floquet[0])),
         "friction_demand": max(v.max_friction_demand, v.max_impulse_friction_demand),
         "normal_force": v.min_normal_force_over_weight,
-        "clearance": v.clearance,
-        "peak_voltage": v.peak_voltage,
         "peak_torque": float(np.abs(torque).max()),
         "motor_speed": float(np.abs(rate).max() * p.gear_ratio),
     }

@@ -21,11 +21,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-from agents.evaluate import PROTOCOL, SHORT_PROTOCOL, Protocol
+from agents.evaluate import PROTOCOL, Protocol
 from agents.gaps import best_held, gap_to_gaits, ticks_around
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
-from rimless_gym.presets import preset
+from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
 from scripts.studies.documents import markdown
 from scripts.studies.learning.rows import ROWS
@@ -66,26 +65,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rows", nargs="+", choices=names, default=names, metavar="ROW")
     parser.add_argument("--workers", type=int, help="processes; default: as many as cores")
     parser.add_argument("--out", type=Path, default=Path("runs/study"), help="folder")
-    parser.add_argument("--quick", action="store_true", help="few steps: shows that all runs")
     parser.add_argument("--docs", type=Path, help="a page, docs/learning.md, to put tables into")
     parser.add_argument("--headline", type=Path, help="README.md, whose headline has their gaps")
     options = parser.parse_args(arguments)
-    if (options.quick and options.docs) or (options.headline and not options.docs):
-        parser.error("--docs is not for --quick, and --headline needs --docs")
-    rows: Sequence[StudyRow] = ROWS
-    folder, protocol = options.out, PROTOCOL
-    if options.quick:
-        rows, folder = [row.brief() for row in ROWS], folder / "quick"
-        protocol = SHORT_PROTOCOL
-    chosen = [row for row in rows if row.name in options.rows]
-    with Store(folder, {"protocol": jsonable(protocol)}) as store:
+    if options.headline and not options.docs:
+        parser.error("--headline needs --docs")
+    chosen = [row for row in ROWS if row.name in options.rows]
+    with Store(options.out, {"protocol": jsonable(PROTOCOL)}) as store:
         tasks = [SeedTask(row, seed) for row in chosen for seed in range(options.seeds)]
-        failures = completed(store, tasks, protocol, options.workers)
-        results = finished(store, rows, options.seeds)
-        sections = tables(results, gaps(results, folder, options.workers))
+        failures = completed(store, tasks, PROTOCOL, options.workers)
+        results = finished(store, ROWS, options.seeds)
+        sections = tables(results, gaps(results, options.out, options.workers))
     print("\n\n".join(sections.values()))
     if options.docs:
-        whole = {row.table for row in rows} - {row.table for row in rows if row not in results}
+        whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
         marks = markdown.marks("study", tuple(sections))
         written = {name: table + "\n" for name, table in sections.items() if name in whole}
         markdown.refresh(options.docs, marks, written)
@@ -142,9 +135,8 @@ def ran(store: Store, protocol: Protocol, task: SeedTask) -> SeedResult | str:
         return f"needs a policy of {' and '.join(missing)}: run these rows first"
     folder = store.folder / task.key
     folders = {name: store.folder / other.key for name, other in others.items()}
-    params = preset(task.row.preset)
     try:
-        return task.row.trial.run(task.seed, folder, folders, params, protocol)
+        return task.row.trial.run(task.seed, folder, folders, protocol)
     except (TypeError, ValueError, RuntimeError, ArithmeticError) as error:
         return f"{type(error).__name__}: {error}"
 
@@ -182,13 +174,12 @@ def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
         (row, figures) -> CoT over the optimum, minus 1; None without a walk or a gait, and where
         actions are held for another time than those of the optima.
     """
-    needed: dict[tuple[WheelParams, int], None] = {}
+    needed: dict[int, None] = {}
     for row, seeds in results.items():
         if row.trial.period == CONTROL_PERIOD:
             walking = [each for seed in seeds for each in seed.policies.values()]
             for each in filter(row.walks, walking):
-                params = preset(row.preset)
-                needed |= dict.fromkeys((params, n) for n in ticks_around(params, each.speed))
+                needed |= dict.fromkeys(ticks_around(BUILDABLE, each.speed))
     solve = functools.partial(_best_held, folder / GAITS)
     with closing(pool.run(solve, list(needed), workers, progress="optimal gaits")) as solved:
         gaits = dict(solved)
@@ -196,12 +187,11 @@ def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
     def gap(row: StudyRow, figures: WalkFigures) -> float | None:
         if row.trial.period != CONTROL_PERIOD or not row.walks(figures):
             return None
-        params = preset(row.preset)
-        around = ticks_around(params, figures.speed)
-        return gap_to_gaits(figures.cot, figures.speed, [gaits[params, n] for n in around])
+        around = ticks_around(BUILDABLE, figures.speed)
+        return gap_to_gaits(figures.cot, figures.speed, [gaits[n] for n in around])
 
     return gap
 
 
-def _best_held(folder: Path, task: tuple[WheelParams, int]) -> Solution | None:
-    return best_held(*task, folder)
+def _best_held(folder: Path, ticks: int) -> Solution | None:
+    return best_held(BUILDABLE, ticks, folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from agents.learner import BEST, CLONE, IMITATION, LAST, SCRATCH, learner_class
@@ -10,12 +9,12 @@ from rimless_gym.envs.task import USUAL_TASK
 from scripts.studies.feedback_laws.measures import NOISE
 from scripts.studies.learning.trials import Disturbed, Following, Other, PlainPpo, StudyRow, Trained
 
-#: The tables of the page: policies for `RimlessWheel-v0`; ablations of PPO's reward weight, of
-#: cloning and of the noise of a fine-tuning; policies for the thesis's wheel; those that follow
-#: commands as efficiently as the front allows; those that learned under disturbances; and those of
-#: plain stable-baselines3 for commanded speeds.
-SECTIONS = ("learned", "ablations", "thesis", "front", "disturbed", "first_evening")
-LEARNED, ABLATIONS, THESIS, FRONT, DISTURBED, FIRST_EVENING = SECTIONS
+#: The tables of the page: policies for `RimlessWheel-v0`; ablations of PPO's reward weight and
+#: of cloning; those that follow commands as efficiently as the front
+#: allows; those that learned under disturbances; and those of plain stable-baselines3 for commanded
+#: speeds.
+SECTIONS = ("learned", "ablations", "front", "disturbed", "first_evening")
+LEARNED, ABLATIONS, FRONT, DISTURBED, FIRST_EVENING = SECTIONS
 
 #: What distinguishes a policy -> its file: of a training, and of one that ends with the clone.
 KEPT = {"best kept": BEST, "last": LAST}
@@ -46,23 +45,6 @@ def _adaptive(**changes: float) -> dict[str, Any]:
     """Hyperparameters of PPO from scratch with another `WeightSchedule`."""
     (callback,) = learner_class("ppo").settings(SCRATCH).written["callback"]
     return {"callback": [{name: usual | changes for name, usual in callback.items()}]}
-
-
-def _noisy(deviation: float) -> Trained:
-    """A fine-tuning with exploration noise of this share of the voltage limit.
-
-    Travel is rewarded up to about the clone's own speed, so that it gains nothing by going faster.
-    The learning rate is so low that the gait stays where there is hardly any noise.
-    """
-    return Trained(
-        "ppo",
-        IMITATION,
-        1_500_000,
-        {"": LAST},
-        cloning={"log_std": math.log(deviation)},
-        task={"distance_weight": 0.1, "target_speed": 0.57},
-        hyperparameters=LARGE_BATCHES | {"learning_rate": 1e-5},
-    )
 
 
 #: Rows whose policies others need.
@@ -149,9 +131,6 @@ ROWS = (
             hyperparameters=_adaptive(**OWN_WEIGHT),
         ),
     ),
-    StudyRow("noise_small", "fine-tuned with noise of 0.0025", ABLATIONS, _noisy(0.0025)),
-    StudyRow("noise_usual", "fine-tuned with noise of 0.011", ABLATIONS, _noisy(0.011)),
-    StudyRow("noise_large", "fine-tuned with noise of 0.03", ABLATIONS, _noisy(0.03)),
     StudyRow(
         "clone_few_labels",
         "8,000 labels of start-up states a round instead of 60,000",
@@ -163,27 +142,6 @@ ROWS = (
         "as many labels, all of the law's own walks",
         ABLATIONS,
         Trained("ppo", IMITATION, 0, CLONED, cloning=DEMONSTRATIONS),
-    ),
-    StudyRow(
-        "thesis_imitation_slow",
-        "imitation of the LQR about 0.5 m/s",
-        THESIS,
-        Trained("ppo", IMITATION, 0, CLONED, expert=0.5),
-        preset="THESIS_PHYSICAL",
-    ),
-    StudyRow(
-        "thesis_imitation",
-        "imitation of the LQR about 0.57 m/s",
-        THESIS,
-        Trained("ppo", IMITATION, 0, CLONED, expert=0.57),
-        preset="THESIS_PHYSICAL",
-    ),
-    StudyRow(
-        "thesis_evolution",
-        "evolution from scratch, distance rewarded up to 0.55 m/s",
-        THESIS,
-        Trained("evolution", files=KEPT, hyperparameters={"rewarded_speed": 0.55}),
-        preset="THESIS_PHYSICAL",
     ),
     StudyRow(
         "front",

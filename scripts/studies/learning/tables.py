@@ -15,7 +15,6 @@ from scripts.studies.learning.rows import (
     FRONT,
     LEARNED,
     SECTIONS,
-    THESIS,
 )
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 
@@ -36,9 +35,6 @@ FIGURES = (
 #: More columns of tables in which rows were trained in different ways.
 EFFORT = ("minutes of one core", "steps")
 
-#: One more where the optimum costs next to nothing, and a gap in percent says little.
-ABOVE = "CoT above the optimum"
-
 
 def tables(results: Results, gap: Gap) -> dict[str, str]:
     """A table for every section that has a row."""
@@ -48,8 +44,8 @@ def tables(results: Results, gap: Gap) -> dict[str, str]:
         if rows:
             commanded = section in (FRONT, FIRST_EVENING)
             names = ("learner", "commanded") if commanded else ("policy",)
-            effort = EFFORT if section in (LEARNED, ABLATIONS, THESIS) else ()
-            head = [*names, *FIGURES, *effort, *([ABOVE] if section == THESIS else [])]
+            effort = EFFORT if section in (LEARNED, ABLATIONS) else ()
+            head = [*names, *FIGURES, *effort]
             lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
             sections[section] = table(head, [line[: len(head)] for line in lines])
     return sections
@@ -75,18 +71,17 @@ def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -
     policies = [seed.policies[which] for seed in seeds]
     walking = [each for each in policies if row.walks(each)]
     shares = [each.share for each in policies]
-    gaps = [(each.cot, value) for each in walking if (value := gap(row, each)) is not None]
+    gaps = [value for each in walking if (value := gap(row, each)) is not None]
     return [
         f"{len(walking)} of {len(policies)}",
         f"{_percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
-        _interval([value for _, value in gaps]),
+        _interval(gaps),
         _mean([each.cot for each in walking], 4),
         _mean([each.speed for each in walking], 3),
         _percent(fmean(each.falls for each in policies)),
         _percent(fmean(each.slips for each in policies)),
         f"{median(seed.minutes for seed in seeds):.1f}",
         count(median(seed.steps for seed in seeds)),
-        _mean([cot - cot / (1.0 + value) for cot, value in gaps], 4),
     ]
 
 

@@ -7,13 +7,12 @@ import itertools
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from agents import Sb3VecEnv
 from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
-from agents.evaluate import Evaluation, evaluate
-from agents.evaluate import Protocol as EvaluationProtocol
-from agents.experts import EXPERT, EXPERT_STEPS
+from agents.evaluate import Evaluation, Protocol, evaluate
+from agents.experts import EXPERT
 from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
 from agents.outcomes import FALLS
@@ -24,10 +23,7 @@ from agents.training import TrainingConfig, train
 from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
-from trajopt.feedback import laws
-from trajopt.feedback.law import Controller
-from trajopt.gaits.fronts import cot_front
+from rimless_gym.presets import BUILDABLE
 
 with extra("learn"):
     from stable_baselines3 import PPO
@@ -35,10 +31,6 @@ with extra("learn"):
 
 #: Folder of the laws' gaits and plans, in that of the study: all seeds use them.
 CACHE = "plans"
-
-#: Control intervals of a trial that only shows that it runs, and its cloning.
-BRIEF_STEPS = 4096
-BRIEF_CLONING = {"rounds": 1, "expert_starts": 4, "gradient_steps": 10}
 
 
 class WalkFigures(NamedTuple):
@@ -88,39 +80,6 @@ class SeedResult(NamedTuple):
     minutes: float
 
 
-class SeedTrial(Protocol):
-    """How one seed is trained and evaluated. It must be picklable."""
-
-    @property
-    def period(self) -> float:
-        """How long its policies hold an action (s); gaps are to optima that do the same."""
-
-    @property
-    def needs(self) -> tuple[StudyRow, ...]:
-        """Rows whose policies it needs, of the same seed."""
-
-    def run(
-        self,
-        seed: int,
-        folder: Path,
-        others: Mapping[str, Path],
-        params: WheelParams,
-        by: EvaluationProtocol,
-    ) -> SeedResult:
-        """Train into a folder, or go on there, and evaluate.
-
-        Args:
-            seed: of everything random.
-            folder: in that of the study.
-            others: the folders of the same seed of `needs`, by their names.
-            params: of the wheel.
-            by: the protocol of the evaluation.
-        """
-
-    def brief(self) -> SeedTrial:
-        """A trial that learns nothing, but shows that everything runs."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class StudyRow:
     """A way to learn, over several seeds.
@@ -131,19 +90,13 @@ class StudyRow:
         table: in which it stands, one of those of `rows`.
         trial: how a seed is trained and evaluated.
         enough: a seed walks if this share of its starts does.
-        preset: of the wheel's parameters.
     """
 
     name: str
     title: str
     table: str
-    trial: SeedTrial
+    trial: Trained | PlainPpo
     enough: float = 0.95
-    preset: str = "BUILDABLE"
-
-    def brief(self) -> StudyRow:
-        """The same with a trial that shows that everything runs."""
-        return dataclasses.replace(self, trial=self.trial.brief())
 
     def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""
@@ -172,8 +125,7 @@ class Trained:
         timesteps: control intervals; None: as many as the learner says.
         files: what distinguishes a policy -> its file in the training's folder.
         start: the policy with which the training begins; None: that of `init`.
-        expert: what it imitates, if it does: a policy, or the usual law about the best held gait of
-            one step nearest to a speed (m/s); None: the usual law.
+        expert: the policy that it imitates, if it does; None: the usual law.
         hyperparameters: that differ from the learner's own.
         cloning: fields of `agents.imitation.Cloning` that differ from its own.
         task: reward weight and penalties in training that differ from the environment's.
@@ -186,7 +138,7 @@ class Trained:
     files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY
     start: Other | None = None
-    expert: Other | float | None = None
+    expert: Other | None = None
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     task: Mapping[str, float] = dataclasses.field(default_factory=dict)
@@ -200,15 +152,14 @@ class Trained:
     @property
     def needs(self) -> tuple[StudyRow, ...]:
         """Rows whose policies it needs."""
-        return tuple(each.row for each in (self.start, self.expert) if isinstance(each, Other))
+        return tuple(each.row for each in (self.start, self.expert) if each)
 
     def run(
         self,
         seed: int,
         folder: Path,
         others: Mapping[str, Path],
-        params: WheelParams,
-        by: EvaluationProtocol,
+        by: Protocol,
     ) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
@@ -220,51 +171,33 @@ class Trained:
             start,
             seed,
             timesteps=self.timesteps,
-            params=params,
+            params=BUILDABLE,
             task=self.task,
             disturbances=self.disturbances,
             hyperparameters=learner_class(self.algo).settings(self.init, self.hyperparameters),
             **self._environment(),
         )
         if self.init == IMITATION and self.start is None:
-            expert = self._expert(others, params, cache)
+            expert = EXPERT
+            if self.expert is not None:
+                expert = str(others[self.expert.row.name] / self.expert.file)
             config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
         trained = train(config, folder, cache=cache, progress=False)
-        policies = self.evaluate(folder, params, by)
+        policies = self.evaluate(folder, by)
         return SeedResult(policies, trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
         return {}
 
-    def _expert(
-        self, others: Mapping[str, Path], params: WheelParams, cache: Path
-    ) -> Controller | str:
-        if isinstance(self.expert, Other):
-            return str(others[self.expert.row.name] / self.expert.file)
-        if self.expert is None:
-            return EXPERT
-        cache.mkdir(exist_ok=True)
-        front = cot_front(params, [self.expert], [EXPERT_STEPS], hold=CONTROL_PERIOD, folder=cache)
-        return laws.design(EXPERT, front.envelope[0], cache)
-
-    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
+    def evaluate(self, folder: Path, by: Protocol) -> Policies:
         """Every policy by the protocol."""
         return {
-            name: WalkFigures.of(evaluate(load_policy(folder / file, params).policy, params, by))
+            name: WalkFigures.of(
+                evaluate(load_policy(folder / file, BUILDABLE).policy, BUILDABLE, by)
+            )
             for name, file in self.files.items()
         }
-
-    def brief(self) -> Trained:
-        """The same with the fewest steps, of cloning too; one that only imitates still does."""
-        start, expert = self.start, self.expert
-        return dataclasses.replace(
-            self,
-            timesteps=0 if self.timesteps == 0 else BRIEF_STEPS,
-            cloning={**self.cloning, **BRIEF_CLONING},
-            start=start and start._replace(row=start.row.brief()),
-            expert=Other(expert.row.brief(), expert.file) if isinstance(expert, Other) else expert,
-        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -284,13 +217,13 @@ class Following(Trained):
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
 
-    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
+    def evaluate(self, folder: Path, by: Protocol) -> Policies:
         """The policy at every command."""
         (file,) = self.files.values()
-        policy, period = load_policy(folder / file, params).policy, CONTROL_PERIOD
-        walks = evaluate_commanded(policy, self.commands, params, by, control_period=period)
+        policy, period = load_policy(folder / file, BUILDABLE).policy, CONTROL_PERIOD
+        walks = evaluate_commanded(policy, self.commands, BUILDABLE, by, control_period=period)
         policies = _at_commands(self.commands, walks)
-        stretches = walk_through(policy, self.changes, params, by, control_period=period)
+        stretches = walk_through(policy, self.changes, BUILDABLE, by, control_period=period)
         for before, stretch in itertools.pairwise(stretches):
             policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
         return policies
@@ -300,15 +233,15 @@ class Following(Trained):
 class Disturbed(Trained):
     """A training under disturbances, evaluated with them and without."""
 
-    def evaluate(self, folder: Path, params: WheelParams, by: EvaluationProtocol) -> Policies:
+    def evaluate(self, folder: Path, by: Protocol) -> Policies:
         """Every policy, undisturbed, with each of the disturbances, and with all of them."""
         each = {name.replace("_", " "): {name: value} for name, value in self.disturbances.items()}
         conditions = {"undisturbed": {}, **each, "all disturbances": self.disturbances}
         policies = {}
         for name, file in self.files.items():
-            policy = load_policy(folder / file, params).policy
+            policy = load_policy(folder / file, BUILDABLE).policy
             for condition, disturbances in conditions.items():
-                walks = evaluate(policy, params, by, disturbances=disturbances)
+                walks = evaluate(policy, BUILDABLE, by, disturbances=disturbances)
                 policies[f"{name}: {condition}"] = WalkFigures.of(walks)
         return policies
 
@@ -336,8 +269,7 @@ class PlainPpo:
         seed: int,
         folder: Path,
         others: Mapping[str, Path],
-        params: WheelParams,
-        by: EvaluationProtocol,
+        by: Protocol,
     ) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
@@ -346,17 +278,13 @@ class PlainPpo:
             self.n_envs,
             seed,
             vec_env_cls=Sb3VecEnv,  # type: ignore[arg-type]
-            env_kwargs={"params": params},
+            env_kwargs={"params": BUILDABLE},
         )
         model = PPO("MlpPolicy", envs, seed=seed, device="cpu").learn(self.timesteps)
         minutes = (time.process_time() - begun) / 60.0
         policy = learned_policy(NetworkPolicy(model))
-        walks = evaluate_commanded(policy, self.commands, params, by)
+        walks = evaluate_commanded(policy, self.commands, BUILDABLE, by)
         return SeedResult(_at_commands(self.commands, walks), model.num_timesteps, minutes)
-
-    def brief(self) -> PlainPpo:
-        """The same with few steps."""
-        return dataclasses.replace(self, timesteps=2048)
 
 
 def _at_commands(commands: tuple[float, ...], walks: tuple[Evaluation, ...]) -> Policies:
