@@ -185,18 +185,9 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     panels[0, 0].yaxis.set_major_formatter("{x:g}")
     panels[0, 0].set_ylabel("gap to the optimum (%)")
     panels[1, 0].set(ylabel="starts that walk (%)", ylim=(-5.0, 105.0))
-    _add_legend(figure)
+    named = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=5)
     return figure
-
-
-def _add_legend(figure: Figure) -> None:
-    """One legend for all axes."""
-    named: dict[str, Any] = {}
-    for axes in figure.axes:
-        handles, names = axes.get_legend_handles_labels()
-        named |= dict(zip(names, handles, strict=True))
-    if len(named) > 1:
-        figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5)
 
 
 def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
