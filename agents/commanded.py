@@ -115,18 +115,12 @@ def walk_through(
 
     Raises:
         TypeError: an argument is of the wrong kind.
-        ValueError: no speed is given or one is out of its range, the time is shorter than two
-            control periods, or as `evaluate` says.
+        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
         RuntimeError: as `evaluate` says.
     """
     speeds = _speeds(commands)
     conditions = Conditions.of(params, None, None, SPEEDS, control_period)
     each = round(positive("seconds", seconds) / conditions.control.period)
-    if each < 2:
-        raise ValueError(
-            f"seconds = {seconds}: must be at least two control periods, "
-            f"{2 * conditions.control.period} s"
-        )
     starts = draw_starts(conditions.params, protocol.starts, protocol.seed)
     n_intervals = (len(speeds) + 1) * each
     walks = Rollout(conditions, policy, starts, n_intervals, protocol.seed, command=speeds[0])

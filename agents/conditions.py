@@ -54,7 +54,7 @@ class Conditions:
         """Conditions from what the environment takes.
 
         Without a `control_period`, it is that of the environment: `RimlessWheelSpeed-v0` if there
-        are speeds to be commanded, two different ones, otherwise `RimlessWheel-v0`.
+        are speeds to be commanded, otherwise `RimlessWheel-v0`.
 
         Raises:
             TypeError: a value is of the wrong kind.
@@ -63,11 +63,6 @@ class Conditions:
         if control_period is None:
             control_period = _kind(speeds is not None).default_period
         control = Control(control_period, speeds=speeds)
-        if control.speeds is not None and len(set(control.speeds)) == 1:
-            raise ValueError(
-                f"speeds = {control.speeds}: the least must be below the greatest; for one speed, "
-                "leave speeds out, and give it as the task's target_speed"
-            )
         return cls(as_params(params), as_ranges(ranges), as_disturbances(disturbances), control)
 
     @property

@@ -259,17 +259,8 @@ def _open_loop(gait: Solution) -> Policy:
 
 
 def dataset_id(name: str) -> str:
-    """The identifier of a policy's dataset; Minari reads only letters, digits and hyphens.
-
-    Raises:
-        ValueError: there is neither a letter nor a digit in the name.
-    """
+    """The identifier of a policy's dataset; Minari reads only letters, digits and hyphens."""
     plain = re.sub(r"[\W_]+", "-", name).strip("-")
-    if not plain:
-        raise ValueError(
-            f"{name!r}: a dataset is called by the letters and digits of its policy's name, and "
-            "there are none; rename the file"
-        )
     return f"rimless-wheel/{plain}-v0"
 
 

@@ -45,14 +45,7 @@ class Seeing:
         """
         shape = np.shape(observations)
         if len(shape) != 2 or shape[1] != self.size:
-            remedy = (
-                "give a batch, such as observation[None]"
-                if shape == (self.size,)
-                else f"it was trained where {self.size} numbers are observed"
-            )
-            raise ValueError(
-                f"observations: must have shape (N, {self.size}), not {shape}; {remedy}"
-            )
+            raise ValueError(f"observations: must have shape (N, {self.size}), not {shape}")
         return self.act(observations)
 
 

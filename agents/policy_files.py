@@ -168,8 +168,6 @@ def find_policy(path: str | Path) -> Path:
             return file
     if str(path) in PRETRAINED:
         return PRETRAINED[str(path)]
-    if target.is_dir():
-        raise CheckpointError(f"{path}: a folder; give the .zip file in it, such as best.zip")
     raise CheckpointError(
         f"{path}: no such file, and no policy of that name comes with the package (those are "
         f"{', '.join(PRETRAINED)}); make one with `rimless train`, or check the path"

@@ -81,8 +81,8 @@ class TrainingConfig:
         task: the reward, default: that of the environment; or a dictionary of some of its fields.
         ranges: of parameters, as the environment takes them, for training and evaluation.
         disturbances: as the environment takes them, for training and evaluation.
-        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`, two
-            different ones; None: no speed is commanded, as in `RimlessWheel-v0`.
+        speeds: between which a speed is commanded (m/s), as in `RimlessWheelSpeed-v0`;
+            None: no speed is commanded, as in `RimlessWheel-v0`.
         control_period: how long an action is held (s), default: that of the environment.
         hyperparameters: that differ from the learner's own; or all of them, as its `settings`.
         expert: to imitate, see `agents.experts.expert_policy`.
@@ -253,11 +253,7 @@ def train(
 
 
 def _new_learner(config: TrainingConfig, training: Training) -> Learner:
-    """The learner with which a training begins.
-
-    Raises:
-        CheckpointError: the policy to start from is missing, damaged, or of another learner.
-    """
+    """The learner with which a training begins."""
     kind = learner_class(training.algo)
     if config.init in INITS:
         return kind(training)
@@ -437,11 +433,7 @@ class Trainer:
         write_state(self._out / STATE, saved)
 
     def _restore(self) -> None:
-        """Go on from the saved state.
-
-        Raises:
-            StateError: it is damaged, or does not fit.
-        """
+        """Go on from the saved state."""
         path = self._out / STATE
         try:
             state = read_state(path)
@@ -460,11 +452,7 @@ class Trainer:
             save_policy(self._out / name, self._training, self._learner, **notes)
 
     def _require_finite(self) -> None:
-        """Stop before a policy that is of no use is written over a good one.
-
-        Raises:
-            ValueError: the training has diverged.
-        """
+        """Stop before a policy that is of no use is written over a good one."""
         parts = self._learner.parts()
         if parts and not all(np.isfinite(each).all() for each in parts.weights.values()):
             raise self._divergence()

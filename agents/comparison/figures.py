@@ -161,7 +161,7 @@ def colour_of_policy(title: str) -> str:
 def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     """The gap and the share of starts that walk, over control intervals and over minutes.
 
-    A walk beyond the front's speeds is compared with the nearer end of the front, and is hollow.
+    A walk beyond the front's speeds is compared with the nearer end of the front.
 
     Args:
         curves: milestones of trainings, by their names.
@@ -172,33 +172,22 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     )
     for name, curve in curves.items():
         colour = COLOURS[colour_of_policy(name)]
-        faces = ["white" if _beyond(each, front) else colour for each in curve]
         gaps = [milestone_gap(each, front) for each in curve]
         shares = [100.0 * float(each["walking_share"]) for each in curve]
         for row, values in zip(panels, (gaps, shares), strict=True):
             for axes, across in zip(row, ACROSS, strict=True):
                 x = [each[across] for each in curve]
-                axes.plot(x, values, color=colour, label=name)
-                axes.scatter(x, values, 20.0, faces, edgecolors=colour, zorder=3)
+                axes.plot(x, values, "o-", markersize=4.0, color=colour, label=name)
     for axes, label in zip(panels[1], ACROSS.values(), strict=True):
         axes.set_xlabel(label)
     panels[0, 0].set_xscale("symlog", linthresh=1e5)
     panels[0, 0].set_yscale("symlog")
     panels[0, 0].yaxis.set_major_formatter("{x:g}")
-    panels[0, 0].set_ylabel("gap to the optimum (%); hollow: beyond the front")
+    panels[0, 0].set_ylabel("gap to the optimum (%)")
     panels[1, 0].set(ylabel="starts that walk (%)", ylim=(-5.0, 105.0))
-    _add_legend(figure)
+    named = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=5)
     return figure
-
-
-def _add_legend(figure: Figure) -> None:
-    """One legend for all axes."""
-    named: dict[str, Any] = {}
-    for axes in figure.axes:
-        handles, names = axes.get_legend_handles_labels()
-        named |= dict(zip(names, handles, strict=True))
-    if len(named) > 1:
-        figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5)
 
 
 def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
@@ -208,12 +197,6 @@ def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
     speeds = [gait.speed for gait in front.envelope]
     speed = min(max(milestone["speed"], speeds[0]), speeds[-1])
     return 100.0 * (float(milestone["cot"]) / float(front(speed)) - 1.0)
-
-
-def _beyond(milestone: Mapping[str, Any], front: CotFront) -> bool:
-    """Whether it walks slower or faster than the front."""
-    ends = front.envelope[0].speed, front.envelope[-1].speed
-    return bool(milestone["walking_share"] and not ends[0] <= milestone["speed"] <= ends[1])
 
 
 def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollout:

@@ -69,11 +69,8 @@ class Study:
     front_steps: tuple[int, ...] = FRONT_STEPS
 
     def __post_init__(self) -> None:
-        for name in ("further", "front", "front_steps"):
-            values = getattr(self, name)
-            if not isinstance(values, (tuple, list)):
-                raise TypeError(f"{name} = {values!r}: must be a tuple of numbers")
-            object.__setattr__(self, name, tuple(values))
+        for name in ("further", "front", "front_steps"):  # lists, if they come from JSON
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for speed in (self.speed, *self.further, *self.front):
             positive("speed", speed)
         for steps in (self.steps, *self.front_steps):

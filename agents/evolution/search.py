@@ -57,12 +57,6 @@ COUNTED_MULTIPLE = 2.0
 #: Random weights are spread log-uniformly between these sizes; some of them are 0.
 LEAST_WEIGHT, GREATEST_WEIGHT, PRESENT = 0.1, 0.5, 0.8
 
-#: The least that settings may be, where it is not 1. A trial ends with a check, CMA-ES needs a few
-#: policies, and a walk is measured in its second half.
-LEAST = {"trial": CHECK_EVERY, "race": CHECK_EVERY, "population": 4} | dict.fromkeys(
-    ("glance", "screen_intervals", "intervals", "refining_intervals", "start_up_intervals"), 2
-)
-
 
 class NothingWalksError(ValueError):
     """The search has found no policy to go on from."""
@@ -133,17 +127,9 @@ class EvolutionSettings(LearnerSettings):
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if isinstance(field.default, int):
-                integer(field.name, getattr(self, field.name), LEAST.get(field.name, 1))
+                integer(field.name, getattr(self, field.name), 1)
             else:
                 positive(field.name, getattr(self, field.name))
-        for name in ("trial", "race"):
-            if getattr(self, name) % CHECK_EVERY:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: must be a multiple of {CHECK_EVERY}, after "
-                    "which a policy is checked"
-                )
-        if self.least_counted > 1.0:
-            raise ValueError(f"least_counted = {self.least_counted}: a share, must be at most 1")
 
 
 class Groups(enum.Enum):

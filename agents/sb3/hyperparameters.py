@@ -169,12 +169,7 @@ def _imported(path: str) -> Any:
 
 
 def _schedule(name: str, value: Any) -> float | Callable[[float], float]:
-    """A number, or rl-zoo3's "lin_x": falls from x to 0 during the training.
-
-    Raises:
-        TypeError: it is neither a number nor text.
-        ValueError: it is not greater than 0, or it is written in another way.
-    """
+    """A number, or rl-zoo3's "lin_x": falls from x to 0 during the training."""
     if not isinstance(value, str):
         return positive(name, value)
     try:

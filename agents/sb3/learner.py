@@ -370,12 +370,8 @@ def architecture(model: Any) -> dict[str, Any]:
     """The `policy_kwargs` of a model as JSON values, the activation by its name.
 
     Raises:
-        ValueError: the policy is not an MlpPolicy, or has an activation without a name here.
+        ValueError: it has an activation without a name here.
     """
-    if type(model.policy) is not type(model).policy_aliases["MlpPolicy"]:
-        raise ValueError(
-            f"policy = {type(model.policy).__name__}: only an MlpPolicy is kept in a policy file"
-        )
     names = {kind: name for name, kind in ACTIVATIONS.items()}
     kwargs = dict(model.policy_kwargs)
     kwargs.pop("use_sde", None)  # SAC adds it by itself

@@ -119,8 +119,6 @@ class Sb3VecEnv(VecEnv):
             alike.setdefault(id(options) if options else 0, []).append(i)
         for rows in alike.values():
             options = self._options[rows[0]]
-            if "reset_mask" in options:
-                raise ValueError("unknown reset option 'reset_mask': all rows are reset")
             mask = np.isin(np.arange(self.num_envs), rows)
             observations, columns = self.env.reset(
                 seed=self._seeds, options={**options, "reset_mask": mask}
@@ -221,10 +219,7 @@ class Sb3VecEnv(VecEnv):
         Raises:
             NotImplementedError: always, with the remedy.
         """
-        raise NotImplementedError(
-            f"set_attr({attr_name!r}): native rows share one environment; give other parameters or "
-            "start with set_options({'params': ..., 'state': ...}), all else when making it"
-        )
+        raise NotImplementedError("rows share one environment; use set_options")
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
@@ -279,15 +274,7 @@ def _wrappers_of(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, 
 
 
 def _gathered(envs: Sequence[gym.Env[Any, Any]]) -> RimlessWheelVectorEnv:
-    """Rows that behave like the single environments, with autoreset in the same step.
-
-    Raises:
-        TypeError: the class of an environment is not in `NATIVE`.
-        ValueError: there are none, they differ in more than `params`, or one has a wrapper whose
-            effect cannot be reproduced.
-    """
-    if not envs:
-        raise ValueError("no environments: give at least one function that makes one")
+    """Rows that behave like the single environments, with autoreset in the same step."""
     arguments = [_arguments_of(env) for env in envs]
     shared = {name: value for name, value in arguments[0].items() if name != "params"}
     for i, other in enumerate(arguments):
@@ -323,22 +310,10 @@ def _arguments_of(env: gym.Env[Any, Any]) -> dict[str, Any]:
                 f"wrapper {name}: native rows cannot be wrapped one by one; put a VecEnvWrapper "
                 f"that does the same around the vector, or use DummyVecEnv with {name}"
             )
-        if isinstance(wrapper, Monitor) and (
-            wrapper.reset_keywords or not wrapper.allow_early_resets
-        ):
-            raise ValueError(
-                "wrapper Monitor: reset_keywords and allow_early_resets=False are for single "
-                "environments; leave them out, or use DummyVecEnv"
-            )
         if isinstance(wrapper, TimeLimit):
             limits.append(wrapper._max_episode_steps)
     if single.max_episode_steps is not None:
         limits.append(single.max_episode_steps)
-    if single.render_mode not in (None, "rgb_array"):
-        raise ValueError(
-            f"render_mode = {single.render_mode!r}: rows have no windows; choose 'rgb_array', or "
-            "use DummyVecEnv"
-        )
     batch = single.get_state()["batch"]  # the parameters before anything was drawn
     commanded = {} if single.control.speeds is None else {"speeds": single.control.speeds}
     return {

@@ -170,28 +170,19 @@ class StartUpPhase(VecEnvWrapper):
         steps: of each row since this was made, (N,); those backward count as -1.
 
     Raises:
-        TypeError: it is no such monitor, or a number is of the wrong kind.
-        ValueError: a number is out of its range, or energy would be free for whole episodes.
+        TypeError: a number is of the wrong kind.
+        ValueError: a number is out of its range.
     """
 
     def __init__(
         self, venv: VecMonitor, intervals: int = 0, travel: float = 0.0, penalty: float = 0.0
     ) -> None:
-        if not isinstance(venv, VecMonitor) or not isinstance(venv.venv, Sb3VecEnv):
-            raise TypeError(f"{venv}: must be a VecMonitor around an agents.Sb3VecEnv")
+        assert isinstance(venv.venv, Sb3VecEnv)
         super().__init__(venv)
         self.intervals = integer("intervals", intervals, 0)
         self.travel = not_negative("travel", travel)
         self.penalty = not_negative("penalty", penalty)
-        if travel > 1.0:
-            raise ValueError(f"travel = {travel:g}: a share of the travel, must be at most 1")
         self.monitor, self.native = venv, venv.venv
-        longest = self.native.env.max_episode_steps
-        if longest is not None and self.intervals >= longest:
-            raise ValueError(
-                f"intervals = {intervals}: an episode has {longest}, and in all of them energy "
-                "would be free; give fewer, or a longer TimeLimit (max_episode_steps)"
-            )
         self.steps = np.zeros(venv.num_envs, dtype=np.int64)
 
     @property

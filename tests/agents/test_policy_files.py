@@ -92,10 +92,9 @@ def test_the_policies_of_the_package_load_from_any_folder(tmp_path, monkeypatch,
 @pytest.mark.parametrize("name", ["evolution", "imitation"])
 def test_observations_of_another_shape_are_refused(name):
     act = load_policy(name).act
-    with pytest.raises(ValueError, match=r"shape \(N, 6\), not \(6,\); .*observation\[None\]"):
-        act(np.zeros(6, dtype=np.float32))
-    with pytest.raises(ValueError, match=r"not \(2, 8\); it was trained where 6 numbers"):
-        act(np.zeros((2, 8), dtype=np.float32))
+    for wrong in (np.zeros(6, dtype=np.float32), np.zeros((2, 8), dtype=np.float32)):
+        with pytest.raises(ValueError, match=r"must have shape \(N, 6\)"):
+            act(wrong)
 
 
 def test_nothing_in_a_file_of_plain_stable_baselines3_is_run_unless_its_author_is_trusted(
@@ -176,8 +175,6 @@ def test_missing_foreign_cut_and_altered_files_are_refused(tmp_path):
         read_record(tmp_path / "version.zip")
     with pytest.raises(CheckpointError, match=r"no such file.*front, imitation.*rimless train"):
         load_policy(tmp_path / "nowhere.zip")
-    with pytest.raises(CheckpointError, match=r"a folder.*best\.zip"):
-        load_policy(tmp_path)
 
 
 @pytest.mark.parametrize("text", ["[]", "not JSON", "", "[" * 100_000])
