@@ -37,7 +37,12 @@ def real(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """The real number `value`, greater than 0; raises as `real` does."""
+    """The real number `value`, greater than 0.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is not finite, not greater than 0, or larger than `LARGEST`.
+    """
     number = real(name, value)
     if not number > 0.0:
         raise ValueError(f"{name} = {number}: must be greater than 0")
@@ -45,7 +50,12 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """The real number `value`, at least 0; raises as `real` does."""
+    """The real number `value`, at least 0.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is not finite, less than 0, or larger than `LARGEST`.
+    """
     number = real(name, value)
     if number < 0.0:
         raise ValueError(f"{name} = {number}: must be at least 0")
@@ -53,21 +63,33 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def flag(name: str, value: Any) -> bool:
-    """The truth value `value`, Python's or NumPy's; anything else is a `TypeError`."""
+    """The truth value `value`, Python's or NumPy's.
+
+    Raises:
+        TypeError: it is anything else, even if Python counts it as true or false.
+    """
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} = {value!r}: must be True or False")
     return bool(value)
 
 
 def require_kind(name: str, value: Any, kind: type) -> None:
-    """Refuse a value of another type with a `TypeError`."""
+    """Refuse a value that is not a `kind`.
+
+    Raises:
+        TypeError: `value` is of another type.
+    """
     if not isinstance(value, kind):
         module = kind.__module__.split(".")[0]
         raise TypeError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
 
 
 def require_callable(name: str, value: Any) -> None:
-    """Refuse a value that cannot be called with a `TypeError`."""
+    """Refuse a value that cannot be called.
+
+    Raises:
+        TypeError: `value` is not callable.
+    """
     if not callable(value):
         raise TypeError(f"{name} = {reprlib.repr(value)}: must be a function")
 

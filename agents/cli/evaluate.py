@@ -52,6 +52,7 @@ def evaluate(
     gap: Flag = False,
     no_gap: Flag = False,
     trust_pickle: Flag = False,
+    seeds: Flag = False,
     json_: Annotated[bool, arg(name="json", help_behavior_hint="")] = False,
     preset: MaybePreset = None,
     params: Fields = None,
@@ -78,6 +79,7 @@ def evaluate(
         no_gap: print no gap
         trust_pickle: also read files of plain stable-baselines3, which runs any code their author
             put in
+        seeds: the policies are seeds of one training: print interquartile mean and 95 % interval
         json_: print everything as JSON
         preset: machine that the policies must be for; by default the one each was trained on
         params: fields that differ from the preset's: hub_damping=0.01 n_legs=6
@@ -112,6 +114,8 @@ def evaluate(
     for name in policies:
         named += _at_commands(name, gait_for, params_, commands, trust_pickle)
     commanded = any(w.command is not None for w in named)
+    if seeds and commanded:
+        raise ValueError("--seeds: policies that are commanded a speed are not summarised")
     if commands and not commanded:
         raise ValueError("--commands: none of these policies is commanded a speed")
     if commands:
@@ -132,22 +136,27 @@ def evaluate(
         )
         rows.append(_row(w, result, gap, no_gap))
     names = [w.name for w in named]
+    summary = over_seeds(rows) if seeds else {}
     if json_:
         conditions = Conditions.of(named[0].params, drawn, disturbed).to_dict()
         for own in ("params", "speeds", "control_period"):  # each policy has its own
             del conditions[own]
         results = dict(zip(names, rows, strict=True))
-        report = {"policies": results, **conditions, **provenance()}
+        report = {"policies": results, "over_seeds": summary, **conditions, **provenance()}
         print(json.dumps(report, indent=1))
     else:
-        print(table(names, rows))
+        print(table(names, rows, summary))
     return 0
 
 
 def _at_commands(
     name: str, gait_for: Any, params: WheelParams | None, commands: Sequence[float], trust: bool
 ) -> list[NamedPolicy]:
-    """A law or policy; where it is commanded a speed, at each of several."""
+    """A law or policy; where it is commanded a speed, at each of several.
+
+    Raises:
+        ValueError: there is no such law or policy, or it or the gait is for another machine.
+    """
     from agents.commanded import commands_within
     from agents.policy_files import named_policy
 
@@ -182,12 +191,30 @@ def _row(w: NamedPolicy, result: Evaluation, gap: bool, no_gap: bool) -> dict[st
     }
 
 
-def table(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
-    """One line a policy, then why starts do not count."""
+def over_seeds(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Interquartile mean and 95 % interval of each figure over the policies that have it."""
+    from agents.evaluate import bootstrap_interval, interquartile_mean
+
+    summary: dict[str, Any] = {}
+    for name, _ in COLUMNS[:-1]:
+        values = [row[name] for row in rows if row[name] is not None]
+        if values:
+            low, high = bootstrap_interval(values)
+            mean = interquartile_mean(values)
+            summary[name] = {"mean": mean, "low": low, "high": high, "seeds": len(values)}
+    return summary
+
+
+def table(names: Sequence[str], rows: Sequence[dict[str, Any]], summary: dict[str, Any]) -> str:
+    """One line a policy, then the summary, then why starts do not count."""
     width = max(24, *(len(name) for name in names))
     lines = [" " * width + "".join(f"{title:>16}" for _, title in COLUMNS)]
     for name, row in zip(names, rows, strict=True):
         lines.append(f"{name:{width}}" + "".join(_cell(c, row[c]) for c, _ in COLUMNS))
+    if summary:
+        for title, key in (("interquartile mean", "mean"), ("95 % from", "low"), ("to", "high")):
+            cells = [_cell(c, summary.get(c, {}).get(key)) for c, _ in COLUMNS]
+            lines.append(f"{title:{width}}" + "".join(cells))
     for name, row in zip(names, rows, strict=True):
         if row["failures"]:
             count, starts = sum(row["failures"].values()), row["protocol"]["starts"]

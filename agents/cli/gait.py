@@ -78,17 +78,19 @@ def gait(
         workers=workers,
         progress=True,
     )
-    if out is not None:
-        solution.save(out)
-    if json_:
-        print(json.dumps(solution.to_dict(), indent=2))
-    else:
-        print(solution.report())
-        if abs(solution.speed - speed) > SAME:
-            print(
-                f"  requested speed         {speed:g} m/s; at no speed nearer to it does a "
-                "stride last a whole number of intervals"
-            )
+    try:  # a full disk must not lose the report, nor a closed pipe the file
+        if out is not None:
+            solution.save(out)
+    finally:
+        if json_:
+            print(json.dumps(solution.to_dict(), indent=2))
+        else:
+            print(solution.report())
+            if abs(solution.speed - speed) > SAME:
+                print(
+                    f"  requested speed         {speed:g} m/s; at no speed nearer to it does a "
+                    "stride last a whole number of intervals"
+                )
     return 0 if solution.verification.passed else 1
 
 

@@ -132,7 +132,11 @@ def _parsed(
     words: Sequence[str],
     program: str | None,
 ) -> Callable[[], int]:
-    """The call that the arguments describe."""
+    """The call that the arguments describe.
+
+    Raises:
+        SystemExit: help was printed, 0, or the arguments are refused, 2.
+    """
     settings: dict[str, Any] = {
         "args": words,
         "prog": program,

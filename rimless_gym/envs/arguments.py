@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rimless_gym.checks import as_instance, real, real_array
 from rimless_gym.envs import EPISODE_STEPS
+from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 from rimless_gym.envs.layout import (
     COMMANDED_BOUND,
     COMMANDED_SIZE,
@@ -49,6 +50,11 @@ class Control:
         actions: what an action commands, one of `ACTIONS`.
         speeds: least and greatest speed (m/s) between which each episode draws the one that is
             commanded; None where none is.
+
+    Raises:
+        TypeError: a value has the wrong type.
+        ValueError: the period is no such multiple, the actions are unknown, or the speeds are not
+            in order or out of their range.
     """
 
     period: float = CONTROL_PERIOD
@@ -107,7 +113,12 @@ USUAL = Control()
 
 
 def as_speeds(name: str, speeds: Any, n: int) -> NDArray[np.float64]:
-    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,)."""
+    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,).
+
+    Raises:
+        TypeError: they are not real numbers.
+        ValueError: there is not one for each, or one is out of its range.
+    """
     given = real_array(name, speeds)
     if given.shape not in ((), (n,)):
         raise ValueError(f"{name} = {speeds!r}: give one number, or {n}, not {given.shape}")
@@ -123,6 +134,10 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
     """The task, given as such or as a mapping of the fields that differ from the present one's.
 
     None stands for the present one.
+
+    Raises:
+        TypeError: it has the wrong type.
+        ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
         task = dataclasses.asdict(present) | dict(task)
@@ -131,13 +146,23 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
 
 
 def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
-    """Shares, given as such or as a mapping of their fields; None for the usual ones."""
+    """Shares, given as such or as a mapping of their fields; None for the usual ones.
+
+    Raises:
+        TypeError: it is neither.
+        ValueError: a share is unknown or out of range.
+    """
     checked: Starts = as_instance(Starts, "starts", starts, USUAL_STARTS)
     return checked
 
 
 def as_params_list(params: Any, n: int) -> list[WheelParams]:
-    """`params`, one for all rows or one per row, as a list of N."""
+    """`params`, one for all rows or one per row, as a list of N.
+
+    Raises:
+        TypeError: a machine has the wrong type.
+        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
+    """
     many = isinstance(params, (list, tuple))
     each = [as_params(one) for one in params] if many else [as_params(params)] * n
     _require_one_per_row("params", each, n)
@@ -147,7 +172,11 @@ def as_params_list(params: Any, n: int) -> list[WheelParams]:
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
-    """Refuse a render mode that an environment does not have."""
+    """Refuse a render mode that an environment does not have.
+
+    Raises:
+        ValueError: it is neither one of them nor None.
+    """
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
 
@@ -171,7 +200,8 @@ class EpisodeStart:
 DRAWN_START = EpisodeStart()
 
 
-OPTION_NAMES = ("state", "mode", "params", "task")
+OPTION_NAMES = ("state", "mode", "params", "task", "starts", "ranges", "disturbances")
+_FOR_ALL = ("starts", "ranges", "disturbances")
 
 
 def read_options(
@@ -180,19 +210,28 @@ def read_options(
     """What the options for `rows` of a batch change, for `Batch.change`, and how episodes begin.
 
     The options are checked, and the batch is not changed.
+
+    Raises:
+        TypeError: a value has the wrong type.
+        ValueError: an option is unknown or its value out of range, or starts, ranges or
+            disturbances, which hold for all rows, are given for some.
     """
     options = options or {}
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
     for name in options:
         if name not in names:
             raise ValueError(f"unknown reset option {name!r}: choose from {names}")
+        if name in _FOR_ALL and len(rows) < len(batch):
+            raise ValueError(f"reset option {name!r} holds for all rows: give no reset_mask")
     changes: dict[str, Any] = {}
     params, n = list(batch.params), len(rows)
     if "params" in options:
         for i, one in zip(rows, as_params_list(options["params"], n), strict=True):
             params[i] = one
-        batch.ranges.require_valid(params)
-        changes["params"] = params
+    if "params" in options or "ranges" in options:
+        ranges = as_ranges(options["ranges"]) if "ranges" in options else batch.ranges
+        ranges.require_valid(params)
+        changes |= {"params": params, "ranges": ranges}
     if "task" in options:
         task, tasks = options["task"], list(batch.tasks)
         each = list(task) if isinstance(task, (list, tuple)) else [task] * n
@@ -201,6 +240,10 @@ def read_options(
             tasks[i] = as_task(one, tasks[i])
         batch.require_no_target(tasks)
         changes["tasks"] = tasks
+    if "starts" in options:
+        changes["starts"] = as_starts(options["starts"])
+    if "disturbances" in options:
+        changes["disturbances"] = as_disturbances(options["disturbances"])
     speeds = as_speeds("speed", options["speed"], n) if "speed" in options else None
     if "state" in options:
         modes = options.get("mode", "single_stance")

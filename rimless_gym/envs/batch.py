@@ -9,8 +9,12 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+import os
+import reprlib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,10 +49,13 @@ from rimless_gym.envs.starts import (
 from rimless_gym.envs.task import Task
 from rimless_gym.hybrid import Failure
 from rimless_gym.kernel.stepping import STATE_SIZE, machine_arrays, scratch
-from rimless_gym.params import WheelParams
+from rimless_gym.params import N_CONSTANTS, WheelParams
 
 if TYPE_CHECKING:
     from rimless_gym.rendering.canvas import Frame
+
+#: Fewest rows for a thread; waking it for fewer does not pay off.
+LEAST_ROWS = 256
 
 #: The arrays that a snapshot copies; its other parts, `_SETTINGS`, are immutable.
 ARRAYS = ("memory", "streams", "held", "constants", "poles", "numbers", "ended")
@@ -66,6 +73,7 @@ class Batch:
         disturbances: what disturbs every episode.
         control: how long an action is held, and what it commands.
         starts: how often each kind of start is drawn.
+        num_threads: threads that share a step.
         limit: greatest number of intervals in an episode.
 
     Attributes:
@@ -74,6 +82,10 @@ class Batch:
         memory: what is remembered of each row; see `rimless_gym.envs.layout`.
         numbers: current values of the parameters that are numbers, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
+
+    Raises:
+        TypeError: ranges, disturbances or starts have the wrong type.
+        ValueError: they have unknown fields, or a machine cannot be stepped at an end of a range.
     """
 
     def __init__(
@@ -84,16 +96,19 @@ class Batch:
         disturbances: Disturbances | Mapping[str, Any] | None = None,
         control: Control = USUAL,
         starts: Starts | Mapping[str, Any] | None = None,
+        num_threads: int = 1,
         limit: int = NO_LIMIT,
     ) -> None:
         n, ranges = len(params), as_ranges(ranges)
         ranges.require_valid(params)
-        self.control, self.limit = control, limit
+        self.control, self.num_threads, self.limit = control, num_threads, limit
         self.memory = np.zeros((len(MEMORY), columns(n)))
         self.streams = np.zeros(n, dtype=np.uint64)
         self.ended = np.ones(n, dtype=np.bool_)
-        self._work = scratch()
-        self._arguments: NDArray[np.int64] | None = None
+        self._works = [scratch() for _ in range(num_threads)]
+        self._pool: ThreadPoolExecutor | None = None
+        self._pool_process = 0  # the process that made it
+        self._arguments: list[NDArray[np.int64]] | None = None
         self.numbers, self.constants, self.poles = np.zeros((3, 1, 1))
         self.set_params(params, ranges, np.arange(n))
         self.set_tasks([task] * n, np.arange(n))
@@ -109,7 +124,11 @@ class Batch:
         return bool(self.memory[MEMORY.phi].any())  # phi is never 0 on the ground
 
     def require_begun(self) -> None:
-        """Refuse to go on before the first reset."""
+        """Refuse to go on before the first reset.
+
+        Raises:
+            RuntimeError: no row has begun an episode.
+        """
         if not self.begun:
             raise RuntimeError("no episode has begun: call reset() first")
 
@@ -160,7 +179,11 @@ class Batch:
         self.tasks = list(tasks)
 
     def require_no_target(self, tasks: Sequence[Task]) -> None:
-        """Refuse tasks with a target speed where speeds are commanded."""
+        """Refuse tasks with a target speed where speeds are commanded.
+
+        Raises:
+            ValueError: there is one.
+        """
         targets = [task.target_speed for task in tasks if task.target_speed != math.inf]
         if targets and self.control.speeds is not None:
             raise ValueError(
@@ -169,7 +192,7 @@ class Batch:
             )
 
     def set_disturbances(self, disturbances: Disturbances) -> None:
-        """Set the disturbances of all rows."""
+        """Set the disturbances of all rows; every row must then begin a new episode."""
         self.disturbances = disturbances
         self._settings = disturbances.settings(self.control.period)
         self._disturbed = disturbances != Disturbances()
@@ -186,13 +209,19 @@ class Batch:
         self,
         rows: NDArray[np.int64],
         params: Sequence[WheelParams] | None = None,
+        ranges: Ranges | None = None,
         tasks: Sequence[Task] | None = None,
+        starts: Starts | None = None,
+        disturbances: Disturbances | None = None,
     ) -> None:
         """Set what is given, for the episodes that `rows` are about to begin."""
+        self.starts = starts or self.starts
         if tasks is not None:
             self.set_tasks(tasks, rows)
         if params is not None:
-            self.set_params(params, self.ranges, rows)
+            self.set_params(params, ranges or self.ranges, rows)
+        if disturbances is not None:
+            self.set_disturbances(disturbances)
 
     def begin(
         self,
@@ -201,7 +230,11 @@ class Batch:
         observations: NDArray[np.float32],
         start: EpisodeStart = DRAWN_START,
     ) -> None:
-        """Begin the episodes of `rows`; their first observations go into `observations`, flat."""
+        """Begin the episodes of `rows`; their first observations go into `observations`, flat.
+
+        Raises:
+            RuntimeError: a row found no start, or drew a machine that cannot be stepped.
+        """
         self.ended[rows] = True
         self.streams[rows] = keys
         if self.ranges.bounds:
@@ -241,29 +274,47 @@ class Batch:
         `step_rows` returns. Get a new one after any change of the batch.
         """
         if self._arguments is None:
-            control, arrays = self.control, (self.memory, self.constants, self.poles, self._work)
-            addresses = [array.ctypes.data for array in arrays]
-            sizes = self.memory.shape[1], self.constants.shape[1], self.limit
-            held = control.ticks, control.by_current, control.width
-            values = Arguments(0, 0, *addresses, *sizes, *held, 0, len(self))
-            self._arguments = np.array(values, dtype=np.int64)
-        arguments = self._arguments
-        arguments[ARGUMENT.results] = results.ctypes.data
-        arguments[ARGUMENT.observations] = observations.ctypes.data
-        step: Any = functools.partial(compiled_step(), arguments.ctypes.data)
-        step.alive = arguments, results, observations, self.memory, self.constants, self.poles
-        if self._disturbed:
-            return functools.partial(self._step_disturbed, step, observations)
-        alive: Callable[[], int] = step
-        return alive
+            self._arguments = self._divide()
+        steps = []
+        for arguments in self._arguments:
+            arguments[ARGUMENT.results] = results.ctypes.data
+            arguments[ARGUMENT.observations] = observations.ctypes.data
+            step: Any = functools.partial(compiled_step(), arguments.ctypes.data)
+            step.alive = arguments, results, observations, self.memory, self.constants, self.poles
+            if self._disturbed:
+                rows = int(arguments[ARGUMENT.begin]), int(arguments[ARGUMENT.end])
+                step = functools.partial(self._step_disturbed, step, observations, *rows)
+            steps.append(step)
+        return steps[0] if len(steps) == 1 else functools.partial(self._together, steps)
 
-    def _step_disturbed(self, step: Callable[[], int], observations: NDArray[np.float32]) -> int:
+    def _divide(self) -> list[NDArray[np.int64]]:
+        """Arguments of `step_rows` for each thread that is worth waking."""
+        n, control = len(self), self.control
+        parts = max(1, min(self.num_threads, n // LEAST_ROWS))
+        cuts = [n * k // parts for k in range(parts + 1)]
+        arrays = [array.ctypes.data for array in (self.memory, self.constants, self.poles)]
+        sizes = self.memory.shape[1], self.constants.shape[1]
+        common = *sizes, self.limit, control.ticks, control.by_current, control.width
+        return [
+            np.array(Arguments(0, 0, *arrays, work.ctypes.data, *common, *rows), dtype=np.int64)
+            for work, rows in zip(self._works, itertools.pairwise(cuts), strict=False)
+        ]
+
+    def _step_disturbed(
+        self, step: Callable[[], int], observations: NDArray[np.float32], first: int, last: int
+    ) -> int:
         memory, streams, settings = self.memory, self.streams, self._settings
-        disturb_rows(memory, self.constants, streams, self.held, settings)
+        disturb_rows(memory, self.constants, streams, self.held, settings, first, last)
         unusual = step()
         if any(settings.noise):
-            observe_noisily(observations, self.control.width, memory, streams, settings.noise)
+            width = self.control.width
+            observe_noisily(observations, width, memory, streams, settings.noise, first, last)
         return unusual
+
+    def _together(self, steps: Sequence[Callable[[], int]]) -> int:
+        if self._pool is None or self._pool_process != os.getpid():  # a fork has no threads
+            self._pool, self._pool_process = ThreadPoolExecutor(self.num_threads), os.getpid()
+        return sum(self._pool.map(lambda step: step(), steps))
 
     def diverged(self, i: int, code: int) -> RuntimeError:
         """The error for a motion of row i that left the model's range."""
@@ -311,14 +362,73 @@ class Batch:
                 setattr(self, name, theirs.copy())
                 self._arguments = None
 
+    def close(self) -> None:
+        """Shut down the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_arguments": None}
+        return self.__dict__ | {"_pool": None, "_arguments": None}
 
 
-def require_snapshot(state: dict[str, Any], n: int, control: Control) -> None:
-    """Refuse a snapshot of another number of rows or of another control."""
-    rows = len(state["generators"]), len(state["batch"]["params"])
-    if rows != (n, n):
-        raise ValueError(f"the state is of {rows[1]} rows, not of {n}: use one with as many rows")
-    if state["batch"]["control"] != control:
-        raise ValueError(f"the state is of {state['batch']['control']}, not of {control}")
+def require_snapshot(
+    state: Any, parts: Collection[str], n: int, control: Control, owner: str
+) -> None:
+    """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
+
+    What compiled code reads is checked in full: shapes, types, and that numbers are finite.
+
+    Raises:
+        ValueError: its parts, number of rows or control differ, or an array is not as it must be.
+    """
+    remedy = f"give what get_state() of a {owner} returned"
+    if not isinstance(state, dict) or state.keys() != set(parts):
+        raise ValueError(f"state = {reprlib.repr(state)}: must have the parts {parts}; {remedy}")
+    batch = state["batch"]
+    if not isinstance(batch, dict) or batch.keys() != {*ARRAYS, *_SETTINGS}:
+        raise ValueError(f"state['batch'] = {reprlib.repr(batch)}: {remedy}")
+    if len(batch["params"]) != n or len(state["generators"]) != n:
+        raise ValueError(f"the state is of {len(batch['params'])} rows, not of {n}; {remedy}")
+    if batch["control"] != control:
+        raise ValueError(f"the state is of {batch['control']}, not of {control}")
+    each = bool(batch["ranges"].bounds) or np.size(batch["poles"]) == n
+    machines, numbers = n if each else 1, np.float64
+    expected: dict[str, tuple[tuple[int, ...], type]] = {
+        "memory": ((len(MEMORY), columns(n)), numbers),
+        "streams": ((n,), np.uint64),
+        "held": ((batch["disturbances"].delays[1] + 1, n), numbers),
+        "constants": ((N_CONSTANTS, machines), numbers),
+        "poles": ((machines,), numbers),
+        "numbers": ((len(NUMBERS), n), numbers),
+        "ended": ((n,), np.bool_),
+        "seen": ((n, control.width), np.float32),  # of a vector environment only
+    }
+    for name, array in (batch | state).items():
+        if name not in expected:
+            continue
+        shape, dtype = expected[name]
+        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
+            raise ValueError(f"state: {name} must be an array {shape} of {dtype}; {remedy}")
+        finite = np.isfinite(array)
+        if name == "memory":  # where there is no target, it is infinite
+            finite[MEMORY.target_speed] |= array[MEMORY.target_speed] == np.inf
+        if not finite.all():
+            raise ValueError(f"state: {name} must be finite; {remedy}")
+
+
+def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str, Any]]) -> None:
+    """Put each generator into its state, all or none.
+
+    Raises:
+        ValueError: one of them is not a state of these generators.
+    """
+    before = [dict(one.bit_generator.state) for one in generators]
+    try:
+        for one, state in zip(generators, states, strict=True):
+            one.bit_generator.state = state
+    except Exception as error:
+        for one, state in zip(generators, before, strict=True):
+            one.bit_generator.state = state
+        kind = type(generators[0].bit_generator).__name__
+        raise ValueError(f"state: generators: {error}: must be states of NumPy's {kind}") from error

@@ -26,6 +26,10 @@ from rimless_gym.params import CHOICES, WheelParams
 
 MAX_DELAY = 100  # control intervals
 
+#: Largest standard deviation of a sensor's error (rad or rad/s). The sines of the resulting angles
+#: are still accurate; after millions of turns they would not be.
+MOST_NOISE = 1e3
+
 #: Parameters that may be drawn: those that are numbers, except the number of legs.
 DRAWABLE = tuple(
     field.name
@@ -59,6 +63,8 @@ class Pushes:
 class SensorNoise:
     """Normally distributed errors of the observation; the state itself is not changed.
 
+    No standard deviation may exceed `MOST_NOISE`, far beyond any useful sensor.
+
     Args:
         leg_angle: standard deviation for the leg's angle (rad).
         pendulum_angle: for the pendulum's angle (rad).
@@ -74,6 +80,11 @@ class SensorNoise:
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
             object.__setattr__(self, name, not_negative(name, value))
+            if value > MOST_NOISE:
+                raise ValueError(
+                    f"{name} = {value}: must be at most {MOST_NOISE:g} (rad or rad/s); a noisier "
+                    "sensor carries no information"
+                )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -156,7 +167,12 @@ class Ranges:
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
-    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges."""
+    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges.
+
+    Raises:
+        TypeError: it is neither.
+        ValueError: see `Ranges`.
+    """
     if isinstance(ranges, Ranges):
         return ranges
     if not isinstance(ranges, Mapping | None):
@@ -167,7 +183,12 @@ def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
 
 
 def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Disturbances:
-    """Disturbances, given as such or as a mapping of their fields; None means none."""
+    """Disturbances, given as such or as a mapping of their fields; None means none.
+
+    Raises:
+        TypeError: it is neither.
+        ValueError: a field is unknown or its value out of range.
+    """
     return as_instance(Disturbances, "disturbances", disturbances, Disturbances())
 
 
@@ -275,13 +296,13 @@ def _push(memory, impulse, p, i):
     memory[MEMORY.push_shift, i] = shift
 
 
-@cached()
-def disturb_rows(memory, constants, streams, held, settings):
+@cached(nogil=True)
+def disturb_rows(memory, constants, streams, held, settings, first, last):
     """Before the interval: delay the actions, and push.
 
     `held` (longest delay + 1, N) keeps actions until they take effect.
     """
-    for i in range(len(streams)):
+    for i in range(first, last):
         _delay_action(memory, held, i)
         memory[MEMORY.push_work, i] = memory[MEMORY.push_shift, i] = 0.0
         if settings.push_chance > 0.0 and next_uniform(streams, i) < settings.push_chance:
@@ -292,8 +313,8 @@ def disturb_rows(memory, constants, streams, held, settings):
                 _push(memory, impulse, params_at(constants, i), i)
 
 
-@cached()
-def observe_noisily(observations, width, memory, streams, noise):
+@cached(nogil=True)
+def observe_noisily(observations, width, memory, streams, noise, first, last):
     """After the interval: observe again with the sensors' errors, still within bounds."""
-    for i in range(len(streams)):
+    for i in range(first, last):
         observe_row(memory, errors(noise, streams, i), observations, np.uint64(width), np.uint64(i))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from rimless_gym.checks import integer, real_array
+from rimless_gym.energy import CHANNELS
 from rimless_gym.envs.arguments import (
     Control,
     as_params_list,
@@ -20,7 +22,7 @@ from rimless_gym.envs.arguments import (
     read_options,
     require_render_mode,
 )
-from rimless_gym.envs.batch import Batch, require_snapshot
+from rimless_gym.envs.batch import Batch, require_snapshot, restore
 from rimless_gym.envs.disturbances import Disturbances, Ranges
 from rimless_gym.envs.interval import NO_LIMIT
 from rimless_gym.envs.layout import (
@@ -34,16 +36,41 @@ from rimless_gym.envs.layout import (
     step_result,
 )
 from rimless_gym.envs.starts import Starts
-from rimless_gym.envs.task import USUAL_TASK, Task
+from rimless_gym.envs.task import TERM_NAMES, TERMS, USUAL_TASK, Task
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import BUILDABLE, Machine, as_params
 from rimless_gym.symbolic import HybridModel
 
+T = TypeVar("T", bound=type[Any])
+
 _ROW = np.zeros(1, dtype=np.int64)
 _BOUND = ("_advance", "_action", "_results")  # to the batch's arrays
+_PARTS = ("batch", "generators")  # of a snapshot
 
 
+def completed(environment: T) -> T:
+    """Put the terms of the reward and the energy balance into the class's docstring."""
+    into, out_of = ([c.name for c in CHANNELS if c.sign == sign] for sign in (1, -1))
+    terms = [
+        f"- `{name}`: {' '.join((inspect.getdoc(term) or '').split())}"
+        for name, term in zip(TERM_NAMES, TERMS, strict=True)
+    ]
+    usual = Control(environment.default_period)
+    page = inspect.cleandoc(environment.__doc__ or "")  # Python 3.13 does so itself
+    for name, text in {
+        "task": repr(environment.default_task),
+        "steps": str(usual.episode_steps),
+        "period": f"{usual.period:g}",
+        "balance": f"{' + '.join(into)} = {' + '.join(out_of)}",
+        "terms": "\n".join(terms),
+    }.items():
+        page = page.replace(f"{{{name}}}", text)
+    environment.__doc__ = page
+    return environment
+
+
+@completed
 class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """An actuated rimless wheel that should walk far on little energy.
 
@@ -75,10 +102,12 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Rewards
     In metres: `r = distance_weight * dx - E+ / ((m1+m2) g)`, less penalties for slipping and for an
     early end. A `target_speed` limits the travel dx that is rewarded. The weights are fields of
-    `task`. The terms are in `info`, as `reward_distance`, `reward_energy`, `reward_slip` and
-    `reward_end`; `rimless_gym.envs.task` defines each. Added from left to right in this order they
-    give the reward to the last bit (`sum` compensates rounding since Python 3.12). Resting costs
-    only idle power, `idle_power / ((m1+m2) g)` a second, and less than falling.
+    `task`. The terms are in `info`; added from left to right in this order they give the reward to
+    the last bit (Python's `sum` does not add so: since 3.12 it compensates rounding):
+
+    {terms}
+
+    Resting costs only idle power, `idle_power / ((m1+m2) g)` a second, and less than falling.
 
     The foot does not slip in the model: it holds, whatever friction that takes. So that no policy
     gains by what the ground would not bear, every interval in which the demand exceeds
@@ -86,8 +115,9 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     friction for a moment before they walk. A policy's evaluation is stricter: a walk that slips
     in its measured window does not count (`rimless_gym.rules`).
 
-    The front's best gait returns 5.8 if it is walked for all 20 s, and the registered
-    `reward_threshold` is two thirds of that, 3.9.
+    Mean returns of 100 default episodes: random voltages -13, resting -0.3, an LQR 4.2, and
+    the front's best gait 5.8 if it were walked for all 20 s. The registered
+    `reward_threshold` is 3.9, two thirds of the last. docs/environment.md has the table.
 
     ## Starting State
     There are three kinds of start, each drawn uniformly from its ranges, and kept if the feet press
@@ -105,8 +135,10 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `state`: phi, theta (within 1e5 rad), phi', theta'; and with it `mode`: "single_stance" (the
       default) or "double_stance", in which phi = a. `mode` "double_stance" without a `state` is a
       wheel at rest with the pendulum hanging.
-    - `params`, as below, and `task`: a `rimless_gym.Task`, or a dictionary of the fields to change.
-      They hold until new ones are given.
+    - `params`, `starts`, `ranges` and `disturbances`, as below. They hold until new ones are given;
+      `{}` or None switches ranges or disturbances off.
+    - `task`: a `rimless_gym.Task`, or a dictionary of the fields to change; it holds until another
+      one is given.
 
     A state is accepted if some voltage within the limit presses the feet on the ground. In any
     other state, contact would be lost at once.
@@ -119,14 +151,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     pendulum are legal. Any other end of the motion, such as parameters that make it diverge, raises
     a `RuntimeError`; call `reset` before going on.
 
-    Truncates after 20 s. `gym.make` counts steps to do so, 2000 of them unless it is given
-    `max_episode_steps`. With a `control_period` longer than 0.01 s, the environment itself
-    truncates after 20 s; there `max_episode_steps` can only shorten episodes.
+    Truncates after 20 s. `gym.make` counts steps to do so, {steps} of them unless it is given
+    `max_episode_steps`. With a `control_period` longer than {period} s, fewer steps make 20 s:
+    `Control.episode_steps` of them, after which the environment itself truncates; there
+    `max_episode_steps` can only shorten episodes.
 
     ## Arguments
     - `params`: the machine, default `BUILDABLE`: a `rimless_gym.WheelParams`, a preset's
       name such as `"PROTOTYPE"`, or a dictionary of the fields that differ from `BUILDABLE`'s.
-    - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields.
+    - `task`: a `rimless_gym.Task`, or a dictionary of some of its fields:
+      `{task}`.
     - `render_mode`: `"rgb_array"` (needs no display) or `"human"`. With the first,
       `gymnasium.utils.play.play(env)` lets you drive the wheel with the arrow keys.
     - `ranges`: domain randomisation, a mapping such as `{"slope": (-0.02, 0.02)}` from fields of
@@ -154,12 +188,16 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `electrical_positive` and `idle`: the energy drawn, without regeneration (J);
     - the terms of the reward;
     - `mode`: 0 on one foot, 1 on two;
-    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`.
+    - `failure`: 0, or why the episode ended, a `rimless_gym.Failure`: 1 contact lost, 2 rate
+      exceeded.
 
     `reset` gives the same entries, all 0 except the mode. `env.unwrapped.measurements` is a
     dictionary of these and of all else that was measured in the last step:
 
-    - the terms of the energy ledger (J), `rimless_gym.energy.CHANNELS`, which balance;
+    - the terms of the energy ledger (J), which balance:
+      `{balance}`;
+      and outside the balance `electrical_positive`, `shaft` and `idle`.
+      `rimless_gym.energy.CHANNELS` describes each;
     - `rewarded_travel`: the travel that is rewarded (m), which differs from `distance` only where
       the task has a `target_speed`;
     - `elapsed`: the step's duration (s); `steps` and `touchdowns`: net forward and total
@@ -174,6 +212,13 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Snapshots
     `get_state` and `set_state` save and restore everything, including the random generator, so that
     a planner can branch. Pickled and deep-copied environments continue in the same way.
+
+    ## Vectorized environment
+    `gym.make_vec("RimlessWheel-v0", num_envs=N)` makes a `rimless_gym.RimlessWheelVectorEnv`. Its
+    rows are this environment bit for bit, stepped together.
+
+    ## Version History
+    - v0: first version, unreleased.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
@@ -227,7 +272,15 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.tasks[0]
 
     def set_task(self, task: Task | Mapping[str, float]) -> None:
-        """Change the reward from the next step on; what a mapping leaves out stays as it is."""
+        """Change the reward from the next step on, while the episode goes on.
+
+        Args:
+            task: as in the constructor; what a mapping leaves out stays as it is.
+
+        Raises:
+            TypeError: it is neither a task nor a mapping.
+            ValueError: a field is unknown or out of range.
+        """
         self._batch.set_tasks([as_task(task, self.task)], np.arange(1))
 
     @cached_property
@@ -255,6 +308,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Seed and options are checked before anything changes.
 
         Raises:
+            TypeError: the seed or an option has the wrong type.
             ValueError: an option is unknown or a value out of range.
             RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
@@ -301,7 +355,11 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return step_result(self._results, self._observation.copy(), self._ended, truncated)
 
     def _end(self) -> bool:
-        """End the episode if the motion failed; returns whether the time is up."""
+        """End the episode if the motion failed; returns whether the time is up.
+
+        Raises:
+            RuntimeError: the motion left the model's range.
+        """
         flags = Flags(*flags_of(self._buffer)[: len(FLAG), 0].tolist())
         self._ended = bool(flags.failure)
         if flags.failure and not flags.terminated:
@@ -344,8 +402,8 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def get_state(self) -> dict[str, Any]:
         """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
 
-        It can be pickled, and restored in another environment. A `TimeLimit` wrapper keeps its own
-        count of steps.
+        It can be pickled, and restored in another environment with the same control period and
+        kind of action. A `TimeLimit` wrapper keeps its own count of steps.
         """
         self._batch.ended[0] = self._ended
         generator = self.np_random.bit_generator.state
@@ -354,11 +412,14 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to a snapshot from `get_state`, even one from before the first episode.
 
+        The snapshot is checked before anything changes.
+
         Raises:
-            ValueError: it is of many rows, or of another control period or kind of action.
+            ValueError: it is not a snapshot of a single environment with this control period and
+                kind of action.
         """
-        require_snapshot(state, 1, self.control)
-        self.np_random.bit_generator.state = state["generators"][0]
+        require_snapshot(state, _PARTS, 1, self.control, "RimlessWheelEnv")
+        restore([self.np_random], state["generators"])
         self._batch.set_state(state["batch"])
         self._ended = bool(self._batch.ended[0])
         self._buffer[:] = 0.0
@@ -381,7 +442,12 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def _as_number(action: Any) -> float:
-    """The number in an action that is not the usual array (1,) of floats."""
+    """The number in an action that is not the usual array (1,) of floats.
+
+    Raises:
+        TypeError: it is not a real number.
+        ValueError: it is NaN, or the action is not of shape (1,) or ().
+    """
     array = real_array("action", action)
     if array.shape not in ((1,), ()):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")

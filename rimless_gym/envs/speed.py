@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rimless_gym.envs.arguments import as_speeds, masked_rows
 from rimless_gym.envs.batch import Batch
-from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.env import RimlessWheelEnv, completed
 from rimless_gym.envs.layout import MEMORY
 from rimless_gym.envs.task import Task
 from rimless_gym.envs.vector_env import RimlessWheelVectorEnv
@@ -28,6 +28,7 @@ PERIOD = 0.04
 TASK = Task(distance_weight=5.0, fall_penalty=0.5, slip_penalty=1.0)
 
 
+@completed
 class RimlessWheelSpeedEnv(RimlessWheelEnv):
     """An actuated rimless wheel that should walk at a commanded speed on little energy.
 
@@ -35,6 +36,9 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     `gym.make("RimlessWheelSpeed-v0")` makes the machine and the ground of `RimlessWheelEnv`, whose
     page describes all that is the same. What differs: a speed is commanded and observed, distance
     is rewarded up to that speed, and a step takes 40 ms.
+
+    ## Action Space
+    `Box(-1, 1, (1,), float32)`: motor voltage in units of `params.voltage_limit`, held for 40 ms.
 
     ## Observation Space
     `Box` of 8 float32 numbers: the six of `RimlessWheelEnv`, and
@@ -50,24 +54,32 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     In metres: `r = distance_weight * rewarded_travel - E+ / ((m1+m2) g)`, less penalties for
     slipping and for an early end.
 
-    `rewarded_travel` is the hub's travel, but never more than the allowance (see `Task`). So going
-    faster than commanded is not rewarded, while a walk may vary its speed within a step. Distance
-    weighs more than it costs: the optimum is the most efficient walk at the commanded speed.
+    {terms}
 
-    The default weights, `TASK`, have been chosen for learning, not for a battery. The registered
-    `reward_threshold` is 32, two thirds of the front's mean return.
+    `rewarded_travel` is the hub's travel, but never more than the allowance. The allowance is one
+    step length when an episode begins. Travel uses it up, and it grows at the commanded speed, up
+    to one step length again. So going faster than commanded is not rewarded, while a walk may vary
+    its speed within a step. Distance weighs more than it costs: the optimum is the most efficient
+    walk at the commanded speed.
+
+    The default weights are `{task}`.
+    They have been chosen for learning, not for a battery: with the weight of `RimlessWheel-v0`,
+    0.5, standing still is the optimum of every policy that has not learned yet.
+
+    The registered `reward_threshold` is 32, two thirds of what the front would return on average
+    if it were walked at the commanded speed for all 20 s, 48 m.
 
     ## Starting State
     As in `RimlessWheelEnv`. The command is drawn uniformly from `speeds`. `reset(options=...)` also
     takes `speed` (m/s), the command for this one episode.
 
     ## Episode End
-    As in `RimlessWheelEnv`. Truncates after 20 s, 500 steps of 0.04 s. With a
+    As in `RimlessWheelEnv`. Truncates after 20 s, {steps} steps of {period} s. With a
     `control_period` longer than that, the environment itself truncates after 20 s; with a shorter
     one, give `gym.make` the `max_episode_steps` that you want.
 
     ## Arguments
-    Those of `RimlessWheelEnv`, with a `control_period` of 0.04 s by default, and
+    Those of `RimlessWheelEnv`, with a `control_period` of {period} s by default, and
 
     - `speeds`: the least and the greatest speed that is commanded (m/s), by default (0.3, 0.62);
       more than 0 and at most 2.
@@ -76,8 +88,19 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
     given as such has the defaults of `RimlessWheel-v0`; a dictionary changes those of this
     environment.
 
+    ## Changes of command
     `env.unwrapped.set_command(speed)` changes the command within an episode. The reward follows at
     once, and the next observation has it. `env.unwrapped.command` is the present one (m/s).
+
+    ## Info
+    That of `RimlessWheelEnv`.
+
+    ## Vectorized environment
+    `gym.make_vec("RimlessWheelSpeed-v0", num_envs=N)` makes a
+    `rimless_gym.RimlessWheelSpeedVectorEnv`. Its rows are this environment bit for bit.
+
+    ## Version History
+    - v0: first version, unreleased.
     """
 
     default_task: ClassVar[Task] = TASK
@@ -105,11 +128,14 @@ class RimlessWheelSpeedEnv(RimlessWheelEnv):
         """Command another speed (m/s) for the rest of the episode.
 
         Raises:
+            TypeError: the speed is not a real number.
             ValueError: it is not greater than 0, or more than 2.
+            RuntimeError: no episode has begun.
         """
         _command(self._batch, speed, np.arange(1))
 
 
+@completed
 class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
     """Many rimless wheels, each with its own commanded speed, stepped together.
 
@@ -119,7 +145,7 @@ class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
     `set_command(speed, mask)` changes the commands of some rows within their episodes. The command
     that a row draws after an autoreset comes from `speeds` again.
 
-    `max_episode_steps` is by default 20 s of steps, 500 of 0.04 s.
+    `max_episode_steps` is by default 20 s of steps, {steps} of {period} s.
     """
 
     default_task: ClassVar[Task] = TASK
@@ -151,7 +177,9 @@ class RimlessWheelSpeedVectorEnv(RimlessWheelVectorEnv):
             mask: bool (num_envs,), as `reset_mask`.
 
         Raises:
+            TypeError: the speed is not a real number, or the mask is not an array of bool.
             ValueError: a speed is not greater than 0, or more than 2, or a shape is wrong.
+            RuntimeError: no episode has begun.
         """
         _command(self._batch, speed, masked_rows(mask, self.num_envs, "mask"))
 

@@ -25,9 +25,9 @@ from rimless_gym.envs.arguments import (
     read_options,
     require_render_mode,
 )
-from rimless_gym.envs.batch import Batch, require_snapshot
+from rimless_gym.envs.batch import Batch, require_snapshot, restore
 from rimless_gym.envs.disturbances import Disturbances, Ranges
-from rimless_gym.envs.env import RimlessWheelEnv
+from rimless_gym.envs.env import RimlessWheelEnv, completed
 from rimless_gym.envs.interval import NO_LIMIT, take_actions
 from rimless_gym.envs.layout import FLAG, MEMORY, RESULT, columns, dense_measurements, flags_of
 from rimless_gym.envs.starts import Starts
@@ -41,14 +41,17 @@ Bools = NDArray[np.bool_]
 Observations = NDArray[np.float32]
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
+_PARTS = ("batch", "generators", "seen")  # of a snapshot
 
+
+@completed
 class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """Many actuated rimless wheels, stepped together by one compiled call.
 
     ## Description
     Row i is `RimlessWheelEnv`, bit for bit, and its page describes all that is the same. After
     `reset(seed=seed)`, its episodes are those of the single environment seeded with `seed + i`,
-    whatever `num_envs` is and whatever the other rows do. Make it with
+    whatever `num_envs` and `num_threads` are, and whatever the other rows do. Make it with
     `gym.make_vec("RimlessWheel-v0", num_envs=N, ...)`.
 
     ## Action, Observation, Rewards
@@ -59,8 +62,8 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     `reset(seed=...)` takes a number (row i gets seed + i), a list or array with a number or None
     per row, or None.
     `reset(options=...)` takes the single environment's options, each for all rows or as a list
-    with one per row, and `reset_mask`, a bool array (num_envs,): only these rows are reset, and
-    only their seeds and options count.
+    with one per row (`starts`, `ranges` and `disturbances` for all rows only), and `reset_mask`, a
+    bool array (num_envs,): only these rows are reset, and only their seeds and options count.
 
     ## Episode End
     Terminates like the single environment; truncates after `max_episode_steps`. What follows
@@ -81,9 +84,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     Those of the single environment, of which `params` may be a list of one per row, and
 
     - `num_envs`: N.
-    - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives 2000
-      if you give nothing, which with a `control_period` longer than 0.01 s stands for 20 s.
+    - `max_episode_steps`: default 20 s of steps; None for no limit. `gym.make_vec` gives {steps}
+      if you give nothing, which with a `control_period` longer than {period} s stands for 20 s.
     - `autoreset_mode`: a `gymnasium.vector.AutoresetMode` or its value.
+    - `num_threads`: threads that share a step; more than one is faster from a few thousand rows on.
     - `render_mode`: `"rgb_array"`: a tuple of frames, one per row, as Gymnasium's vector wrappers
       `RecordVideo` and `HumanRendering` take them.
 
@@ -91,6 +95,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     All of the single environment's `measurements` as arrays (num_envs,), new ones in every step.
     For a row whose episode ends in this step they describe that last step, except that `mode`
     belongs to the observed state.
+
+    ## Version History
+    - v0: first version, unreleased.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  as Gymnasium has it, and each environment its own
@@ -113,6 +120,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         disturbances: Disturbances | Mapping[str, Any] | None = None,
         max_episode_steps: int | None = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_threads: int = 1,
         render_mode: str | None = None,
         control_period: float = CONTROL_PERIOD,
         actions: str = "voltage",
@@ -120,6 +128,7 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     ) -> None:
         require_render_mode(render_mode, self.metadata["render_modes"])
         num_envs = self.num_envs = integer("num_envs", num_envs, 1)
+        num_threads = integer("num_threads", num_threads, 1)
         control = self.control = Control(control_period, actions, self._speeds)
         if max_episode_steps is not None:
             max_episode_steps = integer("max_episode_steps", max_episode_steps, 1)
@@ -137,7 +146,9 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         machines, task = as_params_list(params, num_envs), as_task(task, self.default_task)
         limit = min(max_episode_steps or NO_LIMIT, NO_LIMIT)
-        self._batch = Batch(machines, task, ranges, disturbances, control, starts, limit)
+        self._batch = Batch(
+            machines, task, ranges, disturbances, control, starts, num_threads, limit
+        )
         self._seen = np.zeros((num_envs, control.width), dtype=np.float32)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -190,6 +201,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         Returns:
             Observations and info of all rows; rows that are not reset keep their observations.
             Every entry of info is 0, except the modes.
+
+        Raises:
+            TypeError: a seed or option has the wrong type.
+            ValueError: a seed or option is unknown or out of range.
+            RuntimeError: no start was found, or a machine was drawn that cannot be stepped.
         """
         batch = self._batch
         options = dict(options or {})
@@ -250,6 +266,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         Args:
             task: as in the single environment; what a mapping leaves out stays as it is.
             mask: bool (num_envs,), as `reset_mask`: the rows whose reward changes.
+
+        Raises:
+            TypeError: it is neither a task nor a mapping, or the mask is not an array of bool.
+            ValueError: a field is unknown or out of range, or the mask's shape is wrong.
         """
         rows = masked_rows(mask, self.num_envs, "mask")
         tasks = list(self.tasks)
@@ -269,7 +289,11 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
         return tuple(self._batch.frame(i) for i in range(self.num_envs))
 
     def get_state(self) -> dict[str, Any]:
-        """A snapshot. After `set_state` of it, everything goes on the same to the last bit."""
+        """A snapshot. After `set_state` of it, everything goes on the same to the last bit.
+
+        It can be pickled, and restored in another environment with as many rows, and the same
+        control period and kind of action.
+        """
         states = [generator.bit_generator.state for generator in self.np_random]
         batch = self._batch.get_state()
         return {"batch": batch, "generators": states, "seen": self._seen.copy()}
@@ -277,14 +301,20 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
     def set_state(self, state: dict[str, Any]) -> None:
         """Go back to a snapshot from `get_state`, even one from before the first episodes.
 
+        The snapshot is checked before anything changes.
+
         Raises:
-            ValueError: it is of another number of rows, control period or kind of action.
+            ValueError: it is not a snapshot of a vector environment with as many rows, and this
+                control period and kind of action.
         """
-        require_snapshot(state, self.num_envs, self.control)
-        for generator, one in zip(self.np_random, state["generators"], strict=True):
-            generator.bit_generator.state = one
+        require_snapshot(state, _PARTS, self.num_envs, self.control, "RimlessWheelVectorEnv")
+        restore(self.np_random, state["generators"])
         self._batch.set_state(state["batch"])
         self._seen[:] = state["seen"]
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Shut down the threads."""
+        self._batch.close()
 
     def _begin(
         self, rows: NDArray[np.int64], observations: Observations, start: EpisodeStart = DRAWN_START
@@ -317,6 +347,10 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         A generator without a seed gets one from the system's entropy. Seeds are checked before
         anything changes.
+
+        Raises:
+            TypeError: a seed is not an integer.
+            ValueError: there is not one seed per row, or one is negative.
         """
         seeds = _one_seed_per_row(seed, self.num_envs)
         chosen = np.arange(self.num_envs)

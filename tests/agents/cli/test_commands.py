@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 
@@ -45,6 +46,32 @@ def test_a_gait_is_saved_and_reported_and_json_has_its_figures(
     assert json.loads(capsys.readouterr().out)["cot"] == solved.cot
 
 
+def test_a_full_disk_loses_no_report_and_a_closed_pipe_no_gait(
+    solved: Solution,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def closed(gait: Solution) -> str:
+        raise BrokenPipeError
+
+    def full(gait: Solution, path: Path) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    out = tmp_path / "gait.npz"
+    with monkeypatch.context() as patch:
+        patch.setattr(Solution, "report", closed)
+        with suppress(SystemExit):
+            main(["gait", "--out", str(out)])
+    capsys.readouterr()
+    assert Solution.load(out).cot == solved.cot
+    monkeypatch.setattr(Solution, "save", full)
+    assert main(["gait", "--out", str(out)]) == REFUSED
+    printed = capsys.readouterr()
+    assert f"{solved.cot:.6f}" in printed.out
+    assert printed.err == f"error: {out}: No space left on device\n"
+
+
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two starts of 0.4 s."""
@@ -66,10 +93,11 @@ def test_policies_and_laws_are_measured_in_one_table(
     report = json.loads(capsys.readouterr().out)
     assert list(report["policies"]) == names
     assert report["disturbances"]["actuator_delay"] == 1
-    assert main(arguments) == 0
+    assert main([*arguments, "--seeds"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line[:24].strip() for line in lines[1:3]] == names
-    assert any("of 2 starts do not count (" in line for line in lines[3:])
+    rows = [*names, "interquartile mean", "95 % from", "to"]
+    assert [line[:24].strip() for line in lines[1:6]] == rows
+    assert any("of 2 starts do not count (" in line for line in lines[6:])
 
 
 @pytest.mark.usefixtures("brief")
@@ -82,6 +110,8 @@ def test_a_policy_that_is_commanded_a_speed_is_measured_at_several(
     assert main([*arguments, "--commands", "0.45", "0.55"]) == 0
     report = json.loads(capsys.readouterr().out)["policies"]
     assert list(report) == [f"{policy} at 0.45 m/s", f"{policy} at 0.55 m/s"]
+    assert main([*arguments, "--seeds"]) == REFUSED
+    assert "not summarised" in capsys.readouterr().err
 
 
 def test_datasets_that_are_missing_are_written_by_one_process(

@@ -50,7 +50,7 @@ OF_VECTORS: dict[str, dict[str, Any]] = {
     "objects": ARGUMENTS["objects"],
     "a machine for each row": {"params": [PROTOTYPE, "THESIS_NOMINAL", UPHILL]},
     "numbers and modes": {"max_episode_steps": np.int64(15), "autoreset_mode": SAME},
-    "no limit": {"max_episode_steps": None},
+    "no limit": {"max_episode_steps": None, "num_threads": 2},
 }
 
 
@@ -106,7 +106,7 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
     disturbances = Disturbances(actuator_delay=delays)
     delays[1] = 99
     assert hash(disturbances) == hash(Disturbances(actuator_delay=(1, 2)))
-    envs = RimlessWheelVectorEnv(np.int64(2), max_episode_steps=np.int8(3))
+    envs = RimlessWheelVectorEnv(np.int64(2), num_threads=np.uint8(1), max_episode_steps=np.int8(3))
     assert [type(n) for n in (envs.num_envs, envs.max_episode_steps)] == [int, int]
     assert RimlessWheelVectorEnv(max_episode_steps=10**30).max_episode_steps == 10**30
 
@@ -120,6 +120,7 @@ def test_numbers_may_be_numpys_and_lists_are_copied() -> None:
         (Task, {"target_speed": 1e31}, ValueError, "target_speed = .*: must be finite, and at"),
         (Starts, {"rest": 0, "moving": 0}, ValueError, "one of the shares must be greater than 0"),
         (Pushes, {"rate": 1.0, "impulse": (2, 1)}, ValueError, "impulse = .*: must be in order"),
+        (SensorNoise, {"pendulum_angle": 1e18}, ValueError, r"angle = 1e\+18: must be at most"),
         (Disturbances, {"sensor_noise": {"leg": 1}}, ValueError, "'leg' .*choose from .*leg_angle"),
         (Disturbances, {"actuator_delay": (3, 1)}, ValueError, "actuator_delay = .* in order"),
         (Ranges, {"bounds": {"slope": (0.1, -0.1)}}, ValueError, "slope = .*: must be in order"),
@@ -213,6 +214,10 @@ MASKS = [
     ({"reset_mask": [True, False, True]}, TypeError, "NumPy array of bool"),
     ({"reset_mask": np.array([True])}, ValueError, r"must have shape \(3,\)"),
     ({"reset_mask": np.zeros(3, bool)}, ValueError, "mark a row"),
+    *(
+        ({name: {}, "reset_mask": np.array([True, False, False])}, ValueError, "holds for all rows")
+        for name in ("starts", "ranges", "disturbances")
+    ),
 ]
 ROW_SEEDS = [([5, -1, 7], ValueError), ([1, True, 3], TypeError), (np.ones(3), TypeError)]
 
@@ -222,7 +227,7 @@ def test_refused_options_and_seeds_are_named_and_change_nothing(n: int | None) -
     env: Any = RimlessWheelEnv() if n is None else make(n)
     env.reset(seed=0)
     before = pickle.dumps(env.get_state())
-    good = {"params": "PROTOTYPE", "task": {"distance_weight": 9.0}}
+    good = {"params": "PROTOTYPE", "task": {"distance_weight": 9.0}, "starts": {"whirling": 1.0}}
     for options, error, message in OPTIONS + (MASKS if n else []):
         kept = {} if "reset_mask" in options else good
         with pytest.raises(error, match=message):

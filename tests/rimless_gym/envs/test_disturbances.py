@@ -58,7 +58,7 @@ def pushed(params: WheelParams, impulse: float, kind: int, given: list[float]) -
     each, seen = np.arange(64), np.empty(64 * OBSERVATION_SIZE, np.float32)
     batch.begin(each, each.astype(np.uint64), seen, EpisodeStart(kind, np.array([given] * 64)))
     settings = batch.disturbances.settings(CONTROL_PERIOD)
-    disturb_rows(batch.memory, batch.constants, batch.streams, batch.held, settings)
+    disturb_rows(batch.memory, batch.constants, batch.streams, batch.held, settings, 0, 64)
     return batch
 
 
@@ -107,8 +107,7 @@ def test_the_ledger_of_a_pushed_episode_balances_and_counts_its_steps():
     env = make(disturbances=Disturbances(pushes=Pushes(rate=20.0, impulse=(0.2, 1.0))))
     for seed in range(3):
         env.reset(seed=seed, options={"mode": "double_stance"})
-        start = env.model.functions["mechanical_energy"]
-        feet, work, blows, total = 0.0, 0.0, 0, 0.0
+        start, feet, work, blows, total = env.model.mechanical_energy, 0.0, 0.0, 0, 0.0
         before = float(start(env.state[:4]))
         for action in swinging(200, seed):
             _, _, terminated, _, _ = env.step(0.2 * action)
@@ -247,15 +246,26 @@ def test_a_drawn_machine_moves_and_pays_like_the_same_machine_given():
                 break
 
 
-def test_ranges_hold_until_the_machine_is_replaced_and_then_of_that_one():
-    env = make(ranges={"slope": (0.01, 0.02)})
-    slopes = []
-    for options in (None, None, {"params": PROTOTYPE}):
+def test_ranges_and_disturbances_hold_until_they_are_replaced():
+    env = make()
+    env.reset(seed=0, options={"ranges": {"slope": (0.01, 0.02)}})
+    slopes = [env.params.slope]
+    for options in (None, {"params": PROTOTYPE}, {"ranges": {}}):
         env.reset(options=options)
         slopes.append(env.params.slope)
-    assert all(0.01 <= slope < 0.02 for slope in slopes)
-    assert len(set(slopes)) == 3
-    assert env.params.replace(slope=0.0) == PROTOTYPE
+    assert all(0.01 <= slope < 0.02 for slope in slopes[:3])
+    assert len(set(slopes[:3])) == 3
+    assert slopes[3] == 0.0
+    assert env.params == PROTOTYPE
+    pushes = Disturbances(pushes=Pushes(rate=ALWAYS, impulse=(0.1, 0.1)))
+    for options, push in (
+        ({"disturbances": pushes}, True),
+        ({}, True),
+        ({"disturbances": None}, False),
+    ):
+        env.reset(options=options)
+        env.step(np.zeros(1, np.float32))
+        assert (env.measurements["push"] != 0.0) is push
 
 
 def test_empty_disturbances_change_nothing_and_real_ones_keep_the_start():

@@ -1,9 +1,10 @@
-"""Seed and actions determine an episode, in any process."""
+"""Seed and actions determine an episode, in any process and with any threads."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -47,6 +48,40 @@ def test_another_process_sees_the_same_episodes() -> None:
     here = digest()
     assert digest() == here
     assert printed("digest") == here
+
+
+FORKS = """
+import hashlib, os, numpy as np
+from rimless_gym import RimlessWheelVectorEnv
+n = 1024
+envs = RimlessWheelVectorEnv(n, num_threads=2)
+envs.reset(seed=0)
+actions = np.zeros((n, 1), np.float32)
+envs.step(actions)  # which starts the threads
+child = os.fork()
+seen = envs.step(actions)[0].tobytes()
+envs.close()
+if child:
+    os.waitpid(child, 0)  # one line after the other
+print(hashlib.sha256(seen).hexdigest(), flush=True)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_child_keeps_stepping_with_its_own_threads() -> None:
+    command = [sys.executable, "-c", FORKS]
+    process = subprocess.Popen(
+        command, env=SETTINGS, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        out, _ = process.communicate(timeout=100)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        raise
+    parent, child = out.splitlines()
+    assert parent == child
 
 
 def in_rows() -> str:

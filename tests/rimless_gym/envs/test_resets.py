@@ -81,6 +81,19 @@ def test_the_function_that_draws_starts_draws_those_of_an_environment() -> None:
         assert np.array_equal(env.state, drawn)
 
 
+def test_starts_can_be_changed_between_episodes_and_hold_until_changed_again() -> None:
+    env, envs = RimlessWheelEnv(), make(5)
+
+    def rates(options: dict) -> np.ndarray:
+        env.reset(seed=0, options=options)
+        envs.reset(seed=0, options=options)
+        return np.abs([env.state[DTHETA], *envs.states[:, DTHETA]])
+
+    assert (rates({"starts": WHIRLING}) >= 6.0).all()
+    assert (rates({}) >= 6.0).all()
+    assert (rates({"starts": None}) <= 3.0).all()
+
+
 def test_seeds_can_be_one_per_row_and_none_keeps_drawing() -> None:
     envs, one = make(3), make(1)
     first, _ = envs.reset(seed=[7, 3, 7])

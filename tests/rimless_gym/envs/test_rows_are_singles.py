@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from rimless_gym.envs.batch import LEAST_ROWS
 from tests.rimless_gym.envs.rows import DISABLED, ID, NEXT, ROUGH, SAME, SPEED_ID, make, swinging
 
 
@@ -97,19 +98,22 @@ def test_every_row_is_the_single_environment_to_the_last_bit(
 
 
 @pytest.mark.parametrize("settings", [{}, ROUGH], ids=["plain", "rough"])
-def test_the_other_rows_do_not_change_a_row(settings: dict) -> None:
-    n = 149
+def test_neither_threads_nor_the_other_rows_change_a_row(settings: dict) -> None:
+    n = 2 * LEAST_ROWS + 37
     actions = swinging(n, 45)
 
-    def run(rows: slice) -> list[np.ndarray]:
-        envs = make(len(range(n)[rows]), **settings, max_episode_steps=40)
+    def run(rows: slice, **threads: Any) -> list[np.ndarray]:
+        envs = make(len(range(n)[rows]), **settings, **threads, max_episode_steps=40)
         out = [envs.reset(seed=list(range(n))[rows])[0]]
         for chosen in actions:
             seen, rewards, terminated, truncated, info = envs.step(chosen[rows])
             out += [seen, rewards, terminated, truncated, info["electrical"], info["mode"]]
+        envs.close()
         return out
 
     alone = run(slice(None))
+    for one, other in zip(alone, run(slice(None), num_threads=2), strict=True):
+        assert np.array_equal(one, other)
     part = slice(5, 5 + 3)
     for one, other in zip(alone, run(part), strict=True):
         assert np.array_equal(one[part], other)

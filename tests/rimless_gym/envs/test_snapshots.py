@@ -67,9 +67,8 @@ def test_a_snapshot_a_pickle_and_a_copy_continue_identically(rough: bool) -> Non
 
 
 def test_a_snapshot_brings_its_task_and_starts_with_it() -> None:
-    env = RimlessWheelEnv(starts={"whirling": 3.0})
-    other = RimlessWheelEnv(starts=Starts(rest=1.0, moving=0.0))
-    env.reset(seed=0, options={"task": {"distance_weight": 1.0}})
+    env, other = RimlessWheelEnv(), RimlessWheelEnv(starts=Starts(rest=1.0, moving=0.0))
+    env.reset(seed=0, options={"task": {"distance_weight": 1.0}, "starts": {"whirling": 3.0}})
     other.set_state(env.get_state())
     assert other.task == env.task == Task(distance_weight=1.0)
     for _ in range(30):
@@ -129,9 +128,43 @@ def test_a_snapshot_from_before_the_first_reset_can_be_restored(new: Callable[[]
     assert np.array_equal(other.reset(seed=0)[0], new().reset(seed=0)[0])
 
 
-def test_a_snapshot_of_other_rows_is_refused() -> None:
-    with pytest.raises(ValueError, match="of 2 rows, not of 3"):
-        make(3).set_state(make(2).get_state())
+def changed(state: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
+    if name in state:
+        return state | {name: value}
+    return state | {"batch": state["batch"] | {name: value}}
+
+
+def spoilt(state: dict[str, Any], name: str, wrong: float) -> dict[str, Any]:
+    array = state["batch"][name].copy()
+    array[(0,) * array.ndim] = wrong
+    return changed(state, name, array)
+
+
+SPOILT: list[tuple[Callable[[dict[str, Any]], Any], str]] = [
+    (lambda state: 3, "state = 3: must have the parts"),
+    (lambda state: state | {"more": 1}, "'more'.*: must have the parts"),
+    (lambda state: changed(state, "batch", {"memory": 0}), r"batch.*what get_state\(\) of a"),
+    (lambda state: changed(state, "params", []), "the state is of 0 rows, not of 1"),
+    (lambda state: changed(state, "memory", np.zeros((3, 1))), "memory must be an array"),
+    (lambda state: changed(state, "ended", np.zeros(1)), "ended must be an array .* of .*bool"),
+    *(
+        (lambda state, name=name: spoilt(state, name, math.nan), f"{name} must be finite")
+        for name in ("memory", "held", "constants", "poles", "numbers")
+    ),
+    (lambda state: changed(state, "generators", [{}]), "generators: .*PCG64"),
+]
+
+
+@pytest.mark.parametrize("new", [RimlessWheelEnv, lambda: make(1)], ids=["one", "row"])
+def test_invalid_snapshots_are_refused_and_change_nothing(new: Callable[[], Any]) -> None:
+    env, other = new(), new()
+    env.reset(seed=0)
+    other.reset(seed=1, options={"params": PROTOTYPE, "ranges": {"slope": (0.0, 0.1)}})
+    before = pickle.dumps(env.get_state())
+    for spoil, message in SPOILT:
+        with pytest.raises(ValueError, match=message):
+            env.set_state(spoil(other.get_state()))
+        assert pickle.dumps(env.get_state()) == before
 
 
 def test_a_snapshot_can_be_restored_after_refused_actions_and_lost_motions() -> None:
