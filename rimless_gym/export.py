@@ -15,10 +15,11 @@ zero the wheel stands upright on leg 0 and the pendulum hangs. `joint_state` con
 The hub itself is massless. MuJoCo wants every moving body to have a mass, so both files tell it to
 use at least 1e-14 kg (and kg m^2) in place of zeros.
 
-Neither format has air drag, idle power, losses that grow with the gear's torque or an impact law:
-a touchdown is what the other simulator's contact model makes of it, inelastic to about 1 % in the
-MJCF. Feet are tiny spheres that touch when their centres reach height 0. The pendulum touches
-nothing, as in our model.
+Neither format has air drag, idle power, losses that grow with the gear's torque or an impact law,
+so the files leave them out. A touchdown
+is what the other simulator's contact model makes of it; in the MJCF it is inelastic to about 1 %.
+Feet are spheres, so small that rolling on them hardly matters. They touch when their centres reach
+height 0. The pendulum touches nothing, as in our model.
 """
 
 from __future__ import annotations

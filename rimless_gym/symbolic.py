@@ -122,9 +122,29 @@ class HybridModel:
         """The smooth forward touchdown map: the state (4) on the next stance leg."""
         return self.functions["touchdown"](x)
 
+    def touchdown_backward(self, x: Any) -> Any:
+        """The smooth backward touchdown map: the state (4) on the leg behind.
+
+        Raises:
+            ValueError: the impact law is "thesis", which covers forward touchdowns only.
+        """
+        if self.params.impact_law == "thesis":
+            raise ValueError(
+                "impact_law = 'thesis' covers forward touchdowns only: use another law"
+            )
+        return self.functions["touchdown_backward"](x)
+
     def ground_reaction(self, x: Any, u: Any, mode: str = "single_stance") -> Any:
         """(Fx, Fy) on the stance foot in N; in double stance, summed over both feet."""
         return self.functions[_with_mode("ground_reaction", mode)](x, u)
+
+    def electrical_power(self, x: Any, u: Any) -> Any:
+        """V i at the terminals (W), without idle power."""
+        return self.functions["electrical_power"](x, u)
+
+    def mechanical_energy(self, x: Any) -> Any:
+        """Kinetic and potential energy (J), measured from the stance foot."""
+        return self.functions["mechanical_energy"](x)
 
 
 def _with_mode(name: str, mode: str) -> str:

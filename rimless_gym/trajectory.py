@@ -15,6 +15,7 @@ from rimless_gym.energy import Ledger
 from rimless_gym.equations import DOUBLE, MODE_NAMES
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
+from rimless_gym.rules import exceeds
 
 #: Largest |theta| (rad) of a start. Angles of that size are rounded to 1e-11 rad.
 MAX_TURNED = 1e5
@@ -107,6 +108,12 @@ class Trajectory:
     def touchdowns(self) -> list[Event]:
         """The touchdowns among the events."""
         return [event for event in self.events if event.kind == "touchdown"]
+
+    @property
+    def slips(self) -> bool:
+        """Whether the foot ever needs more friction than `params.friction` offers."""
+        demand = max(self.friction_demand, self.impulse_friction_demand)
+        return bool(exceeds(demand, self.params.friction))
 
     @property
     def final_mode(self) -> str:

@@ -76,10 +76,10 @@ def params(request):
 def test_mechanical_energy_changes_by_electrical_power_less_losses(params, mode):
     model = HybridModel(params)
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-    grows = ca.jtimes(model.functions["mechanical_energy"](x), x, model.flow(x, u, mode))
+    grows = ca.jtimes(model.mechanical_energy(x), x, model.flow(x, u, mode))
     name = "losses" if mode == "single_stance" else "losses_double_stance"
     lost = ca.sum1(model.functions[name](x, u))
-    drawn = model.functions["electrical_power"](x, u)
+    drawn = model.electrical_power(x, u)
     balance = ca.Function("f", [x, u], [grows - (drawn - lost), drawn])
     states, voltages = random_states(params, 1000)
     if mode == "double_stance":
@@ -169,7 +169,7 @@ def test_compiled_and_traced_functions_agree_to_rounding(params):
         "flow": np.asarray(model.flow(x, u))[2:],
         "standing": np.asarray(model.flow(x, u, "double_stance"))[3:],
         "reaction": np.asarray(model.ground_reaction(x, u)),
-        "energy": np.asarray(model.functions["mechanical_energy"](x)),
+        "energy": np.asarray(model.mechanical_energy(x)),
         "losses": np.asarray(model.functions["losses"](x, u)),
         "touchdown": np.asarray(model.touchdown(x))[2:],
     }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, WheelParams, hybrid, simulate
+from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Trajectory, WheelParams, hybrid, simulate
 from rimless_gym.crossings import first_crossing
 from rimless_gym.kernel.stepping import FOOT, advance
 
@@ -134,11 +134,18 @@ def test_bad_arguments_are_refused_by_name(arguments: dict, message: str) -> Non
         simulate(THESIS_PHYSICAL, **(good | arguments))
 
 
-def test_friction_demand_is_reported_for_impulses() -> None:
-    walk = simulate(THESIS_PHYSICAL, [1.5, 0.0, 2.0, 0.0], lambda t, x: 0.0, 0.6)
+def test_slip_is_reported_for_forces_and_for_impulses() -> None:
+    def motion(friction: float) -> Trajectory:
+        params = THESIS_PHYSICAL.replace(friction=friction)
+        return simulate(params, [1.5, 0.0, 2.0, 0.0], lambda t, x: 0.0, 0.6)
+
+    walk = motion(1.0)
     assert walk.touchdowns
     jx, jy = walk.touchdowns[0].impulse
     assert walk.impulse_friction_demand >= abs(jx) / jy > 0
+    demand = max(walk.friction_demand, walk.impulse_friction_demand)
+    assert motion(demand + 0.01).slips is False
+    assert motion(demand - 0.01).slips is True
 
 
 def test_a_lift_off_at_the_start_moves_the_foot_as_in_the_kernel() -> None:
