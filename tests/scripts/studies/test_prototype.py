@@ -65,7 +65,7 @@ def test_a_gait_can_be_continued_to_a_smaller_pendulum() -> None:
     curve = followed(STOCK, slow_whirl(), 3.9)
     assert curve.reached
     assert curve.values[0] == 4.0
-    assert curve.costs[0] <= slow_whirl().cot * 1.01  # at a speed of its own
+    assert curve.solutions[0].transcribed_cost <= slow_whirl().cot * 1.01  # at a speed of its own
     problem = curve.solutions[-1].problem
     assert dict(problem.parameters) == {"scale": 3.9, "gear": 1.0}
 
