@@ -42,6 +42,7 @@ EVALUATE, VERIFY = "agents/evaluate.py", "trajopt/gaits/verify.py"
 MODEL_TESTS = ("equations", "energy", "contact", "against_mujoco")
 MODEL = tuple(f"tests/rimless_gym/test_{name}.py" for name in MODEL_TESTS)
 KERNEL = ("tests/rimless_gym/kernel", "tests/rimless_gym/test_contact.py")
+FOLDER, ENVS = "rimless_gym/envs", ("tests/rimless_gym/envs",)
 REWARDS = ("tests/rimless_gym/envs/test_rewards.py", "tests/rimless_gym/envs/test_speed.py")
 EVALUATION = ("tests/agents/test_evaluate.py", "tests/agents/test_rollout.py")
 TRAINING = ("tests/agents/test_training.py", "tests/agents/sb3")
@@ -73,6 +74,14 @@ MUTANTS = (
     ),
     Mutant(TASK, "return 0.0 - slips * (", "return 0.0 + slips * (", REWARDS),
     Mutant(TASK, "task.fall_penalty + idle)", "task.fall_penalty)", REWARDS),
+    Mutant(f"{FOLDER}/task.py", "travel = min(distance, allowance)", "travel = distance", ENVS),
+    Mutant(f"{FOLDER}/task.py", "_positive + interval.idle)", "_positive)", ENVS),
+    # Disturbances, starts and seeds of the environments
+    Mutant(f"{FOLDER}/interval.py", "_change, i] += memory", "_change, i] -= memory", ENVS),
+    Mutant(f"{FOLDER}/disturbances.py", "phi, shift = p.b, -1", "phi, shift = p.b, 1", ENVS),
+    Mutant(f"{FOLDER}/disturbances.py", "held[(now + length", "held[(now + 1 + length", ENVS),
+    Mutant(f"{FOLDER}/starts.py", "if kind < bounds[0]:", "if kind > bounds[0]:", ENVS),
+    Mutant(f"{FOLDER}/vector_env.py", "[first + i for i", "[first for i", ENVS),
     # Rules and the evaluation protocol
     Mutant("rimless_gym/rules.py", "min_normal_force > 0.0", "min_normal_force > -1.0", RULES),
     Mutant("rimless_gym/rules.py", "demand > friction *", "demand > 2.0 * friction *", RULES),
