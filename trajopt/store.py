@@ -116,6 +116,7 @@ class Store:
 
         Raises:
             TypeError: `value` is neither JSON nor an array.
+            FileNotFoundError: one of `files` is missing.
             OSError: the disk is full, or the folder cannot be written.
         """
         arrays: dict[str, NDArray[Any]] = {}
@@ -125,6 +126,8 @@ class Store:
             write_arrays(self._path(key, "npz"), ARRAYS, {}, arrays)
             parts.append(f"{key}.npz")
         digests = {each: file_digest(self.folder / each) for each in parts}
+        if missing := [each for each, known in digests.items() if known is None]:
+            raise FileNotFoundError(f"{self.folder}: no file {', '.join(missing)} to keep")
         content = {"value": tree, "files": digests}
         text = json.dumps(content | {DIGEST: _signature(content)}, indent=1)
         write_text(self._path(key, "json"), text + "\n")
@@ -141,9 +144,10 @@ class Store:
             raise ValueError(
                 f"{self._record}: damaged ({error!r}); choose another folder"
             ) from error
-        for name, wanted in json.loads(json.dumps(self._inputs)).items():
-            if known.get(name) != wanted:
-                old, new = _difference(known.get(name), wanted)
+        inputs = json.loads(json.dumps(self._inputs))
+        for name in inputs | dict.fromkeys(known.keys() - provenance().keys()):
+            if known.get(name) != inputs.get(name):
+                old, new = _difference(known.get(name), inputs.get(name))
                 raise ValueError(
                     f"{self.folder} holds results of {name} = {old}, not {new}: use the same, or "
                     "choose another folder"

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rimless_gym import THESIS_PHYSICAL, Trajectory, WheelParams, simulate
+from rimless_gym import THESIS_PHYSICAL, Trajectory, WheelParams, hybrid, simulate
 from rimless_gym.export import joint_state
 
 STEPS = (8e-4, 2e-4)  # s
@@ -147,3 +147,8 @@ def test_steps_forward_and_back_agree_with_the_contact_simulation(free_wheel, se
     x = rng.uniform([p.a, -3, -1, -4], [p.b, 3, 2, 4])
     ours, _ = converging(free_wheel, params, x, lambda t: 6 * math.sin(9 * t + seed), 0.8)
     assert ours.touchdowns
+
+
+def test_friction_is_needed_in_either_direction_and_none_suffices_without_pressure() -> None:
+    assert hybrid.friction_demand(-3.0, 4.0) == hybrid.friction_demand(3.0, 4.0) == 0.75
+    assert hybrid.friction_demand(1.0, -1.0) == math.inf

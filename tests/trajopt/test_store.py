@@ -163,3 +163,14 @@ def test_processes_may_write_the_same_file_at_the_same_time(tmp_path: Path) -> N
     assert [each.communicate()[1].decode() for each in writing] == ["", ""]
     assert path.read_text() in texts
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_result_whose_file_is_missing_and_inputs_that_are_fewer_are_refused(
+    tmp_path: Path,
+) -> None:
+    with Store(tmp_path, {"seed": 1, "steps": 2}) as store:
+        with pytest.raises(FileNotFoundError, match=r"no file gait\.npz"):
+            store.save("task", 1, files=["gait.npz"])
+        assert "task" not in store
+    with pytest.raises(ValueError, match="results of steps = 2, not None"):
+        Store(tmp_path, {"seed": 1}).__enter__()
