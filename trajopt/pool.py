@@ -116,19 +116,21 @@ def _shared(
                 while some := list(islice(calls, workers or ROUND)):
                     yield from lists(some)
 
-    with _ctrl_c_blocked():  # workers and threads that start in here inherit this
-        results = parallel(calls())
+    results: Generator[tuple[int, Result], None, None] | None = None
     try:
+        with _ctrl_c_blocked():  # workers and threads that start in here inherit this
+            results = parallel(calls())
         for number, result in results:
             yield drawn.pop(number), result
-    except BrokenProcessPool as error:
+    except BrokenProcessPool as error:  # perhaps before the last task was given out
         raise KilledError(
             "a worker process ended before its work was done: it was killed, most likely because "
             "memory ran out; make room, or use fewer workers"
         ) from error
     finally:
-        with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
-            results.close()
+        if results is not None:
+            with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
+                results.close()
 
 
 def _configured(backend: str, workers: int | None) -> AbstractContextManager[Any]:

@@ -109,6 +109,16 @@ def test_arrays_replace_a_file_as_a_whole(tmp_path: Path) -> None:
         read_arrays(path, "stamps 4", ValueError, "draw it again")
 
 
+def test_arrays_that_were_edited_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stamps.npz"
+    write_arrays(path, "stamps 3", {}, {"year": np.array([1840.0])})
+    with np.load(path) as data:
+        entries = {name: data[name] for name in data.files}
+    np.savez(path, **{**entries, "year": np.array([1841.0])})
+    with pytest.raises(ValueError, match="wrong digest"):
+        read_arrays(path, "stamps 3", ValueError, "draw it again")
+
+
 def test_unfinished_files_of_killed_processes_are_removed_but_not_recent_ones(
     tmp_path: Path,
 ) -> None:

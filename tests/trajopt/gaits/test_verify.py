@@ -41,6 +41,15 @@ def test_the_energy_audit_measures_the_energy_missing_over_a_stride(phases: list
     assert "the energy balance does not close" in found.failures
 
 
+def test_states_that_the_simulation_does_not_repeat_fail() -> None:
+    off = [dataclasses.replace(p, states=p.states.copy()) for p in ONE.phases]
+    middle = len(off[0].states) // 2
+    off[0].states[middle, 1, 1] += 1e-4
+    found = verify(P, off, ONE.theta_turns)
+    assert found.state_error > 1e-5
+    assert "re-simulated states differ over the stride" in found.failures
+
+
 @pytest.mark.parametrize("slope", [0.01, pytest.param(-0.01, marks=pytest.mark.slow)])
 def test_the_energy_audit_closes_on_a_slope_and_downhill_costs_less(slope: float) -> None:
     sloped = periodic_gait(P.replace(slope=slope), ONE.speed, 1, guess=ONE)
