@@ -293,7 +293,7 @@ class KeepBest(BaseCallback):
     """Checks the policy now and then, between two roll-outs, and keeps the weights of the best.
 
     From update to update a policy walks from a few more or a few less starts, and costs a little
-    more or less. So the last one is seldom the best. It logs `checks/share` and `checks/cot`.
+    more or less. So the last one is rarely the best. It logs `checks/share` and `checks/cot`.
 
     Args:
         gait_of: how the policy with some weights walks.

@@ -152,9 +152,9 @@ class StartUpPhase(VecEnvWrapper):
     little. Leaving double stance backward, which takes no touchdown, costs half.
 
     To pump the pendulum up takes many times the energy of the walk that follows. If both cost
-    alike, then near the optimum, where the reward weight of distance is low, starting up never
-    pays within a learner's horizon: to fall at once costs less. So a learner whose gait becomes
-    more efficient learns to fall.
+    alike, then near the optimum, where the reward weight of distance is low, starting up
+    is never worth its cost within a learner's horizon: to fall at once costs less. So a learner
+    whose gait becomes more efficient learns to fall.
 
     Args:
         venv: a monitor of a `Sb3VecEnv`. What it monitors is not changed.

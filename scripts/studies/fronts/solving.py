@@ -38,7 +38,7 @@ MOST_GROWTH = 1e7
 REMESHED = 2
 
 #: Iterations of IPOPT at most: for each of a random start's two problems, if the pendulum swings
-#: and if it turns over, and for a continued gait. More seldom help.
+#: and if it turns over, and for a continued gait. More rarely help.
 SWING_ITERATIONS, WHIRL_ITERATIONS, CONTINUED_ITERATIONS = 250, 120, 100
 
 #: Gaits of one family are the same if their costs of transport differ by less (relative).

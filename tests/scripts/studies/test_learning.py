@@ -1,4 +1,4 @@
-"""Every learner over several seeds: what is kept, what is told, and how a seed is trained."""
+"""Every learner over several seeds: what is stored, what is printed, and how a seed is trained."""
 
 import dataclasses
 import functools
