@@ -321,7 +321,8 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated state      off by {v.state_error:.1e}",
+        f"  re-simulated            off by {v.state_error:.1e} in a step, "
+        f"{v.stride_error:.1e} in a whole stride",
         f"  energy audit            off by {v.energy_audit:.1e} J",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
