@@ -20,6 +20,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "strides": "fronts.strides",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }

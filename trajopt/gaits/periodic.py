@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
@@ -23,6 +22,7 @@ from trajopt.gaits.stability import step_maps
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
+    begun,
     simulated_steps,
     step_error,
     successors,
@@ -433,9 +433,7 @@ def polished(
         if any(run.steps != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
             break
         for i, shift in enumerate(_shifts(step_maps(params, current), gaps)):
-            states = current[i].states.copy()
-            states[0, 0, 1:] += shift
-            current[i] = dataclasses.replace(current[i], states=states)
+            current[i] = begun(current[i], current[i].start + [0.0, *shift])
         error = step_error(params, current, turns)[0]
         if error < best:
             best, polished_phases = error, tuple(current)
