@@ -18,7 +18,7 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym.checks import extra, integer, positive, real
+from rimless_gym.checks import as_instance, extra, integer, positive, real
 from trajopt.feedback.law import Floats
 
 with extra("learn"):
@@ -75,22 +75,6 @@ class Cloning:
     log_std: float = -4.5
     held_out: float = 0.1
 
-    @classmethod
-    def of(cls, values: Cloning | Mapping[str, Any] | None) -> Cloning:
-        """From some of the fields; the others are the defaults.
-
-        Raises:
-            TypeError: a number is of the wrong kind.
-            ValueError: a number is out of its range, or a name is unknown.
-        """
-        if isinstance(values, Cloning):
-            return values
-        known = [field.name for field in dataclasses.fields(cls)]
-        for name in values or {}:
-            if name not in known:
-                raise ValueError(f"cloning: {name!r} is not known; choose from {known}")
-        return cls(**(values or {}))
-
     def __post_init__(self) -> None:
         integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out
         for name in ("rounds", "starts", "gait_starts", "batch_size"):
@@ -102,6 +86,12 @@ class Cloning:
         real("log_std", self.log_std)
         if not 0 < real("held_out", self.held_out) <= 0.5:
             raise ValueError(f"held_out = {self.held_out}: must be greater than 0, at most 0.5")
+
+
+def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
+    """How to clone, given as such or as a mapping of some fields; None: as usual."""
+    checked: Cloning = as_instance(Cloning, "cloning", cloning, Cloning())
+    return checked
 
 
 @dataclasses.dataclass(frozen=True)

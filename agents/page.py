@@ -19,7 +19,6 @@ from rimless_gym.javascript import simulator
 from rimless_gym.params import WheelParams
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.solution import Solution
-from trajopt.store import write_text
 
 #: The page's own program, in order; the simulator comes before it.
 SCRIPTS = (
@@ -73,18 +72,6 @@ def page(policy: str | Path = "imitation") -> str:
     for name, part in parts.items():
         text = text.replace(f"{{{{ {name} }}}}", part)
     return text
-
-
-def write_page(path: str | Path, policy: str | Path = "imitation") -> Path:
-    """Write the page to a file and return its path; see `page` for what it raises.
-
-    A file that was there is replaced as a whole.
-    """
-    path = Path(path)
-    text = page(policy)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
-    return path
 
 
 def _static(name: str) -> str:

@@ -10,8 +10,7 @@ import json
 import math
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -129,6 +128,7 @@ Flag = Annotated[bool, NO_DEFAULT]
 Whole = Annotated[int, one("INT", whole(0))]
 Count = Annotated[int, one("INT", whole(1))]
 Positive = Annotated[float, one("NUMBER", positive)]
+MaybeCount = Annotated[int | None, one("INT", whole(1)), NO_DEFAULT]
 MaybeWhole = Annotated[int | None, one("INT", whole(0)), NO_DEFAULT]
 MaybePositive = Annotated[float | None, one("NUMBER", positive), NO_DEFAULT]
 MaybePath = Annotated[Path | None, one("PATH", Path), NO_DEFAULT]
@@ -151,16 +151,6 @@ Preset = Literal["BUILDABLE", "PROTOTYPE", "THESIS_NOMINAL", "THESIS_PHYSICAL"]
 MaybePreset = Annotated[Preset | None, one("NAME", str), NO_DEFAULT]
 
 
-@contextmanager
-def of_option(name: str) -> Iterator[None]:
-    """Name the option in the message about a value that is refused."""
-    try:
-        yield
-    except (TypeError, ValueError) as error:
-        said = str(error).removeprefix(f"{name.strip('-')}: ")
-        raise ValueError(f"{name}: {said}") from error
-
-
 def machine(preset: str | None, params: dict[str, Any] | None) -> WheelParams:
     """The machine that options choose: a preset, by default the environment's, with changes.
 
@@ -169,9 +159,7 @@ def machine(preset: str | None, params: dict[str, Any] | None) -> WheelParams:
     """
     from rimless_gym import presets
 
-    chosen = presets.preset(preset or "BUILDABLE")
-    with of_option("--params"):
-        return chosen.replace(**(params or {}))
+    return presets.preset(preset or "BUILDABLE").replace(**(params or {}))
 
 
 def require_folder(folder: Path) -> None:

@@ -17,13 +17,8 @@ from matplotlib.ticker import LogLocator
 
 from agents.comparison.study import Setting
 from agents.comparison.table import COLUMNS, FRONT_POLICY, NOTES, Row, distinct
-from agents.conditions import Conditions
-from agents.page import write_page
-from agents.policies import Policy
+from agents.page import page
 from agents.reports import COLOURS, STYLE, document, embedded, paragraph, section, table
-from agents.rollout import Rollout, at_rest
-from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
 from trajopt.gaits.fronts import CotFront, NoFrontError
 from trajopt.store import write_text
@@ -84,11 +79,13 @@ def write_figures(
 
 
 def _page(folder: Path) -> str | None:
-    """The page with the study's own clone, beside the report."""
+    """Write the page with the study's own clone, beside the report; return the file's name."""
     try:
-        return write_page(folder / "page.html", folder / "imitation" / "clone.zip").name
+        text = page(folder / "imitation" / "clone.zip")
     except NoFrontError:
         return None
+    write_text(folder / "page.html", text)
+    return "page.html"
 
 
 def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure:
@@ -197,9 +194,3 @@ def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
     speeds = [gait.speed for gait in front.envelope]
     speed = min(max(milestone["speed"], speeds[0]), speeds[-1])
     return 100.0 * (float(milestone["cot"]) / float(front(speed)) - 1.0)
-
-
-def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollout:
-    """One walk of a policy."""
-    n_intervals = round(seconds / CONTROL_PERIOD)
-    return Rollout(Conditions(params), policy, at_rest(params)[None], n_intervals)

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from agents.commanded import evaluate_commanded
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
+from agents.evaluate import evaluate_commanded
 from agents.experts import EXPERT
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title

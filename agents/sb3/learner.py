@@ -137,7 +137,7 @@ class Sb3Learner(learner.Learner):
         )
         self._adaptive: AdaptiveRewardWeight | None = None
         if settings.schedule is not None:
-            self._adaptive = AdaptiveRewardWeight(settings.schedule)
+            self._adaptive = AdaptiveRewardWeight(**vars(settings.schedule))
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)

@@ -224,7 +224,7 @@ class ScreenedPpo(Sb3Learner):
             first_weight=min(self._schedule.first_weight, weight),
             least_share=share if self._race.decided else min(share, RACING_SHARE),
         )
-        adaptive = AdaptiveRewardWeight(schedule)
+        adaptive = AdaptiveRewardWeight(**vars(schedule))
         adaptive.restore({"weight": None, "due": self._begun + self._schedule.every})
         return adaptive
 
