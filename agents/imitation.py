@@ -100,8 +100,7 @@ class CloneReport:
 
     Attributes:
         samples: labelled observations, all rounds together.
-        errors: after each round, the root-mean-square error on walks held out so far, in units
-            of the voltage limit.
+        errors: root-mean-square error on walks held out (voltage limits), after each round.
     """
 
     samples: int
@@ -109,13 +108,7 @@ class CloneReport:
 
 
 def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneReport:
-    """Train an actor to act as an expert does. Its model is changed in place, but not its critic.
-
-    Args:
-        actor: of a model whose observations and actions are those of RimlessWheel-v0.
-        teaching: the expert, and how it teaches.
-        progress: whether to show a progress bar.
-    """
+    """Train an actor to act as an expert does, in place; the model's critic stays as it is."""
     config = teaching.config
     rng = np.random.default_rng((teaching.seed, 1))
     total = (config.rounds + 1) * config.gradient_steps
@@ -231,11 +224,7 @@ class Teaching:
     ) -> tuple[LabelledWalks, LabelledWalks]:
         """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
 
-        Args:
-            k: number of the round, 1 or more.
-            first: the walks of the first round, whose second half is near the gait.
-            act: the clone.
-            rng: chooses starts near the gait, and the states that are labelled.
+        Those near the gait begin in the second half of the walks of the `first` round.
         """
         config, clone = self.config, learned_policy(act)
         gait = first.states[first.when >= self._n_intervals // 2]

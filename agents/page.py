@@ -49,7 +49,8 @@ def page(policy: str | Path = "imitation") -> str:
 
     Raises:
         CheckpointError: the policy cannot be read.
-        ValueError: it is of a kind that a page cannot run, or its machine has no shipped front.
+        ValueError: it is of a kind that a page cannot run.
+        NoFrontError: its machine has no shipped front.
     """
     checkpoint = load_policy(policy)
     data = {
@@ -138,16 +139,11 @@ def _collision(
 
 
 def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
-    """The layers of a policy's network as JSON values; tanh follows all but the last.
-
-    Raises:
-        ValueError: it is not a network of tanh layers that sets the voltage every 10 ms, as PPO
-            of this package trains.
-    """
+    """The layers of a policy's network as JSON values; tanh follows all but the last."""
     kwargs, weights = policy.record.get("policy_kwargs", {}), policy.parts.weights
     plain = policy.conditions.control == USUAL and kwargs.get("activation_fn", "Tanh") == "Tanh"
     hidden = sorted(
-        (name.removesuffix(".weight") for name in weights if _is_hidden(name)),
+        {name.rpartition(".")[0] for name in weights if name.startswith(_HIDDEN)},
         key=lambda name: int(name.removeprefix(_HIDDEN)),
     )
     if not (policy.algo == "ppo" and plain and hidden):
@@ -164,10 +160,6 @@ def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
         }
         for name in (*hidden, _LAST)
     ]
-
-
-def _is_hidden(name: str) -> bool:
-    return name.startswith(_HIDDEN) and name.endswith(".weight")
 
 
 def packed(array: NDArray[Any]) -> str:

@@ -269,12 +269,7 @@ def _new_learner(config: TrainingConfig, training: Training) -> Learner:
 class Trainer:
     """One run of a training; the `agents.learner.Callback` of its learner.
 
-    Args:
-        config: what to train.
-        training: the same, checked.
-        learner: that begins; if the folder has a state, the training goes on from there.
-        out: folder.
-        progress: whether to show a progress bar.
+    If the folder has a state, the training goes on from there.
 
     Attributes:
         log: for the learner's figures.

@@ -145,11 +145,7 @@ def evaluate(
 def _at_commands(
     name: str, gait_for: Any, params: WheelParams | None, commands: Sequence[float], trust: bool
 ) -> list[NamedPolicy]:
-    """A law or policy; where it is commanded a speed, at each of several.
-
-    Raises:
-        ValueError: there is no such law or policy, or it or the gait is for another machine.
-    """
+    """A law or policy; where it is commanded a speed, at each of several."""
     from agents.evaluate import commands_within
     from agents.policy_files import named_policy
 

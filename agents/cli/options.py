@@ -152,34 +152,21 @@ MaybePreset = Annotated[Preset | None, one("NAME", str), NO_DEFAULT]
 
 
 def machine(preset: str | None, params: dict[str, Any] | None) -> WheelParams:
-    """The machine that options choose: a preset, by default the environment's, with changes.
-
-    Raises:
-        ValueError: there is no such preset, or a field is unknown or out of its range.
-    """
+    """The machine that options choose: a preset, by default the environment's, with changes."""
     from rimless_gym import presets
 
     return presets.preset(preset or "BUILDABLE").replace(**(params or {}))
 
 
 def require_folder(folder: Path) -> None:
-    """Make a folder where it is missing; refuse one in which no file can be made.
-
-    Raises:
-        OSError: it is a file, or cannot be written.
-    """
+    """Make a folder where it is missing; refuse one in which no file can be made."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         pass
 
 
 def require_file(path: Path) -> None:
-    """Make a file's folder; refuse a file that cannot be written, before the work is done.
-
-    Raises:
-        ValueError: it is a folder.
-        OSError: it cannot be written.
-    """
+    """Make a file's folder; refuse a file that cannot be written, before the work is done."""
     if path.is_dir():
         raise ValueError(f"{path}: is a folder; give the name of a file")
     require_folder(path.parent)

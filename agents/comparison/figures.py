@@ -52,10 +52,7 @@ def write_figures(
 ) -> None:
     """Write the plots, report.html, and page.html where the machine has one, into the folder.
 
-    Args:
-        setting: of the comparison, whose results are complete.
-        rows: of its table.
-        curves: milestones of trainings, by their names.
+    `curves` are the milestones of trainings, by their names.
     """
     out = setting.out
     with matplotlib.rc_context(STYLE):
@@ -91,10 +88,7 @@ def _page(folder: Path) -> str | None:
 def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure:
     """Cost of transport over speed of all that walk, and the gaps of those near to the optimum.
 
-    Args:
-        front: of optimal gaits with a continuous voltage.
-        held: of gaits whose voltage is held, against which gaps are measured.
-        rows: of the table. Optimal gaits on the fronts are left out.
+    Gaps are those to the front of held gaits. Gaits on the fronts themselves are left out.
     """
     figure, (above, below) = plt.subplots(
         2, 1, figsize=(9.0, 8.8), sharex=True, layout="constrained"
@@ -159,10 +153,6 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     """The gap and the share of starts that walk, over control intervals and over minutes.
 
     A walk beyond the front's speeds is compared with the nearer end of the front.
-
-    Args:
-        curves: milestones of trainings, by their names.
-        front: that gaps are measured against.
     """
     figure, panels = plt.subplots(
         2, 2, figsize=(10.4, 6.4), sharex="col", sharey="row", layout="constrained"

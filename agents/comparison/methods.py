@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -63,8 +63,8 @@ def methods(study: Study) -> tuple[Method, ...]:
     others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
     return (
         OptimalGait("searched", None, searched_gait),
-        FrontMethod(held=False),
-        FrontMethod(held=True),
+        FrontMethod("front"),
+        FrontMethod("held_front", ("front",), held=True),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
         *_holding(study),
@@ -211,29 +211,18 @@ class FrontMethod:
     """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds.
 
     Attributes:
+        name, after: see `Method`.
         held: False: the voltage is continuous. True: it is held for the environment's 10 ms, at the
             speeds and with the steps of the best gaits of the other front.
     """
 
-    held: bool
-
-    @property
-    def name(self) -> str:
-        """See `Method`."""
-        return "held_front" if self.held else "front"
-
-    @property
-    def after(self) -> tuple[str, ...]:
-        """See `Method`."""
-        return ("front",) if self.held else ()
+    name: str
+    after: tuple[str, ...] = ()
+    held: bool = False
 
     def compute(self, setting: Setting) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
-        study = setting.study
-        if self.held:
-            front = _held_front(setting)
-        else:
-            front = _front(setting, study.front_speeds, study.front_steps, None)
+        front = _held_front(setting) if self.held else _free_front(setting)
         return {
             "files": [front_file(s.steps, s.speed, s.hold) for s in front.solutions],
             "gaits": [gait_result(s) | {"steps": s.steps} for s in front.solutions],
@@ -251,6 +240,15 @@ class FrontMethod:
         return rows
 
 
+def _free_front(setting: Setting) -> CotFront:
+    study = setting.study
+    return cot_front(
+        *(study.params, study.front_speeds, study.front_steps),
+        folder=setting.out,
+        progress=setting.progress,
+    )
+
+
 def _held_front(setting: Setting) -> CotFront:
     best = setting.front.envelope
     solutions: list[Solution] = []
@@ -258,7 +256,12 @@ def _held_front(setting: Setting) -> CotFront:
     for steps in sorted({gait.steps for gait in best}):
         speeds = [gait.speed for gait in best if gait.steps == steps]
         try:
-            front = _front(setting, speeds, [steps], CONTROL_PERIOD)
+            front = cot_front(
+                *(setting.params, speeds, [steps]),
+                hold=CONTROL_PERIOD,
+                folder=setting.out,
+                progress=setting.progress,
+            )
         except NoGaitError as error:
             missing += [(steps, speed, str(error)) for speed in speeds]
             continue
@@ -267,13 +270,6 @@ def _held_front(setting: Setting) -> CotFront:
     if not solutions:
         raise NoGaitError("\n".join(reason for _, _, reason in missing))
     return CotFront(tuple(solutions), tuple(missing))
-
-
-def _front(
-    setting: Setting, speeds: Sequence[float], steps: Sequence[int], hold: float | None
-) -> CotFront:
-    folder, progress = setting.out, setting.progress
-    return cot_front(setting.params, speeds, steps, hold=hold, folder=folder, progress=progress)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -375,12 +371,7 @@ class LearnedMethod:
 def learning_curve(
     learned: LearnedMethod, results: Mapping[str, Result]
 ) -> list[dict[str, float | None]]:
-    """The milestones of a training. Their minutes include those of the trainings it began from.
-
-    Args:
-        learned: the method.
-        results: of all methods, by name.
-    """
+    """The milestones of a training. Their minutes include those of the trainings it began from."""
     before = [results[name]["curve"] for name in learned.after if "curve" in results[name]]
     minutes = sum(curve[-1]["minutes"] for curve in before)
     curve: list[dict[str, Any]] = results[learned.name]["curve"]
@@ -392,8 +383,7 @@ class ShippedMethod:
     """A policy that comes with the package.
 
     Attributes:
-        file: of the policy.
-        title: of its rows.
+        file, title: of the policy, and of its rows.
         commands: speeds at which it walks (m/s); none: it chooses its speed itself.
         after: see `Method`.
     """

@@ -207,10 +207,8 @@ def clean_walking(
 ) -> CleanWalking:
     """How a policy walks from starts of its own, in the second half of so many intervals.
 
-    Args:
-        act: observations (N, 6 or 8) -> actions (N, 1).
-        envs: whose rows reset themselves in the step that ends an episode.
-        intervals: length of the walks; an episode that ends before has fallen.
+    Its actions are (N, 1). The rows of `envs` reset themselves in the step that ends an episode; a
+    wheel whose episode ends before has fallen.
     """
     seen, _ = envs.reset(seed=0)
     params = envs.params
