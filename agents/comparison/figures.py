@@ -17,6 +17,7 @@ from matplotlib.ticker import LogLocator
 
 from agents.comparison.study import Setting
 from agents.comparison.table import COLUMNS, FRONT_POLICY, NOTES, Row, distinct
+from agents.learner import CLONE, IMITATION
 from agents.page import page
 from agents.reports import COLOURS, STYLE, document, embedded, paragraph, section, table
 from rimless_gym.presets import machine_name
@@ -78,7 +79,7 @@ def write_figures(
 def _page(folder: Path) -> str | None:
     """Write the page with the study's own clone, beside the report; return the file's name."""
     try:
-        text = page(folder / "imitation" / "clone.zip")
+        text = page(folder / IMITATION / CLONE)
     except NoFrontError:
         return None
     write_text(folder / "page.html", text)

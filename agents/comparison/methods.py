@@ -83,7 +83,6 @@ def methods(study: Study) -> tuple[Method, ...]:
             {"evolution from scratch": BEST},
             algo="evolution",
             budget="evolution_timesteps",
-            walk="evolution",
             curve="evolution from scratch",
         ),
         LearnedMethod(
@@ -109,7 +108,6 @@ def _holding(study: Study) -> Iterator[Method]:
             {"imitation": CLONE},
             after=(law,),
             speed=speed,
-            walk="imitation" if main else None,
         )
         if main or study.further_timesteps:
             best = {"fine-tuned, best kept": BEST}
@@ -120,7 +118,6 @@ def _holding(study: Study) -> Iterator[Method]:
                 after=(clone,),
                 speed=speed,
                 budget="timesteps" if main else "further_timesteps",
-                walk="fine-tuned" if main else None,
                 curve="fine-tuned" if main else None,
             )
 
@@ -305,12 +302,10 @@ class LearnedMethod:
     Attributes:
         name, after: see `Method`; the name is that of the folder of its training, too.
         init: "scratch", "imitation", or a policy's file in the study's folder.
-        shown: title of a row -> the policy's file in the training's folder; the first is the main
-            one.
+        shown: title of a row -> the policy's file in the training's folder.
         algo: the learner.
         speed: the study's speed that it walks at (m/s); None: it chooses its speed itself.
         budget: the field of the study that has its control intervals; None: it is not trained.
-        walk: name of its main policy in the plots of walks; None: it is not in them.
         curve: its name in the plot of learning curves; None: it is not in it.
         teacher: a policy's file in the study's folder that is imitated; None: the best law is.
     """
@@ -322,7 +317,6 @@ class LearnedMethod:
     algo: str = "ppo"
     speed: float | None = None
     budget: str | None = None
-    walk: str | None = None
     curve: str | None = None
     teacher: str | None = None
 
@@ -362,10 +356,6 @@ class LearnedMethod:
             return EXPERT
         gait = setting.held_gait(setting.study.speed if self.speed is None else self.speed)
         return laws.design(EXPERT, gait, setting.out)
-
-    def main_file(self, out: Path) -> Path:
-        """The file of its main policy in a study's folder."""
-        return out / self.name / next(iter(self.shown.values()))
 
 
 def learning_curve(
