@@ -242,12 +242,9 @@ class Improve(BaseCallback):
     geometrically and the learning rate linearly, until the end of the round.
 
     Args:
-        actor: of the model that learns.
-        rules: of the round.
-        rate: of learning, at first.
+        actor, rules, rate: of the model that learns, of the round, and of learning at first.
         steps: time steps at which the round begins, its actor begins to learn, and it ends.
-        env: what scales the rewards.
-        adaptive: the weight of distance.
+        env, adaptive: what scales the rewards, and the weight of distance.
     """
 
     def __init__(

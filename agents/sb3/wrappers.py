@@ -90,11 +90,7 @@ class HeldActions(VecEnvWrapper):
 
     Args:
         venv: environments.
-        intervals: for which an action is held.
-
-    Raises:
-        TypeError: the number of intervals is not an integer.
-        ValueError: it is less than 1.
+        intervals: for which an action is held, 1 or more.
     """
 
     def __init__(self, venv: VecEnv, intervals: int = 1) -> None:
@@ -148,10 +144,6 @@ class StartUpPhase(VecEnvWrapper):
         monitor: `venv`.
         native: the environments that it monitors.
         steps: of each row since this was made, (N,); those backward count as -1.
-
-    Raises:
-        TypeError: a number is of the wrong kind.
-        ValueError: a number is out of its range.
     """
 
     def __init__(
