@@ -138,15 +138,7 @@ def _card_of(study: Path, name: str, source: str) -> str:
 
 
 def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str) -> str:
-    """The text of a policy's card.
-
-    Args:
-        name: of the policy in the package.
-        record: of its file.
-        row: of the comparison's table.
-        machine: name of its preset.
-        init: what its training began from, in words.
-    """
+    """The text of a policy's card."""
     drawn = {of: record[of] for of in ("ranges", "disturbances") if record.get(of) is not None}
     versions = ", ".join(f"{key} {value}" for key, value in record["versions"].items())
     facts = {

@@ -7,14 +7,7 @@ from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
-from scripts.studies.benchmark.rows import (
-    OPTIMISATION,
-    PROCESS,
-    ROWS,
-    SINGLE,
-    VECTOR,
-    Row,
-)
+from scripts.studies.benchmark.rows import OPTIMISATION, PROCESS, ROWS, SINGLE, VECTOR, Row
 from scripts.studies.documents.markdown import count, table
 
 INTRODUCTION = """\

@@ -20,29 +20,17 @@ IPOPT = "IPOPT, exact Hessian"
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One row of the benchmark.
+    """One row of the benchmark."""
 
-    Attributes:
-        key: its name on the command line and in the results.
-        group: the table that it belongs to.
-        title: its name in the table.
-        python: whose Python runs it, the name of a file in requirements/ or `OURS`.
-        measure: function of ours.py, peers.py or swing_up.py.
-        settings: arguments of that function.
-        by: what a step computes, or how the problem is solved.
-        one_core: whether it is kept to one core, or may use all.
-        most: largest number of rounds; small where a measurement is long and steady.
-    """
-
-    key: str
-    group: str
-    title: str
-    python: str
-    measure: str
-    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
-    by: str = ""
-    one_core: bool = True
-    most: int = 1000
+    key: str  # its name on the command line and in the results
+    group: str  # the table that it belongs to
+    title: str  # its name in the table
+    python: str  # whose Python runs it, the name of a file in requirements/ or `OURS`
+    measure: str  # function of ours.py, peers.py or swing_up.py
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)  # arguments of that function
+    by: str = ""  # what a step computes, or how the problem is solved
+    one_core: bool = True  # whether it is kept to one core, or may use all
+    most: int = 1000  # largest number of rounds; small where a measurement is long and steady
 
 
 def _gymnasium(name: str, physics: str) -> Row:

@@ -26,17 +26,11 @@ NUDGE = 1e-13  # rad: how far a start is moved, to see how much the motion itsel
 
 @dataclasses.dataclass
 class KernelRun:
-    """A motion as the kernel computes it.
+    """A motion as the kernel computes it."""
 
-    Attributes:
-        states: hybrid states at the ends of the control intervals, (N, STATE_SIZE).
-        total: sums over the intervals of the rows of `rimless_gym.energy`.
-        residual: the largest residual of one interval's ledger (J).
-    """
-
-    states: Array
-    total: Array
-    residual: float
+    states: Array  # hybrid states at the ends of the control intervals, (N, STATE_SIZE)
+    total: Array  # sums over the intervals of the rows of `rimless_gym.energy`
+    residual: float  # the largest residual of one interval's ledger (J)
 
     @property
     def touchdowns(self) -> int:
@@ -65,24 +59,17 @@ class Accuracy:
     """The kernel's worst disagreement with the reference simulator over some motions.
 
     States and energies are compared where both have the same touchdowns and lift-offs.
-
-    Attributes:
-        motions: how many were compared.
-        touchdowns: in all motions, as the kernel counts them.
-        state: largest difference between states (rad, rad/s).
-        nudged: largest difference between the kernel's own states from a start and from the same
-            start moved by `NUDGE` (rad, rad/s).
-        energy: largest difference between energies (J).
-        residual: largest residual of the ledger of one control interval (J).
-        disagreements: motions with different numbers of events, or a different last mode or foot.
     """
 
-    motions: int = 0
-    touchdowns: int = 0
-    state: float = 0.0
+    motions: int = 0  # how many were compared
+    touchdowns: int = 0  # in all motions, as the kernel counts them
+    state: float = 0.0  # largest difference between states (rad, rad/s)
+    # largest difference between the kernel's own states from a start and from the same start moved
+    # by `NUDGE` (rad, rad/s)
     nudged: float = 0.0
-    energy: float = 0.0
-    residual: float = 0.0
+    energy: float = 0.0  # largest difference between energies (J)
+    residual: float = 0.0  # largest residual of the ledger of one control interval (J)
+    # motions with different numbers of events, or a different last mode or foot
     disagreements: int = 0
 
     def add(self, motion: Motion) -> None:
@@ -117,12 +104,7 @@ def measured(name: str, case: str, count: int) -> Accuracy:
 
 
 def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
-    """`Accuracy` of each preset and kind of motion.
-
-    Args:
-        count: motions of each kind.
-        grazes: motions in which a foot only just touches the ground.
-    """
+    """`Accuracy` of each preset and kind of motion."""
     table: dict[str, dict[str, Any]] = {}
     for name in tqdm(PRESETS, desc="accuracy", file=sys.stderr):
         table[name] = {}
@@ -134,17 +116,11 @@ def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A motion to simulate.
+    """A motion to simulate."""
 
-    Attributes:
-        params: the machine.
-        start: hybrid state (STATE_SIZE,).
-        volts: voltages (V), each held for one control interval.
-    """
-
-    params: WheelParams
-    start: Array
-    volts: Array
+    params: WheelParams  # the machine
+    start: Array  # hybrid state (STATE_SIZE,)
+    volts: Array  # voltages (V), each held for one control interval
 
 
 def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int = SINGLE) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -41,15 +42,10 @@ GAITS = "front"
 
 
 class SeedTask(NamedTuple):
-    """One seed of a row.
+    """One seed of a row."""
 
-    Attributes:
-        row: how it is trained and evaluated.
-        seed: of everything random in the training.
-    """
-
-    row: StudyRow
-    seed: int
+    row: StudyRow  # how it is trained and evaluated
+    seed: int  # of everything random in the training
 
     @property
     def key(self) -> str:
@@ -92,12 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def completed(
     store: Store, tasks: Sequence[SeedTask], protocol: Protocol, workers: int | None
 ) -> dict[SeedTask, str]:
-    """Run the tasks that have no result yet.
+    """Run the tasks that have no result yet; what went wrong with some, by task.
 
     A task that needs a policy of another row waits until the tasks of that row are finished.
-
-    Returns:
-        What went wrong with tasks; the others go on.
     """
     failures: dict[SeedTask, str] = {}
     work = functools.partial(ran, store, protocol)
@@ -108,17 +101,7 @@ def completed(
                 if isinstance(result, str):
                     failures[task] = result
                 else:
-                    store.save(
-                        task.key,
-                        jsonable(
-                            result._asdict()
-                            | {
-                                "policies": {
-                                    name: each._asdict() for name, each in result.policies.items()
-                                }
-                            }
-                        ),
-                    )
+                    store.save(task.key, jsonable(result))
     return failures
 
 
@@ -149,13 +132,12 @@ def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     results: dict[StudyRow, list[SeedResult]] = {}
     for row in rows:
         finished_seeds: list[SeedResult] = []
-        while (
-            len(finished_seeds) < seeds
-            and (name := SeedTask(row, len(finished_seeds)).key) in store
-        ):
+        for seed in range(seeds):
+            if (name := SeedTask(row, seed).key) not in store:
+                break
             saved = store.load(name)
             policies = {
-                which: WalkFigures(**{k: float("nan") if v is None else v for k, v in each.items()})
+                which: WalkFigures(**{k: math.nan if v is None else v for k, v in each.items()})
                 for which, each in saved["policies"].items()
             }
             finished_seeds.append(SeedResult(policies, saved["steps"], saved["minutes"]))

@@ -8,14 +8,8 @@ from statistics import fmean, median
 from typing import TypeAlias
 
 from agents.evaluate import bootstrap_interval, interquartile_mean
-from scripts.studies.documents.markdown import count, table
-from scripts.studies.learning.rows import (
-    ABLATIONS,
-    FIRST_EVENING,
-    FRONT,
-    LEARNED,
-    SECTIONS,
-)
+from scripts.studies.documents.markdown import count, percent, table
+from scripts.studies.learning.rows import ABLATIONS, FIRST_EVENING, FRONT, LEARNED, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 
 #: The results of each row's seeds.
@@ -74,12 +68,12 @@ def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -
     gaps = [value for each in walking if (value := gap(row, each)) is not None]
     return [
         f"{len(walking)} of {len(policies)}",
-        f"{_percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
+        f"{percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
         _interval(gaps),
         _mean([each.cot for each in walking], 4),
         _mean([each.speed for each in walking], 3),
-        _percent(fmean(each.falls for each in policies)),
-        _percent(fmean(each.slips for each in policies)),
+        percent(fmean(each.falls for each in policies)),
+        percent(fmean(each.slips for each in policies)),
         f"{median(seed.minutes for seed in seeds):.1f}",
         count(median(seed.steps for seed in seeds)),
     ]
@@ -97,7 +91,3 @@ def _mean(values: Sequence[float], digits: int) -> str:
     """The interquartile mean of those that are numbers."""
     numbers = [value for value in values if not math.isnan(value)]
     return f"{interquartile_mean(numbers):.{digits}f}" if numbers else NONE
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"

@@ -10,23 +10,18 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rimless_gym.presets import THESIS_PHYSICAL
+from scripts.studies.designed_gaits import gaits_of, stage
 from scripts.studies.documents import markdown
-from scripts.studies.thesis.variants import (
-    SCALES,
-    VARIANTS,
-    Variant,
-    cheaper,
-    cheapest,
-)
+from scripts.studies.thesis.variants import SCALES, VARIANTS, Variant, cheaper, cheapest
 from trajopt.gaits.library import shipped
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.ranking import least_first
-from trajopt.pool import run
 from trajopt.provenance import provenance
 from trajopt.store import Store, write_text
 
@@ -36,29 +31,37 @@ ROUNDS = 2
 #: The scales of the page's table; results.json has all.
 SHOWN = (4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0)
 
-COLUMNS = (
-    *("supply", "scale", "CoT", "speed (m/s)", "turns", "gear", "least Fy / weight"),
-    *("friction demand", "peak V", "clearance (m)", "state error"),
-)
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "supply": "{variant}",
+    "scale": "{scale:g}",
+    "CoT": "{cot:.4f}",
+    "speed (m/s)": "{speed:.3f}",
+    "turns": "{theta_turns}",
+    "gear": "{gear:.3f}",
+    "least Fy / weight": "{min_normal_force_over_weight:.2f}",
+    "friction demand": "{max_friction_demand:.2f}",
+    "peak V": "{peak_voltage:.1f}",
+    "clearance (m)": "{clearance:.2f}",
+    "state error": "{state_error:.0e}",
+}
 
 MARKS = markdown.marks("thesis", ("prototype",))
 
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """The cheapest gait of a supply and scale.
-
-    Attributes:
-        variant: supply and gear.
-        scale: of the pendulum.
-        gait: verified; None if none was found.
-        reason: why none was found.
-    """
+    """The cheapest gait of a supply and scale."""
 
     variant: Variant
-    scale: float
-    gait: Solution | None
-    reason: str = ""
+    scale: float  # of the pendulum
+    gait: Solution | None  # verified
+    reason: str = ""  # why none was found
+
+    @property
+    def key(self) -> str:
+        """Its name in the store."""
+        return f"{self.variant.file_name}_{self.scale:.3f}"
 
     def row(self) -> dict[str, Any]:
         """Its figures as plain JSON values."""
@@ -82,30 +85,21 @@ class Point:
 
 
 def study(folder: Path, workers: int | None = None, docs: Path | None = None) -> None:
-    """Find the gaits of every supply and scale, and print their table.
-
-    Args:
-        folder: of the results and the points.
-        workers: processes.
-        docs: docs/thesis.md, to put the table into, if given.
-    """
+    """Find the gaits of every supply and scale, and print their table, or put it into `docs`."""
     with Store(folder, provenance()) as store:
-        points = searched(store, VARIANTS, SCALES, workers)
+        run = partial(stage, store, workers=workers)
+        points = searched(run)
         for number in range(1, ROUNDS + 1):
-            tasks = [(point, neighbours(point, points)) for point in points]
-            title = f"improving, round {number} of {ROUNDS}"
-            better = [point for _, point in run(improved, tasks, workers, progress=title) if point]
-            for point in better:
-                save(store, point)
-            changed = {(point.variant, point.scale): point for point in better}
-            points = [changed.get((point.variant, point.scale), point) for point in points]
+            tasks = {point.key: (point, neighbours(point, points)) for point in points}
+            better = gaits_of(run(f"round {number} of {ROUNDS}", tasks, improved))
+            points = [
+                dataclasses.replace(point, gait=better.get(point.key, point.gait))
+                for point in points
+            ]
             if not better:
                 break
     points = shared(points)
-    results = {
-        "gaits": [point.row() for point in points],
-        "provenance": provenance(),
-    }
+    results = {"gaits": [point.row() for point in points], "provenance": provenance()}
     write(results, folder)
     if docs:
         write(results, docs.parent / "figures" / "prototype")
@@ -117,37 +111,24 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
     print(table(results))
 
 
-def searched(
-    store: Store, variants: Sequence[Variant], scales: Sequence[float], workers: int | None = None
-) -> list[Point]:
+def searched(stage: Callable[..., dict[str, Any]]) -> list[Point]:
     """Every point, from the largest pendulum down, the supplies side by side.
 
     Some starts of each scale are the gaits of the two scales before it. For the first scale these
     are the cheapest shipped gaits.
     """
     points: dict[tuple[Variant, float], Point] = {}
-    known = {variant: first_gaits() for variant in variants}
-    for scale in scales:
-        tasks = []
-        for variant in variants:
-            point = load(store, variant, scale)
-            if point is None:
-                tasks.append((variant, scale, known[variant]))
+    known = {variant: first_gaits() for variant in VARIANTS}
+    for scale in SCALES:
+        tasks = {each.file_name: (each, scale, known[each]) for each in VARIANTS}
+        results = stage(f"scale {scale:.3f}", tasks, cheapest).values()
+        for variant, found in zip(VARIANTS, results, strict=True):
+            if isinstance(found, Solution):
+                points[variant, scale] = Point(variant, scale, found)
+                known[variant] = (found, *known[variant])[:2]
             else:
-                points[variant, scale] = point
-        for _, point in run(_searched, tasks, workers, progress=f"searching, scale {scale:g}"):
-            save(store, point)
-            points[point.variant, scale] = point
-        for variant in variants:
-            gait = points[variant, scale].gait
-            if gait is not None:
-                known[variant] = (gait, *known[variant])[:2]
-    return [points[variant, scale] for variant in variants for scale in scales]
-
-
-def _searched(task: tuple[Variant, float, tuple[Solution, ...]]) -> Point:
-    variant, scale, known = task
-    return Point(variant, scale, *cheapest(variant, scale, known))
+                points[variant, scale] = Point(variant, scale, None, found)
+    return [points[variant, scale] for variant in VARIANTS for scale in SCALES]
 
 
 def first_gaits() -> tuple[Solution, ...]:
@@ -156,12 +137,10 @@ def first_gaits() -> tuple[Solution, ...]:
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
-def improved(task: tuple[Point, Sequence[Solution]]) -> Point | None:
-    """A point with a cheaper gait, continued from one of its neighbours'; None if none is."""
-    point, known = task
+def improved(point: Point, known: Sequence[Solution]) -> Solution | None:
+    """A gait cheaper than a point's, continued from one of its neighbours'; None if none is."""
     best = point.gait.cot if point.gait else math.inf
-    gait = cheaper(point.variant, point.scale, best, known)
-    return None if gait is None else Point(point.variant, point.scale, gait)
+    return cheaper(point.variant, point.scale, best, known)
 
 
 def neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
@@ -205,32 +184,6 @@ def shared(points: Sequence[Point]) -> list[Point]:
     return best
 
 
-def key_of(variant: Variant, scale: float) -> str:
-    """The key of a point in the store."""
-    return f"{variant.file_name}/{scale:.3f}"
-
-
-def save(store: Store, point: Point) -> None:
-    """Store a point."""
-    key, files = key_of(point.variant, point.scale), []
-    if point.gait is not None:
-        path = store.folder / f"{key}_gait.npz"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        point.gait.save(path)
-        files.append(f"{key}_gait.npz")
-    store.save(key, {"reason": point.reason, "gait": bool(files)}, files)
-
-
-def load(store: Store, variant: Variant, scale: float) -> Point | None:
-    """A stored point; None if it is missing."""
-    key = key_of(variant, scale)
-    if key not in store:
-        return None
-    stored = store.load(key)
-    gait = Solution.load(store.folder / f"{key}_gait.npz") if stored["gait"] else None
-    return Point(variant, scale, gait, stored["reason"])
-
-
 def write(results: dict[str, Any], folder: Path) -> None:
     """Write results.json into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -240,20 +193,4 @@ def write(results: dict[str, Any], folder: Path) -> None:
 def table(results: dict[str, Any]) -> str:
     """A row per gait."""
     walking = [row for row in results["gaits"] if row["cot"] and row["scale"] in SHOWN]
-    return markdown.table(COLUMNS, map(_cells, walking)) + "\n"
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
-    return [
-        row["variant"],
-        f"{row['scale']:g}",
-        f"{row['cot']:.4f}",
-        f"{row['speed']:.3f}",
-        f"{row['theta_turns']:d}",
-        f"{row['gear']:.3f}",
-        f"{row['min_normal_force_over_weight']:.2f}",
-        f"{row['max_friction_demand']:.2f}",
-        f"{row['peak_voltage']:.1f}",
-        f"{row['clearance']:.2f}",
-        f"{row['state_error']:.0e}",
-    ]
+    return markdown.formatted(COLUMNS, walking) + "\n"

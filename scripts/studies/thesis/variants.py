@@ -13,15 +13,16 @@ import numpy as np
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import PROTOTYPE
 from rimless_gym.symbolic import Design
+from scripts.studies import designed_gaits
+from scripts.studies.designed_gaits import REFINED, WORTH_IT, regenerating, search_mesh, with_turns
 from trajopt.gaits.periodic import finished
-from trajopt.gaits.problem import CONTROL_DEGREE, designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.constraints import pair
 from trajopt.ocp.continuation import Curve, Obstacle, continued
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import Guess
-from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.multi_start import Outcome, Start, multi_start
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
@@ -53,17 +54,11 @@ DESIGN = Design(("scale", "gear"), scaled)
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """A motor supply and gear.
+    """A motor supply and gear."""
 
-    Attributes:
-        name: as in tables.
-        voltage: largest (V).
-        gear: ratio in units of the one as built, or bounds on it.
-    """
-
-    name: str
-    voltage: float
-    gear: float | tuple[float, float] = 1.0
+    name: str  # as in tables
+    voltage: float  # largest (V)
+    gear: float | tuple[float, float] = 1.0  # ratio in units of the one as built, or bounds on it
 
     @property
     def params(self) -> WheelParams:
@@ -91,12 +86,7 @@ class Variant:
         return self.voltage >= other.voltage and low <= least and most <= high
 
     def problem(self, scale: float | tuple[float, float], turns: int) -> Problem:
-        """The problem of a periodic step of least cost of transport at any speed.
-
-        Args:
-            scale: of the pendulum.
-            turns: of theta per step.
-        """
+        """The problem of a periodic step of least cost of transport at any speed."""
         ring = _ring(self.voltage)
         link = dataclasses.replace(ring.linkages[0], offset=_offset(turns))
         bounds = {"scale": scale, "gear": self.gear}
@@ -125,45 +115,30 @@ def _offset(turns: int) -> dict[str, float]:
     return {"theta": -2 * math.pi * turns}
 
 
-#: Random starts per scale, and how many of their optima are refined until one is verified.
-STARTS, REFINED = 16, 2
-
-#: Meshes (elements, degree): of the search, and the first one of the refined gait.
-SEARCH_MESH, FIRST_MESH = (20, 5), (24, 7)
-
-#: Tolerances of the refined mesh. A whirling pendulum makes the errors of a step large.
-MESH_ERROR, HAMILTONIAN = 1e-9, 1e-1
+#: Random starts per scale.
+STARTS = 16
 
 #: Longest step in scale by which a gait is led to another one.
 LED_STEP = 0.1
 
-#: By how much (relative) a gait must be cheaper than the one that it replaces.
-WORTH_IT = 1e-3
-
 
 def cheapest(
     variant: Variant, scale: float, known: Sequence[Solution] = (), seed: int = 0
-) -> tuple[Solution | None, str]:
-    """The cheapest gait that passes verification and "", or None and the reason.
-
-    Args:
-        variant: supply and gear.
-        scale: of the pendulum.
-        known: gaits of other scales, from which some starts begin.
-        seed: of the random starts.
-    """
+) -> Solution | str:
+    """The verified gait of least cost, some starts from known ones, or the reason why none is."""
     family = StartsAtScale(variant, scale, tuple(known))
     base = variant.problem(scale, 0)
-    mesh = Mesh.uniform(base, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
-    search = multi_start(*(base, family, STARTS + len(known)), seed=seed, mesh=mesh, same=same_gait)
+    search = multi_start(
+        *(base, family, STARTS + len(known)), seed=seed, mesh=search_mesh(base), same=same_gait
+    )
     reasons = [outcome.failure for outcome in search.failures]
     for optimum in search.optima[:REFINED]:
         best = optimum.best
         found = refined(variant, scale, best, int(best.kind))
         if found.verification.passed:
-            return found, ""
+            return found
         reasons.insert(0, "; ".join(found.verification.failures))
-    return None, reasons[0] if reasons else "no start was given"
+    return reasons[0] if reasons else "no start was given"
 
 
 def cheaper(
@@ -183,16 +158,10 @@ def cheaper(
 
 
 def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
-    """A gait of another scale or supply, followed towards this one on a coarse mesh.
-
-    Args:
-        variant: supply and gear.
-        gait: where to begin.
-        scale: goal.
-    """
+    """A gait of another scale or supply, followed to this scale and supply on a coarse mesh."""
     begin, gear = variant.scale_and_gear(gait)
     problem = variant.problem(begin, gait.theta_turns)
-    mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
+    mesh = search_mesh(problem)
     settings: dict[str, Any] = {"passes": 0, "verify": False}
     parameters = np.array([begin, gear])
     start = solve(
@@ -211,24 +180,10 @@ def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
     )
 
 
-def refined(
-    variant: Variant,
-    scale: float,
-    near: Outcome | Extremal,
-    turns: int,
-) -> Solution:
+def refined(variant: Variant, scale: float, near: Outcome | Extremal, turns: int) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
     problem = variant.problem(scale, turns)
-    found = solve(
-        problem,
-        near.phases,
-        Mesh.uniform(problem, *FIRST_MESH, control_degree=CONTROL_DEGREE),
-        parameters=near.parameters,
-        tolerance=MESH_ERROR,
-        hamiltonian_tolerance=HAMILTONIAN,
-        verify=False,
-        mu_init=WARM_BARRIER,
-    )
+    found = designed_gaits.refined(problem, near, mu_init=WARM_BARRIER)
     machine = variant.machine(scale, float(found.parameters[1]))
     settings = {"scale": scale, "variant": variant.name, "starts": STARTS}
     return finished(machine, found, turns, False, settings)
@@ -240,17 +195,11 @@ MOST_TURNS = 8
 
 @dataclasses.dataclass(frozen=True)
 class StartsAtScale:
-    """A family of starts; the known gaits come first, then random motions.
+    """A family of starts; the known gaits come first, then random motions."""
 
-    Attributes:
-        variant: supply and gear.
-        scale: of the pendulum.
-        known: gaits of other scales.
-    """
-
-    variant: Variant
-    scale: float
-    known: tuple[Solution, ...] = ()
+    variant: Variant  # supply and gear
+    scale: float  # of the pendulum
+    known: tuple[Solution, ...] = ()  # gaits of other scales
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
         """Start number `index`."""
@@ -271,17 +220,6 @@ def whirling(params: WheelParams, rng: np.random.Generator) -> tuple[Guess, int]
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.5 * slow), math.log(fast)))
     duration = params.step_length / speed
-    (phase,), _ = random_guess(params, 1, duration, rng)
+    guess, _ = random_guess(params, 1, duration, rng)
     turns = int(rng.integers(-MOST_TURNS, MOST_TURNS, endpoint=True))
-    states = phase.states.copy()
-    missing = 2 * math.pi * turns - (states[-1, -1, 1] - states[0, 0, 1])
-    share = np.linspace(0.0, 1.0, states[..., 0].size).reshape(states.shape[:2])
-    states[..., 1] += missing * share
-    states[..., 3] += missing / phase.duration
-    return (dataclasses.replace(phase, states=states),), turns
-
-
-def regenerating(problem: Problem) -> Problem:
-    """The problem with E in place of E+, whose landscape is smoother."""
-    phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
-    return dataclasses.replace(problem, phases=phases)
+    return with_turns(guess, turns), turns
