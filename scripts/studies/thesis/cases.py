@@ -233,14 +233,11 @@ def experiment_6() -> tuple[Case, ...]:
     return elastic, first, second
 
 
-EXPERIMENTS = {
-    1: experiment_1,
-    2: experiment_2,
-    3: experiment_3,
-    4: experiment_4,
-    5: experiment_5,
-    6: experiment_6,
-}
+EXPERIMENTS = dict(
+    enumerate(
+        (experiment_1, experiment_2, experiment_3, experiment_4, experiment_5, experiment_6), 1
+    )
+)
 
 
 def every_case() -> list[Case]:

@@ -10,13 +10,15 @@ import pytest
 
 from rimless_gym import PROTOTYPE, THESIS_PHYSICAL
 from scripts.studies.thesis import prototype
-from scripts.studies.thesis.prototype import Point, searched, shared
-from scripts.studies.thesis.variants import (
+from scripts.studies.thesis.prototype import (
     MOST_TURNS,
     SCALES,
     VARIANTS,
+    Point,
     cheapest,
     followed,
+    searched,
+    shared,
     whirling,
 )
 from trajopt.gaits.library import shipped
