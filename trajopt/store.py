@@ -54,7 +54,7 @@ class Store:
 
     Raises:
         ValueError: on entering: another process has locked the folder, or it holds results of other
-            inputs.
+            or unknown inputs.
     """
 
     def __init__(
@@ -134,18 +134,24 @@ class Store:
 
     def _claim(self) -> None:
         """Record the inputs, or check that they are those of the folder."""
+        inputs = json.loads(json.dumps(self._inputs))
         if not self._record.exists():
-            if self._inputs:
-                write_text(self._record, json.dumps(self._inputs | provenance(), indent=1) + "\n")
+            if inputs and any(path.stem in self for path in self.folder.glob("*.json")):
+                raise ValueError(
+                    f"{self.folder} holds results but no {self._record.name}, so that their inputs "
+                    "are unknown: choose another folder"
+                )
+            if inputs:
+                text = json.dumps({"inputs": inputs, **provenance()}, indent=1)
+                write_text(self._record, text + "\n")
             return
         try:
-            known = dict(json.loads(self._record.read_bytes()))
-        except (ValueError, TypeError, RecursionError) as error:
+            known = dict(json.loads(self._record.read_bytes())["inputs"])
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise ValueError(
                 f"{self._record}: damaged ({error!r}); choose another folder"
             ) from error
-        inputs = json.loads(json.dumps(self._inputs))
-        for name in inputs | dict.fromkeys(known.keys() - provenance().keys()):
+        for name in inputs | known:
             if known.get(name) != inputs.get(name):
                 old, new = _difference(known.get(name), inputs.get(name))
                 raise ValueError(
