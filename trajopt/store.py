@@ -213,11 +213,7 @@ def write_arrays(
 ) -> None:
     """Write an .npz file of arrays, a header of JSON values and a digest, as `write_bytes`.
 
-    Args:
-        path: of the file.
-        form: what the file is, and the version of its format.
-        header: everything that is not an array.
-        arrays: by name, neither `HEADER` nor `DIGEST`.
+    `form` states what the file is, and the version of its format.
     """
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
@@ -229,17 +225,11 @@ def write_arrays(
 def read_arrays(
     path: str | Path | IO[bytes], form: str, error: type[Exception], remedy: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The header and the arrays that `write_arrays` wrote.
-
-    Args:
-        path: of the file, or the open file.
-        form: the format that it must have.
-        error: the exception to raise if it has another, or was edited or damaged.
-        remedy: what to do then, for the message.
+    """The header and the arrays that `write_arrays` wrote, of a file or an open file.
 
     Raises:
         FileNotFoundError: there is no such file.
-        Exception: `error`, see above.
+        Exception: `error`, with `remedy`, if it is of another format, or was edited or damaged.
     """
     if isinstance(path, str | Path) and Path(path).is_dir():
         raise error(f"{path}: a folder; give the .npz file in it")

@@ -92,13 +92,7 @@ class StateGrid(NamedTuple):
 
     @classmethod
     def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> StateGrid:
-        """The grid of a machine.
-
-        Args:
-            params: the machine.
-            rates: largest of the leg and of the pendulum (rad/s).
-            counts: of nodes of each coordinate; at least 2.
-        """
+        """The grid of a machine, up to these rates of the leg and of the pendulum (rad/s)."""
         c = params.constants
         low = np.array([c.a, -np.pi, -rates[0], -rates[1]])
         high = np.array([c.b, np.pi, *rates])
@@ -198,16 +192,12 @@ _CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
-    """The controller that leads to a law's gait; it is computed once for the last few gaits.
+    """`StartUpController.to`, computed once for the last few gaits.
 
     Args:
-        law: see `StartUpController.to`.
-        near: see `StartUpController.to`.
+        law: that takes over near its gait.
+        near: distance from the gait at which it does; > 0.
         folder: where its times are also stored, and read from if they are there.
-
-    Raises:
-        TypeError, ValueError, RuntimeError: see `StartUpController.to`.
-        OSError: the folder cannot be written.
     """
     orbit = law.data.orbit.states
     name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
@@ -269,13 +259,7 @@ class Outcomes(NamedTuple):
 def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_]) -> Times:
     """The time (s) to a gait from all states, `NEVER` where nothing leads there.
 
-    Args:
-        params: the machine.
-        grid: its nodes.
-        at_the_gait: which nodes in single stance are, in the order of `StateGrid.single`.
-
-    Raises:
-        RuntimeError: the times have not converged after `SWEEPS` sweeps.
+    `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
     single = _outcomes(params, grid.single())
     double = _outcomes(params, grid.double())
@@ -286,9 +270,9 @@ def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.b
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
     for sweep in range(SWEEPS):
         order = 1 if sweep % 2 == 0 else -1
-        change = _swept(times.single.reshape(-1), open_single[::order], single, times, grid)
         change = max(
-            change, _swept(times.double.reshape(-1), open_double[::order], double, times, grid)
+            _swept(times.single.reshape(-1), open_single[::order], single, times, grid),
+            _swept(times.double.reshape(-1), open_double[::order], double, times, grid),
         )
         if change < CONVERGED:
             return times

@@ -122,15 +122,7 @@ def assess(
     cost_error: Array | float = 0.0,
     cost_gap: Array | float = 0.0,
 ) -> Quality:
-    """Measure a phase on a dense grid within its elements.
-
-    Args:
-        phase: whose motion it is.
-        trajectory: of the phase.
-        p: static parameters.
-        cost_error: see `Quality`; measured by `cost_errors`.
-        cost_gap: see `Quality`; measured by `Certificate.cost_gaps`.
-    """
+    """Measure a phase on a dense grid within its elements; the costs' errors are known."""
     states, rates, controls = _dense(trajectory)
     scale = 1.0 + np.abs(states).max(axis=(0, 1))
     flow = evaluated(phase.flow, states, controls, p)
@@ -338,12 +330,7 @@ def hamiltonian(
 ) -> Array:
     """The Hamiltonian at both ends of every element, shape (M, 2).
 
-    Args:
-        phase: whose flow and costs count.
-        trajectory: of the phase.
-        costates: at the elements' edges, shape (M + 1, nx).
-        p: static parameters.
-        prices: multipliers of the phase's integral constraints, if it has any.
+    The costates are those at the elements' edges, the prices the multipliers of bounded integrals.
     """
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
     rates = np.stack([costates[:-1], costates[1:]], axis=1)

@@ -9,7 +9,7 @@ from rimless_gym.kernel.stepping import DTHETA
 from trajopt.feedback.laws import lqr, tuned
 from trajopt.feedback.orbit import offset, squared_distances
 
-SHORT = {"wheels": 48, "generations": 3, "progress": False}
+SHORT = {"wheels": 48, "generations": 3}
 
 
 @pytest.fixture(scope="module")

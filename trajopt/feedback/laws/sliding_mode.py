@@ -70,24 +70,17 @@ class Surface(NamedTuple):
 
 
 def design(solution: Solution) -> Law:
-    """The law for a gait.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification.
-        RuntimeError: the Riccati recursion does not converge.
-    """
+    """The law for a gait; it raises what `Grid.of` and `riccati` do."""
     grid, limit = Grid.of(solution), solution.params.voltage_limit
     clock = Clock.of(solution, AHEAD)
     transverse = transverse_dynamics(grid)
     optimal = riccati(transverse, EFFORT, clock.ahead)
-    now, later = optimal.surface, optimal.gains
     data = Surface(
         orbit=grid.orbit(),
-        now=grid.at_nodes(transverse.per_deviation(now)),
-        later=grid.at_nodes(transverse.per_deviation(later)),
-        timing_now=grid.at_nodes(now[:, 3]),
-        timing_later=grid.at_nodes(later[:, 3]),
+        now=grid.at_nodes(transverse.per_deviation(optimal.surface)),
+        later=grid.at_nodes(transverse.per_deviation(optimal.gains)),
+        timing_now=grid.at_nodes(optimal.surface[:, 3]),
+        timing_later=grid.at_nodes(optimal.gains[:, 3]),
         reach=REACH * limit,
         layer=LAYER * limit,
         clock=clock,

@@ -24,17 +24,11 @@ import numpy as np
 from numba import njit
 from tqdm import tqdm
 
-from rimless_gym.checks import extra, integer
+from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import (
-    MODE,
-    advance_batch,
-    hybrid_states,
-    machine_arrays,
-    scratch,
-)
+from rimless_gym.kernel.stepping import MODE, advance_batch, hybrid_states, machine_arrays, scratch
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located
@@ -109,28 +103,21 @@ def design(
     wheels: int = WHEELS,
     generations: int = GENERATIONS,
     seed: int = 0,
-    progress: bool = True,
 ) -> Law:
-    """The law for a gait; it takes a minute or two to tune.
+    """The law for a gait; it takes a minute or two to tune, and raises what `lqr.design` does.
 
     Args:
         solution: the gait.
         wheels: see `WHEELS`; >= 1.
         generations: see `GENERATIONS`; >= 0, and 0 is the LQR.
         seed: of the disturbances and of the evolution; >= 0.
-        progress: whether to show a progress bar.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a number is out of its range, or the gait failed its verification.
     """
-    generations = integer("generations", generations, 0)
-    seed, start = integer("seed", seed, 0), lqr.design(solution)
-    trial = Trial.about(solution, start.data.orbit, integer("wheels", wheels, 1), seed)
+    gains = lqr.design(solution).data
+    trial = Trial.about(solution, gains.orbit, wheels, seed)
 
     def law(q: Floats) -> Law:
-        gains = with_numbers(start.data, solution.duration, Numbers.of(q))
-        return Law(solution.params, lqr.volts, gains)
+        changed = with_numbers(gains, solution.duration, Numbers.of(q))
+        return Law(solution.params, lqr.volts, changed)
 
     def loss(q: Floats) -> float:
         return score(law(q), solution, trial)
@@ -145,7 +132,7 @@ def design(
     strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], SPREAD, options), loss(best)
     with (
         ThreadPoolExecutor(cores()) as threads,
-        tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
+        tqdm(total=generations, desc="tune", unit="generation", disable=None) as bar,
     ):
         for _ in range(generations):
             candidates = strategy.ask()
@@ -160,13 +147,7 @@ def design(
 
 
 def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.LqrGains:
-    """The LQR's gains changed by tuned numbers.
-
-    Args:
-        gains: the LQR's.
-        duration: of the gait's stride (s).
-        numbers: the tuned ones.
-    """
+    """The LQR's gains changed by tuned numbers, for a stride of this duration (s)."""
     angle = 2 * np.pi * gains.orbit.times / duration
     waves = [np.ones_like(angle)]
     for k in range(1, HARMONICS + 1):
@@ -196,14 +177,7 @@ class Trial(NamedTuple):
 
     @classmethod
     def about(cls, solution: Solution, orbit: Orbit, wheels: int, seed: int) -> Trial:
-        """The states of a seed.
-
-        Args:
-            solution: the gait.
-            orbit: its table.
-            wheels: number of disturbed states, m; there are m / 8 on the gait.
-            seed: of the disturbances.
-        """
+        """The states of a seed: as many disturbed ones as `wheels`, and 1/8 as many on the gait."""
         rng, n = np.random.default_rng(seed), max(wheels // 8, 1)
         even = solution.duration * (np.arange(n) + 0.5) / n
         if has_clock(solution):  # in step with it
