@@ -1,16 +1,12 @@
 """The start-up controller: what brings the wheel to a gait from rest, and from anywhere else.
 
-How long it takes to the gait from every state is computed by dynamic programming: the time of the
-best sequence of a few voltages, each held for a moment, with penalties for a foot that is hardly
-pressed down. It solves Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
-Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002, for grids
-in control).
-
-The controller plays each of the voltages forward on the stepping kernel, exactly, and computes
-after which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). It pumps the
-pendulum up, swings it over without losing the foot, and needs nothing but the state. Its voltage is
-a mean of all of them, in which a voltage that takes longer counts exponentially less. The best one
-alone would jump from state to state, which no network can imitate.
+The time to the gait from every state, by the best sequence of a few voltages each held for a
+moment, follows from Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
+Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002). The
+controller plays each of the voltages forward on the stepping kernel, exactly, and computes after
+which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). Its voltage is a mean
+of all of them, in which one that takes longer counts exponentially less: the best one alone would
+jump from state to state, which no network can imitate.
 """
 
 from __future__ import annotations

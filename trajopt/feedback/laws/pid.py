@@ -3,14 +3,10 @@
     V = V*(s) - K (kp (psi - psi*(s)) + kd (psi' - psi*'(s)))
 
 The thesis (5.1.3) proposes PID about the trajectory. psi is the angle that the motor turns, from
-the leg to the pendulum, and K the motor's back-EMF, so that the gains do not depend on the machine.
-The phase s is where the gait's pendulum points as the wheel's does
-(`trajopt.feedback.constraint`): to be early or late is no error. At the same phase, the error of
-psi is that of the other angle. A motor on a frame that does not turn (motor_mount="frame") turns
-the pendulum alone: psi is then the phase itself and has no error, and there is no such law.
-
-There is no I term. An integral is memory, and a law is a function of the state alone. What an
-integral would have to find, the voltage that the gait needs, is known: it is V*(s).
+the leg to the pendulum, and K the motor's back-EMF. The phase s is where the gait's pendulum points
+as the wheel's does (`trajopt.feedback.constraint`). At the same phase, the error of psi is that of
+the other angle. There is no I term: an integral is memory, a law is a function of the state alone,
+and the voltage that it would have to find is known.
 """
 
 from __future__ import annotations

@@ -3,26 +3,16 @@
     minimise  1/2 sum_k (|y_k|^2 + r d_k^2 + |c_k|^2) + 1/2 y_N' P(s_N) y_N,
     V_k = V*(s_k) + d_k within the limit
 
-over a horizon of N control intervals: y is the deviation from the orbit at its nearest point s and
-from the gait's clock, in standard deviations of the gait's own motion, d a shift of its voltage, c
-how far the foot is less pressed down or nearer to slipping than the gait allows, and P the cost to
-go of the LQR (`trajopt.feedback.transverse.riccati`), which stands for all the time after. Only V_0
-is applied.
+y is the deviation from the orbit at its nearest point s and from the gait's clock, d a shift of its
+voltage, c how far the foot is less pressed down or nearer to slipping than the gait allows, and P
+the LQR's cost to go. Only V_0 is applied. docs/feedback.md has the why, and the sources.
 
-There is no time to solve the problem to the end, and no need to: the LQR's own motion from the
-state, with a few variants, is where a fixed number of iterations starts (Diehl, Bock and
-Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). The law has no memory.
-
-An iteration is control-limited iLQR. A backward pass makes a quadratic model of the cost to go,
-with the Gauss-Newton Hessian of all costs. Its minimum within the voltage limit is a change of
-every shift, with gains for the states that follow. A forward pass simulates shares of the change on
-the stepping kernel, all at once, and keeps the best (Tassa, Mansard and Todorov, Control-limited
-differential dynamic programming, ICRA 2014; with a single input the limited minimum is the free
-one, clipped). The derivative dy/dx is taken as the identity. That is right up to the orbit's
-curvature: along the orbit, y changes by the time ahead, or is not weighed at all.
-
-The kernel locates touchdowns exactly: a control interval that contains one is simulated and
-differentiated like any other. The foot is held like a pin joint, so that an interval in which the
+A decision starts from the LQR's own motion and a few variants. An iteration of control-limited iLQR
+makes a quadratic model backwards, with the Gauss-Newton Hessian of all costs; its minimum is a
+change of every shift, with gains for the states that follow. Forward, shares of the change are
+simulated on the stepping kernel, all at once, and the best is kept. The derivative dy/dx is taken
+as the identity. That is right up to the orbit's curvature: along the orbit, y changes by the time
+ahead, or is not weighed at all. The foot is held like a pin joint, so that an interval in which the
 ground would have to pull has a penalty, and no end.
 """
 

@@ -4,15 +4,10 @@
 
 as in `trajopt.feedback.laws.lqr`: s is the nearest point of the orbit, w grows from 0 to 1 with the
 distance from it, and c keeps to the gait's clock. What is tuned are the coefficients of short
-Fourier series in the phase of the gait: f, and a series that is added to each of the gains K1 on
-the gait and K2 away from it. So are the weight of c and the distance at which K1 and K2 count
-alike. The linear design knows neither the voltage limit nor the foot that lifts; walks on the
-simulator know both (Hansen, Niederberger, Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput.
-2009, tune the gains of a feedback law by evolution; Hansen, The CMA evolution strategy: a tutorial,
-arXiv:1604.00772).
-
-Every candidate walks from the same states: some on the gait, which measure its cost of transport,
-and some disturbed, which measure what it can bear.
+Fourier series in the phase of the gait: f, and one that is added to each of the gains K1 and K2;
+the weight of c; and the distance at which K1 and K2 count alike. The linear design knows neither
+the voltage limit nor the foot that lifts; walks on the simulator know both (Hansen, Niederberger,
+Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput. 2009).
 """
 
 from __future__ import annotations
