@@ -131,17 +131,9 @@ def assess(
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    path = np.zeros((len(states), 1))
-    if phase.path is not None:
-        values = evaluated(phase.path.function, states, controls, p)
-        path = phase.path.violation(values).max(axis=1)
-    outside = np.concatenate(
-        [
-            beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory),
-            beyond(controls, *phase.control_bounds()),
-        ],
-        axis=-1,
-    )
+    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p)
+    path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
+    outside = np.concatenate([of_states, of_controls], axis=-1)
     return Quality(
         (np.abs(integral) / scale).max(axis=(1, 2)),
         (np.abs(step) / scale).max(axis=1),
@@ -203,10 +195,24 @@ def beyond(values: Array, lower: Array, upper: Array) -> Array:
     return np.asarray(np.maximum(lower - values, values - upper))
 
 
-def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
-    """How far the ends, which have bounds of their own, are outside the bounds all along."""
+def _limits(
+    phase: Phase, trajectory: PhaseTrajectory, p: Array
+) -> list[tuple[str, tuple[str, ...], Array]]:
+    """Kind, names (m) and excesses (M, samples, m) on the dense grid: states, controls, path.
+
+    States are allowed what their ends, which have bounds of their own, are outside those all along.
+    """
+    states, _, controls = _dense(trajectory)
     ends = np.stack([trajectory.start, trajectory.end])
-    return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
+    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
+    limits = [
+        ("bound", phase.states, beyond(states, *phase.state_bounds()) - at_ends),
+        ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
+    ]
+    if phase.path is not None:
+        values = evaluated(phase.path.function, states, controls, p)
+        limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
+    return limits
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
@@ -224,17 +230,8 @@ def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tupl
     """The worst violation of every limit that is violated between the nodes, worst first."""
     violations: list[Violation] = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
-        states, _, controls = _dense(trajectory)
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        outside = beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory)
-        limits = [
-            ("bound", phase.states, outside),
-            ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
-        ]
-        if phase.path is not None:
-            values = evaluated(phase.path.function, states, controls, p)
-            limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
-        for kind, names, outside in limits:
+        for kind, names, outside in _limits(phase, trajectory, p):
             for name, excess in zip(names, np.moveaxis(outside, -1, 0), strict=True):
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
                 amount = float(excess[worst])

@@ -68,31 +68,6 @@ COST_WEIGHT = 20.0
 LOST = 0.1
 
 
-class Numbers(NamedTuple):
-    """What is tuned; zeros leave the LQR as it is.
-
-    Attributes:
-        gentle: coefficients (4, 2 harmonics + 1) of the series added to each gain on the gait: the
-            constant, then a cosine and a sine of each harmonic.
-        firm: the same of the gains away from it.
-        voltage: those of the added voltage, shape (2 harmonics + 1,).
-        timing: logarithm of the factor of the clock's gain.
-        blend: logarithm of the factor of the distance at which both gains count alike.
-    """
-
-    gentle: Floats
-    firm: Floats
-    voltage: Floats
-    timing: float
-    blend: float
-
-    @classmethod
-    def of(cls, q: Floats) -> Numbers:
-        """From one row of `COUNT` numbers."""
-        gentle, firm, voltage = np.split(q[:-2].reshape(_SERIES, -1), [4, 8])
-        return cls(gentle, firm, voltage[0], q[-2], q[-1])
-
-
 def design(
     solution: Solution,
     wheels: int = WHEELS,
@@ -111,8 +86,7 @@ def design(
     trial = Trial.about(solution, gains.orbit, wheels, seed)
 
     def law(q: Floats) -> Law:
-        changed = with_numbers(gains, solution.duration, Numbers.of(q))
-        return Law(solution.params, lqr.volts, changed)
+        return Law(solution.params, lqr.volts, with_numbers(gains, solution.duration, q))
 
     def loss(q: Floats) -> float:
         return score(law(q), solution, trial)
@@ -141,8 +115,19 @@ def design(
     return law(best)
 
 
-def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.LqrGains:
-    """The LQR's gains changed by tuned numbers, for a stride of this duration (s)."""
+def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Floats) -> lqr.LqrGains:
+    """The LQR's gains changed by tuned numbers; zeros leave the LQR as it is.
+
+    Args:
+        gains: the LQR's.
+        duration: of the gait's stride (s).
+        numbers: shape (COUNT,). Coefficients (2 harmonics + 1) of nine series, each a constant and
+            a cosine and a sine of each harmonic: four added to the gains on the gait, four to those
+            away from it, one to the voltage. Then the logarithms of two factors: of the clock's
+            gain, and of the distance at which both gains count alike.
+    """
+    on, off, voltage = np.split(numbers[:-2].reshape(_SERIES, -1), [4, 8])
+    timing, blend = numbers[-2:]
     angle = 2 * np.pi * gains.orbit.times / duration
     waves = [np.ones_like(angle)]
     for k in range(1, HARMONICS + 1):
@@ -151,11 +136,11 @@ def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.
     gentle, firm = (np.sqrt(np.mean(each**2, axis=0)) for each in (gains.gentle, gains.firm))
     volts = VOLTAGE_UNIT * gains.orbit.limit
     return gains._replace(
-        voltages=gains.voltages + volts * (series @ numbers.voltage),
-        gentle=gains.gentle + GENTLE_UNIT * gentle * (series @ numbers.gentle.T),
-        firm=gains.firm + firm * (series @ numbers.firm.T),
-        timing=gains.timing * np.exp(numbers.timing),
-        blend=gains.blend * np.exp(numbers.blend),
+        voltages=gains.voltages + volts * (series @ voltage[0]),
+        gentle=gains.gentle + GENTLE_UNIT * gentle * (series @ on.T),
+        firm=gains.firm + firm * (series @ off.T),
+        timing=gains.timing * np.exp(timing),
+        blend=gains.blend * np.exp(blend),
     )
 
 
