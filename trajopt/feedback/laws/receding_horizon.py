@@ -5,15 +5,17 @@
 
 y is the deviation from the orbit at its nearest point s and from the gait's clock, d a shift of its
 voltage, c how far the foot is less pressed down or nearer to slipping than the gait allows, and P
-the LQR's cost to go. Only V_0 is applied. docs/feedback.md has the why, and the sources.
+the LQR's cost to go. Only V_0 is applied; docs/feedback.md has the reasons.
 
-A decision starts from the LQR's own motion and a few variants. An iteration of control-limited iLQR
-makes a quadratic model backwards, with the Gauss-Newton Hessian of all costs; its minimum is a
-change of every shift, with gains for the states that follow. Forward, shares of the change are
-simulated on the stepping kernel, all at once, and the best is kept. The derivative dy/dx is taken
-as the identity. That is right up to the orbit's curvature: along the orbit, y changes by the time
-ahead, or is not weighed at all. The foot is held like a pin joint, so that an interval in which the
-ground would have to pull has a penalty, and no end.
+A decision starts from the LQR's own motion and a few variants, for a fixed number of iterations
+(Diehl, Bock and Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). An iteration
+of control-limited iLQR makes a quadratic model backwards, with the Gauss-Newton Hessian of all
+costs; its minimum is a change of every shift, with gains for the states that follow. Forward,
+shares of the change are simulated on the stepping kernel, all at once, and the best is kept (Tassa,
+Mansard and Todorov, Control-limited differential dynamic programming, ICRA 2014). The derivative
+dy/dx is taken as the identity. That is right up to the orbit's curvature: along the orbit, y
+changes by the time ahead, or is not weighed at all. The foot is held like a pin joint, so that an
+interval in which the ground would have to pull has a penalty, and no end.
 """
 
 from __future__ import annotations

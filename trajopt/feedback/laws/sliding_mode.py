@@ -3,15 +3,18 @@
     sigma = c(s) e,    V = V*(s) + sigma - c(s + T) A(s) e - reach sat(sigma / layer)
 
 e is the deviation across the orbit at its nearest point s, and e(s + T) = A e + B v what becomes of
-it in a control period T under V* + v (`trajopt.feedback.transverse`). With b = c(s + T) B(s)
+it in a control period T under V* + v (`trajopt.feedback.transverse`). With b = c(s + T) B(s),
 
-    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e.
+    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e
 
-The voltage of the switching term never exceeds `reach`, nor that of a small sigma its share. c(s +
-T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a squared
-volt: on the surface c e = 0 the motion is as under optimal control (Utkin and Young, Methods for
-constructing discontinuity planes, Automation and Remote Control 1978). With b = 1 the law would ask
-for everything where a volt does next to nothing, as just before a touchdown, and lose the foot.
+(Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995). The
+voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
+
+c(s + T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a
+squared volt: on the surface c e = 0 the motion is as under optimal control (Utkin and Young,
+Methods for constructing discontinuity planes, Automation and Remote Control 1978). With b = 1 the
+law would ask for everything where a volt does next to nothing, as just before a touchdown, and lose
+the foot.
 
 With a held gait, e has a fourth coordinate: the time by which the wheel is ahead of the nearest
 tick of the gait's clock. docs/feedback.md has the rest.

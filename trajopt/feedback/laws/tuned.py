@@ -7,7 +7,8 @@ distance from it, and c keeps to the gait's clock. What is tuned are the coeffic
 Fourier series in the phase of the gait: f, and one that is added to each of the gains K1 and K2;
 the weight of c; and the distance at which K1 and K2 count alike. The linear design knows neither
 the voltage limit nor the foot that lifts; walks on the simulator know both (Hansen, Niederberger,
-Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput. 2009).
+Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput. 2009; Hansen, The CMA evolution strategy: a
+tutorial, arXiv:1604.00772).
 """
 
 from __future__ import annotations
