@@ -19,14 +19,16 @@ from trajopt.gaits.library import warm_starts
 from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem
 from trajopt.gaits.search import GaitFamily, search_gaits
 from trajopt.gaits.solution import Optimality, Solution
-from trajopt.gaits.stability import monodromy
+from trajopt.gaits.stability import step_maps
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
-    simulated_stride,
-    stride_error,
+    simulated_steps,
+    step_error,
+    successors,
     verify,
 )
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.continuation import Curve, continued
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.mesh import Mesh
@@ -359,7 +361,7 @@ def _obstacle(extremal: Extremal, reached: float) -> str:
 
 # -- from an optimum to a gait --------------------------------------------------------------------
 
-#: Tolerance of the mesh on which a gait is solved again if it fails verification: a stride may
+#: Tolerance of the mesh on which a gait is solved again if it fails verification: a slow step may
 #: magnify the error that the usual tolerance leaves, so that the simulation strays.
 FINE_TOLERANCE = 1e-9
 
@@ -414,27 +416,38 @@ def finished(
 def polished(
     params: WheelParams, phases: Sequence[PhaseTrajectory], turns: int
 ) -> tuple[PhaseTrajectory, ...]:
-    """The gait with its initial rates and pendulum angle corrected by rounding-sized amounts.
+    """The gait with each step's initial rates and angle corrected by rounding-sized amounts.
 
-    A stride magnifies deviations by up to 1e6, so that the 1e-12 which a solver leaves would show.
-    Newton's method on the reference simulation, with the gait's own linearisation.
+    A slow step magnifies deviations by up to 1e6, so that the 1e-12 which a solver leaves would
+    show. Newton's method on the reference simulation of all steps (multiple shooting), with the
+    gait's own linearisation.
     """
     current = list(phases)
-    best, polished_phases = stride_error(params, current, turns)[0], tuple(phases)
+    best, polished_phases = step_error(params, current, turns)[0], tuple(phases)
     for _ in range(NEWTON_STEPS):
         if best < 0.1 * STATE_TOLERANCE:
             break
-        run = simulated_stride(params, current, SPARE_TIMES[:1])
-        target = polished_phases[0].start + np.array([0.0, 2 * math.pi * turns, 0.0, 0.0])
-        gap = run.x[-1] - target
-        if run.steps != len(phases) or np.abs(gap).max() > LARGEST_GAP:
+        runs = simulated_steps(params, current, SPARE_TIMES[:1])
+        pairs = zip(runs, successors(current, turns), strict=True)
+        gaps = np.array([run.x[-1] - after for run, after in pairs])
+        if any(run.steps != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
             break
-        sensitivity = monodromy(params, current)[:, 1:]
-        shift = -np.linalg.lstsq(sensitivity, gap, rcond=1e-8)[0]
-        states = current[0].states.copy()
-        states[0, 0, 1:] += shift
-        current[0] = dataclasses.replace(current[0], states=states)
-        error = stride_error(params, current, turns)[0]
+        for i, shift in enumerate(_shifts(step_maps(params, current), gaps)):
+            states = current[i].states.copy()
+            states[0, 0, 1:] += shift
+            current[i] = dataclasses.replace(current[i], states=states)
+        error = step_error(params, current, turns)[0]
         if error < best:
             best, polished_phases = error, tuple(current)
     return polished_phases
+
+
+def _shifts(maps: Sequence[Array], gaps: Array) -> Array:
+    """The changes of all steps' starts, phi left out, that close the gaps (steps, 4) after them."""
+    n = len(maps)
+    matrix = np.zeros((n, 4, n, 4))
+    for i, step in enumerate(maps):
+        matrix[i, :, i] += step
+        matrix[i, :, (i + 1) % n] -= np.eye(4)
+    unknowns = matrix[..., 1:].reshape(4 * n, 3 * n)
+    return np.asarray(-np.linalg.lstsq(unknowns, gaps.ravel(), rcond=1e-8)[0]).reshape(n, 3)

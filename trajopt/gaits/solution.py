@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rimless_gym.checks import real_array
 from rimless_gym.params import WheelParams
+from trajopt.gaits.bounds import cot_bound
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
@@ -222,6 +223,13 @@ class Solution:
         return self.verification.electrical / self._weight_times_distance
 
     @property
+    def cot_bound(self) -> float:
+        """A cost of transport by E+ below which no gait of this speed, steps and turns can walk."""
+        return cot_bound(
+            self.params, speed=self.speed, steps=self.steps, theta_turns=self.theta_turns
+        )
+
+    @property
     def _weight_times_distance(self) -> float:
         return self.params.weight * self.verification.distance
 
@@ -248,6 +256,7 @@ class Solution:
             "cost": self.cost,
             "cot": self.cot,
             "cot_with_regeneration": self.cot_with_regeneration,
+            "cot_bound": self.cot_bound,
             "phase_times": self.phase_times.tolist(),
             "floquet": [abs(m) for m in self.floquet],
             "passed": self.verification.passed,
@@ -311,6 +320,7 @@ def _report(gait: Solution) -> str:
         f"  verification            {outcome}",
         f"  cost of transport       {gait.cot:.6f} at {gait.speed:.4f} m/s (with regeneration "
         f"{gait.cot_with_regeneration:.6f})",
+        f"  lower bound             {gait.cot_bound:.6f} for these steps and turns{_above(gait)}",
         f"  energy of a stride      {gait.cost:.6f} J"
         f" ({'E, with' if gait.regeneration else 'E+, no'} regeneration)",
         f"  times of touchdown      {', '.join(f'{t:.6f}' for t in gait.phase_times[1:])} s",
@@ -321,13 +331,21 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated state      off by {v.state_error:.1e}",
+        f"  re-simulated            off by {v.state_error:.1e} in a step, "
+        f"{v.stride_error:.1e} in a whole stride",
         f"  energy audit            off by {v.energy_audit:.1e} J",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
         f"  Floquet, open loop      {', '.join(f'{abs(m):.3g}' for m in gait.floquet)}",
     ]
     return "\n".join(lines)
+
+
+def _above(gait: Solution) -> str:
+    """How far a gait is above its lower bound, for its report; empty where that is 0."""
+    if gait.cot_bound == 0:
+        return ""
+    return f"; the gait is {gait.cot / gait.cot_bound - 1:.2%} above it"
 
 
 def _held(gait: Solution) -> str:

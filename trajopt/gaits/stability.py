@@ -62,20 +62,27 @@ def saltation(params: WheelParams, before: Array, u_before: float, u_after: floa
     )
 
 
-def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
-    """d x(T) / d x(0) over a stride, shape (4, 4), with x(T) after the touchdown.
+def step_maps(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> list[Array]:
+    """d x(end) / d x(start) of every step, shape (4, 4) each, with the end after the touchdown.
 
     Within a step the gait's voltage is played back in time. The touchdown itself, early or late,
     switches to the voltage of the following step. (If the clock switched it, early and late
     touchdowns would have different matrices.)
     """
-    total = np.eye(4)
-    for i, phase in enumerate(phases):
-        following = phases[(i + 1) % len(phases)]
+    maps = []
+    for phase, following in zip(phases, [*phases[1:], phases[0]], strict=True):
         u_before = phase.control([phase.duration], "left")[0, 0]
         u_after = following.controls[0, 0, 0]
         jump = saltation(params, phase.end, float(u_before), float(u_after))
-        total = jump @ transition(params, phase) @ total
+        maps.append(jump @ transition(params, phase))
+    return maps
+
+
+def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:
+    """d x(T) / d x(0) over a stride, shape (4, 4): the product of `step_maps`."""
+    total = np.eye(4)
+    for step in step_maps(params, phases):
+        total = step @ total
     return total
 
 

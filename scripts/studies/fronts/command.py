@@ -174,11 +174,13 @@ def section(name: str, front: CotFront, results: SearchResults, gain: float) -> 
         f"{len(front.envelope)} speeds. To {AGREEMENT:.1%} the two seeds {agree}; "
         f"the last sweep gained {gain:.2%}."
     )
-    head = ["speed (m/s)", "CoT", "power (W)", "steps", "turns", "with rests", "seeds differ"]
+    head = ["speed (m/s)", "CoT", "above the bound", "power (W)", "steps", "turns", "with rests"]
+    head.append("seeds differ")
     body = [
         [
             f"{round(gait.speed, 4):g}",
             f"{gait.cot:.5f}",
+            f"{gait.cot / gait.cot_bound - 1:.1%}" if gait.cot_bound > 0 else "",
             f"{gait.cot * gait.speed * gait.params.weight:.3g}",
             f"{gait.steps}",
             f"{gait.theta_turns}",
