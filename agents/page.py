@@ -64,7 +64,7 @@ def page(policy: str | Path = "imitation") -> str:
         "program": "\n".join(
             [
                 f"const DATA = {json.dumps(data, separators=(',', ':'))};",
-                simulator(checkpoint.params),
+                simulator(),
                 *(_static(name) for name in SCRIPTS),
             ]
         ),

@@ -191,11 +191,7 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
 
 
 def require_steppable(params: WheelParams) -> None:
-    """Refuse machines that need too many steps in a control interval.
-
-    Raises:
-        ValueError: the motor, dry friction or air drag damps faster than `MAX_POLE`.
-    """
+    """Refuse machines that need too many steps in a control interval."""
     if not params.motor_pole <= MAX_POLE:
         raise ValueError(
             f"the motor damps psi' at {params.motor_pole:.3g}/s, faster than the {MAX_POLE:.3g}/s "
@@ -221,11 +217,7 @@ def require_steppable(params: WheelParams) -> None:
 def machine_arrays(
     machines: Sequence[WheelParams],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,).
-
-    Raises:
-        ValueError: see `require_steppable`.
-    """
+    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,)."""
     for params in machines:
         require_steppable(params)
     constants = np.stack([params.constants_array for params in machines], axis=1)
@@ -268,9 +260,6 @@ def advance(
 
     Returns:
         Rows of `rimless_gym.energy.ROW` per state, (N, len(ROW)).
-
-    Raises:
-        ValueError: see `require_steppable`.
     """
     columns, out = np.ascontiguousarray(states.T), np.empty((len(ROW), len(states)))
     volts = np.ascontiguousarray(voltages, dtype=np.float64)

@@ -39,22 +39,15 @@ SLIPS = ("slips", "slips_at_touchdown")
 CACHE = "plans"
 
 
-class WalkFigures(NamedTuple):
-    """How a policy walks.
+@dataclasses.dataclass(frozen=True)
+class WalkFigures:
+    """How a policy walks."""
 
-    Attributes:
-        share: of the starts that walk, in [0, 1].
-        falls: of the starts that fall.
-        slips: of the starts that still take steps at the end, but whose foot slips.
-        cot: cost of transport of those that walk, from E+; NaN if none gets anywhere.
-        speed: of those that walk (m/s); NaN if none does.
-    """
-
-    share: float
-    falls: float
-    slips: float
-    cot: float
-    speed: float
+    share: float  # of the starts that walk, in [0, 1]
+    falls: float  # of the starts that fall
+    slips: float  # of the starts that still take steps at the end, but whose foot slips
+    cot: float  # cost of transport of those that walk, from E+; NaN if none gets anywhere
+    speed: float  # of those that walk (m/s); NaN if none does
 
     @classmethod
     def of(cls, walks: Evaluation) -> WalkFigures:
@@ -69,37 +62,24 @@ class WalkFigures(NamedTuple):
 Policies: TypeAlias = dict[str, WalkFigures]
 
 
-class SeedResult(NamedTuple):
-    """What became of a seed.
+@dataclasses.dataclass(frozen=True)
+class SeedResult:
+    """What became of a seed."""
 
-    Attributes:
-        policies: how they walk.
-        steps: of the environment, in all.
-        minutes: of one core, for training; those before a stop included.
-    """
-
-    policies: Policies
-    steps: int
-    minutes: float
+    policies: Policies  # how they walk
+    steps: int  # of the environment, in all
+    minutes: float  # of one core, for training; those before a stop included
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StudyRow:
-    """A way to learn, over several seeds.
+    """A way to learn, over several seeds."""
 
-    Attributes:
-        name: of its files, and on the command line.
-        title: in the table.
-        table: in which it stands, one of those of `rows`.
-        trial: how a seed is trained and evaluated.
-        enough: a seed walks if this share of its starts does.
-    """
-
-    name: str
-    title: str
-    table: str
-    trial: Trained | PlainPpo
-    enough: float = 0.95
+    name: str  # of its files, and on the command line
+    title: str  # in the table
+    table: str  # in which it stands, one of those of `rows`
+    trial: Trained | PlainPpo  # how a seed is trained and evaluated
+    enough: float = 0.95  # a seed walks if this share of its starts does
 
     def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""
@@ -107,44 +87,31 @@ class StudyRow:
 
 
 class Other(NamedTuple):
-    """A policy of another row.
+    """A policy of another row."""
 
-    Attributes:
-        row: the other row.
-        file: of the policy, in the folder of the same seed.
-    """
-
-    row: StudyRow
-    file: str
+    row: StudyRow  # the other row
+    file: str  # of the policy, in the folder of the same seed
 
 
 @dataclasses.dataclass(frozen=True)
 class Trained:
-    """A training by `agents.train`, on `RimlessWheel-v0`.
+    """A training by `agents.train`, on `RimlessWheel-v0`."""
 
-    Attributes:
-        algo: name of the learner.
-        init: "scratch" or "imitation", which also says whose hyperparameters are used.
-        timesteps: control intervals; None: as many as the learner says.
-        files: what distinguishes a policy -> its file in the training's folder.
-        start: the policy with which the training begins; None: that of `init`.
-        expert: the policy that it imitates, if it does; None: the usual law.
-        hyperparameters: that differ from the learner's own.
-        cloning: fields of `agents.imitation.Cloning` that differ from its own.
-        task: reward weight and penalties in training that differ from the environment's.
-        disturbances: in training, as the environment takes them.
-    """
-
-    algo: str
-    init: str = SCRATCH
-    timesteps: int | None = None
+    algo: str  # name of the learner
+    init: str = SCRATCH  # "scratch" or "imitation", which also says whose hyperparameters are used
+    timesteps: int | None = None  # control intervals; None: as many as the learner says
+    # what distinguishes a policy -> its file in the training's folder
     files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY
-    start: Other | None = None
-    expert: Other | None = None
+    start: Other | None = None  # the policy with which the training begins; None: that of `init`
+    expert: Other | None = None  # the policy that it imitates, if it does; None: the usual law
+    # that differ from the learner's own
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    # fields of `agents.imitation.Cloning` that differ from its own
     cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    # reward weight and penalties in training that differ from the environment's
     task: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    # in training, as the environment takes them
     disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -157,13 +124,7 @@ class Trained:
         """Rows whose policies it needs."""
         return tuple(each.row for each in (self.start, self.expert) if each)
 
-    def run(
-        self,
-        seed: int,
-        folder: Path,
-        others: Mapping[str, Path],
-        by: Protocol,
-    ) -> SeedResult:
+    def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
         start = self.init
@@ -186,8 +147,7 @@ class Trained:
                 expert = str(others[self.expert.row.name] / self.expert.file)
             config = dataclasses.replace(config, expert=expert, cloning=self.cloning)
         trained = train(config, folder, cache=cache, progress=False)
-        policies = self.evaluate(folder, by)
-        return SeedResult(policies, trained.timesteps, trained.curve[-1].minutes)
+        return SeedResult(self.evaluate(folder, by), trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
@@ -205,17 +165,11 @@ class Trained:
 
 @dataclasses.dataclass(frozen=True)
 class Following(Trained):
-    """A training on `RimlessWheelSpeed-v0`, evaluated at constant commands and as they change.
+    """A training on `RimlessWheelSpeed-v0`, evaluated at constant commands and as they change."""
 
-    Attributes:
-        speeds: between which one is commanded in training (m/s).
-        commands: that stay for the whole walk (m/s).
-        changes: one after the other, every 10 s, in one walk (m/s).
-    """
-
-    speeds: tuple[float, float] = SPEEDS
-    commands: tuple[float, ...] = ()
-    changes: tuple[float, ...] = ()
+    speeds: tuple[float, float] = SPEEDS  # between which one is commanded in training (m/s)
+    commands: tuple[float, ...] = ()  # that stay for the whole walk (m/s)
+    changes: tuple[float, ...] = ()  # one after the other, every 10 s, in one walk (m/s)
 
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
@@ -254,26 +208,15 @@ class PlainPpo:
     """PPO of stable-baselines3 on `RimlessWheelSpeed-v0`, every setting at its default.
 
     A training that was stopped begins again: stable-baselines3 saves no state to go on from.
-
-    Attributes:
-        n_envs: environments side by side.
-        timesteps: of all of them together.
-        commands: the speeds at which the policy is evaluated (m/s).
     """
 
-    n_envs: int = 8
-    timesteps: int = 500_000
-    commands: tuple[float, ...] = COMMANDS
+    n_envs: int = 8  # environments side by side
+    timesteps: int = 500_000  # of all of them together
+    commands: tuple[float, ...] = COMMANDS  # the speeds at which the policy is evaluated (m/s)
     needs: tuple[StudyRow, ...] = ()
     period: float = PERIOD
 
-    def run(
-        self,
-        seed: int,
-        folder: Path,
-        others: Mapping[str, Path],
-        by: Protocol,
-    ) -> SeedResult:
+    def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
         envs = make_vec_env(

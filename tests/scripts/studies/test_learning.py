@@ -14,9 +14,8 @@ from agents.policy_files import load_policy
 from agents.training import TrainingConfig
 from rimless_gym.hybrid import CONTROL_PERIOD
 from scripts.studies.learning import command, trials
-from scripts.studies.learning.command import SeedTask, completed, finished
+from scripts.studies.learning.command import SeedTask, completed, finished, tables
 from scripts.studies.learning.rows import ROWS, SECTIONS
-from scripts.studies.learning.tables import tables
 from scripts.studies.learning.trials import (
     Disturbed,
     Following,
