@@ -9,12 +9,14 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from contextvars import ContextVar
 from itertools import islice
 from typing import Any, TypeVar
 
 from tqdm import tqdm
+
+from rimless_gym.checks import extra
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -65,6 +67,7 @@ def run(
 
     Raises:
         KilledError: a worker was killed.
+        MissingExtraError: Dask or Ray is not installed.
         ValueError: joblib knows no such backend.
         Exception: what a task raises.
     """
@@ -104,51 +107,52 @@ def _shared(
             drawn[number] = task
             yield joblib.delayed(_call)(function, task, number, share)
 
-    with _configured(backend, workers):
-        settings: dict[str, Any] = {"batch_size": 1, "pre_dispatch": "n_jobs"}
-        settings["max_nbytes"] = None  # or large arrays would reach tasks as read-only files
-        try:
-            parallel = joblib.Parallel(**settings, return_as="generator_unordered")
-        except ValueError:  # Ray's backend returns lists
-            lists = joblib.Parallel(**settings)
-
-            def parallel(calls: Iterator[Any]) -> Generator[Any, None, None]:
-                while some := list(islice(calls, workers or ROUND)):
-                    yield from lists(some)
-
-    results: Generator[tuple[int, Result], None, None] | None = None
-    try:
-        with _ctrl_c_blocked():  # workers and threads that start in here inherit this
-            results = parallel(calls())
-        for number, result in results:
-            yield drawn.pop(number), result
-    except BrokenProcessPool as error:  # perhaps before the last task was given out
-        raise KilledError(
-            "a worker process ended before its work was done: it was killed, most likely because "
-            "memory ran out; make room, or use fewer workers"
-        ) from error
-    finally:
-        if results is not None:
-            with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
-                results.close()
-
-
-def _configured(backend: str, workers: int | None) -> AbstractContextManager[Any]:
-    """Joblib's configuration of a backend."""
-    import joblib
-
+    config: dict[str, Any] = {"backend": backend, "n_jobs": workers or -1}
     if backend == LOCAL:
-        settings = {"initializer": _begin, "initargs": (os.getpid(),)}
-        return joblib.parallel_config("loky", n_jobs=workers, **settings)
-    if backend == "ray":
-        from ray.util.joblib import register_ray
+        config = {"backend": "loky", "n_jobs": workers}
+        config |= {"initializer": _begin, "initargs": (os.getpid(),)}
+    settings: dict[str, Any] = {"batch_size": 1, "pre_dispatch": "n_jobs"}
+    settings["max_nbytes"] = None  # or large arrays would reach tasks as read-only files
+    with _connected(backend):
+        with joblib.parallel_config(**config):
+            try:
+                parallel = joblib.Parallel(**settings, return_as="generator_unordered")
+            except ValueError:  # Ray's backend returns lists
+                lists = joblib.Parallel(**settings)
 
-        register_ray()
-    if backend == "dask":
-        from distributed import Client
+                def parallel(calls: Iterator[Any]) -> Generator[Any, None, None]:
+                    while some := list(islice(calls, workers or ROUND)):
+                        yield from lists(some)
 
-        Client(set_as_default=True)
-    return joblib.parallel_config(backend, n_jobs=workers or -1)
+        results: Generator[tuple[int, Result], None, None] | None = None
+        try:
+            with _ctrl_c_blocked():  # workers and threads that start in here inherit this
+                results = parallel(calls())
+            for number, result in results:
+                yield drawn.pop(number), result
+        except BrokenProcessPool as error:  # perhaps before the last task was given out
+            raise KilledError(
+                "a worker process ended before its work was done: it was killed, most likely "
+                "because memory ran out; make room, or use fewer workers"
+            ) from error
+        finally:
+            if results is not None:
+                with warnings.catch_warnings(action="ignore"):  # of results that nobody will use
+                    results.close()
+
+
+def _connected(backend: str) -> AbstractContextManager[Any]:
+    """The connection to a cluster, if the backend has one, closed at the end of a block."""
+    with extra("cluster"):
+        if backend == "ray":
+            from ray.util.joblib import register_ray
+
+            register_ray()
+        if backend == "dask":
+            from distributed import Client
+
+            return Client()
+    return nullcontext()
 
 
 def _call(

@@ -54,7 +54,7 @@ class Store:
 
     Raises:
         ValueError: on entering: another process has locked the folder, or it holds results of other
-            inputs.
+            or unknown inputs.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Store:
             raise KeyError(f"{self.folder / key}: no result, or changed since it was saved")
         if f"{key}.npz" in content["files"]:
             _, arrays = read_arrays(self._path(key, "npz"), ARRAYS, ValueError, "compute it again")
-        return _joined(content["value"], arrays)
+        return joined(content["value"], arrays)
 
     def save(self, key: str, value: Any, files: Iterable[str | Path] = ()) -> None:
         """Keep a result.
@@ -120,7 +120,7 @@ class Store:
             OSError: the disk is full, or the folder cannot be written.
         """
         arrays: dict[str, NDArray[Any]] = {}
-        tree, parts = _split(value, arrays), [str(each) for each in files]
+        tree, parts = split(value, arrays), [str(each) for each in files]
         self._path(key, "json").parent.mkdir(parents=True, exist_ok=True)
         if arrays:
             write_arrays(self._path(key, "npz"), ARRAYS, {}, arrays)
@@ -134,18 +134,24 @@ class Store:
 
     def _claim(self) -> None:
         """Record the inputs, or check that they are those of the folder."""
+        inputs = json.loads(json.dumps(self._inputs))
         if not self._record.exists():
-            if self._inputs:
-                write_text(self._record, json.dumps(self._inputs | provenance(), indent=1) + "\n")
+            if inputs and any(path.stem in self for path in self.folder.glob("*.json")):
+                raise ValueError(
+                    f"{self.folder} holds results but no {self._record.name}, so that their inputs "
+                    "are unknown: choose another folder"
+                )
+            if inputs:
+                text = json.dumps({"inputs": inputs, **provenance()}, indent=1)
+                write_text(self._record, text + "\n")
             return
         try:
-            known = dict(json.loads(self._record.read_bytes()))
-        except (ValueError, TypeError, RecursionError) as error:
+            known = dict(json.loads(self._record.read_bytes())["inputs"])
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise ValueError(
                 f"{self._record}: damaged ({error!r}); choose another folder"
             ) from error
-        inputs = json.loads(json.dumps(self._inputs))
-        for name in inputs | dict.fromkeys(known.keys() - provenance().keys()):
+        for name in inputs | known:
             if known.get(name) != inputs.get(name):
                 old, new = _difference(known.get(name), inputs.get(name))
                 raise ValueError(
@@ -207,11 +213,7 @@ def write_arrays(
 ) -> None:
     """Write an .npz file of arrays, a header of JSON values and a digest, as `write_bytes`.
 
-    Args:
-        path: of the file.
-        form: what the file is, and the version of its format.
-        header: everything that is not an array.
-        arrays: by name, neither `HEADER` nor `DIGEST`.
+    `form` states what the file is, and the version of its format.
     """
     text = np.array(json.dumps({"format": form, **header}))
     entries: dict[str, Any] = {**arrays, HEADER: text}
@@ -223,17 +225,11 @@ def write_arrays(
 def read_arrays(
     path: str | Path | IO[bytes], form: str, error: type[Exception], remedy: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """The header and the arrays that `write_arrays` wrote.
-
-    Args:
-        path: of the file, or the open file.
-        form: the format that it must have.
-        error: the exception to raise if it has another, or was edited or damaged.
-        remedy: what to do then, for the message.
+    """The header and the arrays that `write_arrays` wrote, of a file or an open file.
 
     Raises:
         FileNotFoundError: there is no such file.
-        Exception: `error`, see above.
+        Exception: `error`, with `remedy`, if it is of another format, or was edited or damaged.
     """
     if isinstance(path, str | Path) and Path(path).is_dir():
         raise error(f"{path}: a folder; give the .npz file in it")
@@ -282,26 +278,26 @@ def jsonable(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _split(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+def split(value: Any, arrays: dict[str, NDArray[Any]]) -> Any:
     """A value with references in place of its arrays, which are added to `arrays`."""
     if isinstance(value, Mapping):
-        return {name: _split(item, arrays) for name, item in value.items()}
+        return {name: split(item, arrays) for name, item in value.items()}
     if isinstance(value, np.ndarray):
         name = f"array{len(arrays)}"
         arrays[name] = value
         return {"__array__": name}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_split(item, arrays) for item in value]
+        return [split(item, arrays) for item in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _joined(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """The value that `_split` took apart."""
+def joined(tree: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """The value that `split` took apart."""
     if isinstance(tree, dict):
         if tree.keys() == {"__array__"}:
             return arrays[tree["__array__"]]
-        return {name: _joined(item, arrays) for name, item in tree.items()}
-    return [_joined(item, arrays) for item in tree] if isinstance(tree, list) else tree
+        return {name: joined(item, arrays) for name, item in tree.items()}
+    return [joined(item, arrays) for item in tree] if isinstance(tree, list) else tree
 
 
 def _signature(content: Mapping[str, Any]) -> str:

@@ -20,19 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Mutant(NamedTuple):
-    """One changed line.
+    """One changed line."""
 
-    Attributes:
-        file: relative to the root.
-        old: text that occurs once in it.
-        new: text in its place.
-        tests: files or folders of tests that should notice it.
-    """
-
-    file: str
-    old: str
-    new: str
-    tests: tuple[str, ...]
+    file: str  # relative to the root
+    old: str  # text that occurs once in it
+    new: str  # text in its place
+    tests: tuple[str, ...]  # files or folders of tests that should notice it
 
 
 EQUATIONS, HYBRID = "rimless_gym/equations.py", "rimless_gym/hybrid.py"

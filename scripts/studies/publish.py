@@ -104,7 +104,7 @@ def publish_study(study: Path) -> None:
     many = over_seeds((ROOT / LEARNING).read_text())
     results = json.loads((study / "results.json").read_text())
     rows = [Row(**row) for row in results["table"]]
-    cards = {name: _card_of(study, name, source) for name, source in POLICIES.items()}
+    cards = {name: _card_of(study, results, name) for name in POLICIES}
     for picture in PICTURES:
         shutil.copyfile(study / picture, ROOT / "docs" / picture)
     for name, source in POLICIES.items():
@@ -118,11 +118,10 @@ def publish_study(study: Path) -> None:
         markdown.refresh(ROOT / page, MARKS, {name: sections[name]})
 
 
-def _card_of(study: Path, name: str, source: str) -> str:
+def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:
     """The card of a policy of the study."""
-    results = json.loads((study / "results.json").read_text())
-    training = json.loads((study / source).with_name("train.json").read_text())
-    config = results["study"]
+    source, config = POLICIES[name], results["study"]
+    training = json.loads((study / source).with_name("train.json").read_text())["inputs"]
     title, study_speed = next(
         (title, method.speed)
         for method in methods(Study(**config))
@@ -138,15 +137,7 @@ def _card_of(study: Path, name: str, source: str) -> str:
 
 
 def card(name: str, record: Mapping[str, Any], row: Row, machine: str, init: str) -> str:
-    """The text of a policy's card.
-
-    Args:
-        name: of the policy in the package.
-        record: of its file.
-        row: of the comparison's table.
-        machine: name of its preset.
-        init: what its training began from, in words.
-    """
+    """The text of a policy's card."""
     drawn = {of: record[of] for of in ("ranges", "disturbances") if record.get(of) is not None}
     versions = ", ".join(f"{key} {value}" for key, value in record["versions"].items())
     facts = {

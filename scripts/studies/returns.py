@@ -79,13 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def returns(folder: Path, count: int, names: Sequence[str] | None = None) -> dict[str, Any]:
-    """The rows of both environments' tables, as plain JSON values.
-
-    Args:
-        folder: where finished rows are.
-        count: episodes of each policy.
-        names: of baselines, laws and policies; by default all, and the front.
-    """
+    """The rows of both environments' tables, as plain JSON values."""
     made_by = provenance(episodes=count)
     names = [*BASELINES, *laws.names(), *PRETRAINED, FRONT] if names is None else names
     tables: dict[str, list[Row]] = {env: [] for env in ENVIRONMENTS}

@@ -13,9 +13,11 @@ from typing import Any
 
 import casadi as ca
 from scipy.optimize import brentq
+from tqdm import tqdm
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
+from scripts.studies.documents.markdown import table
 from trajopt import Extremal, Linkage, Mesh, Phase, Problem, equal, solve
 from trajopt.ocp.schemes import SCHEMES
 
@@ -287,15 +289,10 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """A problem and its least cost.
+    """A problem and its least cost."""
 
-    Attributes:
-        problem: makes the problem.
-        known: computes the cost.
-    """
-
-    problem: Callable[[], Problem]
-    known: Callable[[], float]
+    problem: Callable[[], Problem]  # makes the problem
+    known: Callable[[], float]  # computes the cost
 
     @property
     def name(self) -> str:
@@ -316,27 +313,22 @@ PROBLEMS = (
     Example(passive_wheel, passive_wheel_rate),
 )
 
-HEADER = """\
-| problem | known | found | error | mesh | runs | states' error | Hamiltonian |
-| --- | --- | --- | --- | --- | --- | --- | --- |"""
+#: As in docs/optimal-control.md.
+HEAD = ("problem", "known", "found", "error", "runs", "Hamiltonian")
 
 
-def row(example: Example, found: Extremal) -> str:
+def row(example: Example, found: Extremal) -> tuple[str, ...]:
     """One line of the table."""
     known = example.known()
-    elements = "+".join(str(len(degrees)) for degrees in found.mesh.degrees)
-    degrees = sorted({degree for phase in found.mesh.degrees for degree in phase})
-    cells = (
+    error = f"{abs(found.cost - known) / abs(known):.0e}"
+    return (
         example.name,
         f"{known:.10g}",
         f"{found.cost:.10g}",
-        f"{abs(found.cost - known) / abs(known):.0e}",
-        f"{elements} of degree {degrees[0]}" + (f" to {degrees[-1]}" if len(degrees) > 1 else ""),
+        error if found.converged else f"**{found.failures[0]}**",
         str(len(found.attempts)),
-        f"{found.mesh_error:.0e}" if found.converged else f"**{found.failures[0]}**",
         f"{found.certificate.hamiltonian_spread:.0e}",
     )
-    return f"| {' | '.join(cells)} |"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -352,14 +344,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     unknown = set(options.problems) - set(names)
     if unknown:
         parser.error(f"unknown problems: {', '.join(sorted(unknown))}")
-    print(HEADER)
-    converged = True
-    for example in PROBLEMS:
-        if options.problems and example.problem.__name__ not in options.problems:
-            continue
+    chosen = [e for e in PROBLEMS if not options.problems or e.problem.__name__ in options.problems]
+    rows, converged = [], True
+    for example in tqdm(chosen, desc="problems"):
         problem = example.problem()
         mesh = Mesh.uniform(problem, options.elements, options.degree, options.scheme)
         found = solve(problem, mesh=mesh, tolerance=options.tolerance)
-        print(row(example, found), flush=True)
+        rows.append(row(example, found))
         converged = converged and found.converged
+    print(table(HEAD, rows))
     return 0 if converged else 1

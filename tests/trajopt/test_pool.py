@@ -14,6 +14,7 @@ from pathlib import Path
 import joblib
 import pytest
 
+from rimless_gym.checks import MissingExtraError
 from trajopt.pool import BACKEND, KilledError, cores, run
 
 ROOT = Path(__file__).parents[2]
@@ -140,6 +141,9 @@ def test_the_backend_is_one_of_joblibs(streams: bool, monkeypatch: pytest.Monkey
     def thread(number: int) -> int:
         return threading.get_ident()
 
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"rimless-gym\[cluster\]"):
+        list(run(thread, range(2), backend="dask"))
     monkeypatch.setenv(BACKEND, "nothing")
     with pytest.raises(ValueError, match="nothing"):
         list(run(thread, range(2)))

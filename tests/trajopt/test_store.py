@@ -184,3 +184,15 @@ def test_a_result_whose_file_is_missing_and_inputs_that_are_fewer_are_refused(
         assert "task" not in store
     with pytest.raises(ValueError, match="results of steps = 2, not None"):
         Store(tmp_path, {"seed": 1}).__enter__()
+
+
+def test_an_input_may_have_any_name_and_results_of_unknown_inputs_are_refused(
+    tmp_path: Path,
+) -> None:
+    with Store(tmp_path, {"versions": 1, "git_revision": "a"}) as store:
+        store.save("task", 1)
+    with pytest.raises(ValueError, match="results of versions = 1, not 2"):
+        Store(tmp_path, {"versions": 2, "git_revision": "a"}).__enter__()
+    (tmp_path / "inputs.json").unlink()
+    with pytest.raises(ValueError, match=r"results but no inputs\.json"):
+        Store(tmp_path, {"versions": 1, "git_revision": "a"}).__enter__()

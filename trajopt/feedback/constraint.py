@@ -20,6 +20,7 @@ import numpy as np
 
 from rimless_gym.hybrid import relative_rate
 from rimless_gym.jit import inner
+from rimless_gym.params import Constants
 from rimless_gym.symbolic import HybridModel
 from trajopt.feedback.law import Floats
 from trajopt.feedback.orbit import Grid, Orbit, Spot, between, located
@@ -56,6 +57,24 @@ class VirtualConstraint(NamedTuple):
     authority: float
 
 
+class ConstraintGains(NamedTuple):
+    """What a law that holds a constraint needs.
+
+    Attributes:
+        orbit: the gait's.
+        constraint: to hold.
+        constants: of the machine.
+        kp: of the error of the angle.
+        kd: of the error of the rate.
+    """
+
+    orbit: Orbit
+    constraint: VirtualConstraint
+    constants: Constants
+    kp: float
+    kd: float
+
+
 class Output(NamedTuple):
     """The output y at a state, and what it takes to differentiate it again.
 
@@ -80,8 +99,7 @@ def constraint_of(solution: Solution) -> VirtualConstraint:
     """The virtual constraint of a gait.
 
     Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: the gait failed its verification, both angles stand still somewhere on it, or
+        TypeError, ValueError: see `Grid.of`; or both angles stand still somewhere on the gait, or
             there is a place where no voltage moves the wheel off its path.
     """
     orbit = Grid.of(solution).orbit()
@@ -104,11 +122,7 @@ def constraint_of(solution: Solution) -> VirtualConstraint:
 
 
 def phase_of(rates: Floats) -> int:
-    """Which of two angles serves as phase, given their rates (2, n): the one that turns steadily.
-
-    Raises:
-        ValueError: neither does.
-    """
+    """Which of two angles turns steadily, given their rates (2, n); a ValueError if none does."""
     steadiness = np.abs(rates.mean(axis=1)) / np.abs(rates).mean(axis=1)
     least = np.abs(rates).min(axis=1) / np.abs(rates).mean(axis=1)
     least[steadiness < 1.0 - 1e-12] = 0.0  # it turns round

@@ -90,11 +90,7 @@ class ContactGuard:
         require_machine("controller", self.controller, self.params)
 
     def __call__(self, x: ArrayLike, mode: ArrayLike = SINGLE) -> Floats:
-        """Voltages for states; arguments, result and errors are those of a `Law`.
-
-        Raises:
-            TypeError, ValueError: see `Law`; or the controller gives NaN or another shape.
-        """
+        """Voltages for states, as a `Law`; a ValueError if the controller's are NaN or too few."""
         states, modes = states_and_modes(x, mode)
         volts = np.asarray(self.controller(states, modes), dtype=np.float64)
         if volts.shape != (len(states),) or np.isnan(volts).any():

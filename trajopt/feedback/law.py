@@ -86,7 +86,9 @@ class Law:
             Volts within the limit, shape (N,) or ().
 
         Raises:
-            TypeError, ValueError: see `states_and_modes`.
+            TypeError: the states or modes are not real numbers.
+            ValueError: they have another shape, a state is not finite or larger than `LARGEST`, or
+                a mode is neither SINGLE nor DOUBLE.
         """
         states, modes = states_and_modes(x, mode)
         limit = self.params.voltage_limit
@@ -103,17 +105,7 @@ def _voltages(x, mode, law, data, limit):  # type: ignore[no-untyped-def]
 
 
 def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """The arguments of a law, as contiguous states (N, 4) and modes (N,).
-
-    Args:
-        x: states, shape (N, 4) or (4,).
-        mode: stance modes, shape (N,), or one for all states.
-
-    Raises:
-        TypeError: the states or modes are not real numbers.
-        ValueError: they have another shape, a state is not finite or larger than `LARGEST`, or a
-            mode is neither SINGLE nor DOUBLE.
-    """
+    """The arguments of a law, as contiguous states (N, 4) and modes (N,)."""
     states = np.atleast_2d(real_array("x", x))
     if states.ndim != 2 or states.shape[1] != 4:
         raise ValueError(f"x: has shape {np.shape(x)}; must have shape (4,) or (N, 4)")
@@ -134,11 +126,7 @@ def states_and_modes(x: ArrayLike, mode: ArrayLike) -> tuple[Floats, NDArray[np.
 
 
 def require_machine(name: str, made: Any, params: WheelParams) -> None:
-    """Refuse a law, or another controller that knows its parameters, if these are not `params`.
-
-    Raises:
-        ValueError: it was made for other parameters.
-    """
+    """Refuse a controller made for other parameters, if it knows them, with a ValueError."""
     known = getattr(made, "params", params)
     if isinstance(known, WheelParams) and known != params:
         raise ValueError(

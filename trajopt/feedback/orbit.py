@@ -294,16 +294,7 @@ class Clock(NamedTuple):
 
     @classmethod
     def of(cls, solution: Solution, ahead: float | None) -> Clock:
-        """The clock of a gait.
-
-        Args:
-            solution: the gait.
-            ahead: time (s) that counts like one standard deviation; > 0. None: it does not count,
-                as if the gait had no clock.
-
-        Raises:
-            TypeError, ValueError: `ahead` is not a finite positive number.
-        """
+        """The clock of a gait; with `ahead` = None time does not count, as if it had none."""
         counts = math.inf if ahead is None else positive("ahead", ahead)
         return cls(solution.first_tick, counts) if has_clock(solution) else cls(0.0, math.inf)
 
@@ -332,19 +323,7 @@ def offset(x, orbit, clock):  # type: ignore[no-untyped-def]
     """The `Offset` of a state."""
     spot = located(x, orbit)
     across = deviation(x, between(orbit.states, spot))
-    return Offset(spot, across, ahead_of_clock(spot, orbit.times, clock))
-
-
-@inner
-def ahead_of_clock(spot, times, clock):  # type: ignore[no-untyped-def]
-    """Time (s) by which a state at a spot of the orbit is ahead of the nearest tick.
-
-    A sine, which is the time near a tick and has no jump half way between two.
-
-    Args:
-        spot: where on the orbit the state is.
-        times: of the orbit's nodes (s), shape (n,).
-        clock: the gait's.
-    """
+    # A sine, which is the time near a tick and has no jump half way between two.
     turn = 2 * np.pi / CONTROL_PERIOD
-    return np.sin(turn * (between(times, spot) - clock.tick)) / turn
+    early = np.sin(turn * (between(orbit.times, spot) - clock.tick)) / turn
+    return Offset(spot, across, early)

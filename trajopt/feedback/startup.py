@@ -1,16 +1,12 @@
 """The start-up controller: what brings the wheel to a gait from rest, and from anywhere else.
 
-How long it takes to the gait from every state is computed by dynamic programming: the time of the
-best sequence of a few voltages, each held for a moment, with penalties for a foot that is hardly
-pressed down. It solves Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
-Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002, for grids
-in control).
-
-The controller plays each of the voltages forward on the stepping kernel, exactly, and computes
-after which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). It pumps the
-pendulum up, swings it over without losing the foot, and needs nothing but the state. Its voltage is
-a mean of all of them, in which a voltage that takes longer counts exponentially less. The best one
-alone would jump from state to state, which no network can imitate.
+The time to the gait from every state, by the best sequence of a few voltages each held for a
+moment, follows from Bellman's equation on a grid, by sweeps in alternating order (Bertsekas,
+Dynamic Programming and Optimal Control, 6.5; Munos and Moore, Machine Learning 49, 2002). The
+controller plays each of the voltages forward on the stepping kernel, exactly, and computes after
+which of them the least time remains (a rollout of one stage: Bertsekas, 6.4). Its voltage is a mean
+of all of them, in which one that takes longer counts exponentially less: the best one alone would
+jump from state to state, which no network can imitate.
 """
 
 from __future__ import annotations
@@ -92,13 +88,7 @@ class StateGrid(NamedTuple):
 
     @classmethod
     def over(cls, params: WheelParams, rates: Sequence[float], counts: Sequence[int]) -> StateGrid:
-        """The grid of a machine.
-
-        Args:
-            params: the machine.
-            rates: largest of the leg and of the pendulum (rad/s).
-            counts: of nodes of each coordinate; at least 2.
-        """
+        """The grid of a machine, up to these rates of the leg and of the pendulum (rad/s)."""
         c = params.constants
         low = np.array([c.a, -np.pi, -rates[0], -rates[1]])
         high = np.array([c.b, np.pi, *rates])
@@ -198,16 +188,12 @@ _CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
-    """The controller that leads to a law's gait; it is computed once for the last few gaits.
+    """`StartUpController.to`, computed once for the last few gaits.
 
     Args:
-        law: see `StartUpController.to`.
-        near: see `StartUpController.to`.
+        law: that takes over near its gait.
+        near: distance from the gait at which it does; > 0.
         folder: where its times are also stored, and read from if they are there.
-
-    Raises:
-        TypeError, ValueError, RuntimeError: see `StartUpController.to`.
-        OSError: the folder cannot be written.
     """
     orbit = law.data.orbit.states
     name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
@@ -269,13 +255,7 @@ class Outcomes(NamedTuple):
 def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.bool_]) -> Times:
     """The time (s) to a gait from all states, `NEVER` where nothing leads there.
 
-    Args:
-        params: the machine.
-        grid: its nodes.
-        at_the_gait: which nodes in single stance are, in the order of `StateGrid.single`.
-
-    Raises:
-        RuntimeError: the times have not converged after `SWEEPS` sweeps.
+    `at_the_gait` holds for the nodes of single stance there, in the order of `StateGrid.single`.
     """
     single = _outcomes(params, grid.single())
     double = _outcomes(params, grid.double())
@@ -286,9 +266,9 @@ def time_to_gait(params: WheelParams, grid: StateGrid, at_the_gait: NDArray[np.b
     open_double = np.flatnonzero(np.isfinite(double.cost).any(axis=1))
     for sweep in range(SWEEPS):
         order = 1 if sweep % 2 == 0 else -1
-        change = _swept(times.single.reshape(-1), open_single[::order], single, times, grid)
         change = max(
-            change, _swept(times.double.reshape(-1), open_double[::order], double, times, grid)
+            _swept(times.single.reshape(-1), open_single[::order], single, times, grid),
+            _swept(times.double.reshape(-1), open_double[::order], double, times, grid),
         )
         if change < CONVERGED:
             return times

@@ -121,10 +121,7 @@ def riccati(transverse: Transverse, effort: float, ahead: float) -> Optimal:
     added to the gait's voltage. A period leads from a time to the `FINENESS`th after it, so that
     there are as many interleaved recursions.
 
-    Args:
-        transverse: the dynamics across the orbit.
-        effort: cost of a squared volt.
-        ahead: time (s) that counts like one standard deviation; infinite: time does not count.
+    Where `ahead` is infinite, time does not count.
 
     Raises:
         RuntimeError: the recursion has not converged after `ROUNDS` strides.

@@ -122,15 +122,7 @@ def assess(
     cost_error: Array | float = 0.0,
     cost_gap: Array | float = 0.0,
 ) -> Quality:
-    """Measure a phase on a dense grid within its elements.
-
-    Args:
-        phase: whose motion it is.
-        trajectory: of the phase.
-        p: static parameters.
-        cost_error: see `Quality`; measured by `cost_errors`.
-        cost_gap: see `Quality`; measured by `Certificate.cost_gaps`.
-    """
+    """Measure a phase on a dense grid within its elements; the costs' errors are known."""
     states, rates, controls = _dense(trajectory)
     scale = 1.0 + np.abs(states).max(axis=(0, 1))
     flow = evaluated(phase.flow, states, controls, p)
@@ -139,17 +131,9 @@ def assess(
     integral = np.cumsum(trapezia, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.nan_to_num(stepped(phase, trajectory, p) - trajectory.states[:, -1], nan=np.inf)
-    path = np.zeros((len(states), 1))
-    if phase.path is not None:
-        values = evaluated(phase.path.function, states, controls, p)
-        path = phase.path.violation(values).max(axis=1)
-    outside = np.concatenate(
-        [
-            beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory),
-            beyond(controls, *phase.control_bounds()),
-        ],
-        axis=-1,
-    )
+    (_, _, of_states), (_, _, of_controls), *paths = _limits(phase, trajectory, p)
+    path = paths[0][2].max(axis=1) if paths else np.zeros((len(states), 1))
+    outside = np.concatenate([of_states, of_controls], axis=-1)
     return Quality(
         (np.abs(integral) / scale).max(axis=(1, 2)),
         (np.abs(step) / scale).max(axis=1),
@@ -211,10 +195,24 @@ def beyond(values: Array, lower: Array, upper: Array) -> Array:
     return np.asarray(np.maximum(lower - values, values - upper))
 
 
-def _at_ends(phase: Phase, trajectory: PhaseTrajectory) -> Array:
-    """How far the ends, which have bounds of their own, are outside the bounds all along."""
+def _limits(
+    phase: Phase, trajectory: PhaseTrajectory, p: Array
+) -> list[tuple[str, tuple[str, ...], Array]]:
+    """Kind, names (m) and excesses (M, samples, m) on the dense grid: states, controls, path.
+
+    States are allowed what their ends, which have bounds of their own, are outside those all along.
+    """
+    states, _, controls = _dense(trajectory)
     ends = np.stack([trajectory.start, trajectory.end])
-    return np.asarray(np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0))
+    at_ends = np.maximum(beyond(ends, *phase.state_bounds()), 0.0).max(axis=0)
+    limits = [
+        ("bound", phase.states, beyond(states, *phase.state_bounds()) - at_ends),
+        ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
+    ]
+    if phase.path is not None:
+        values = evaluated(phase.path.function, states, controls, p)
+        limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
+    return limits
 
 
 def _dense(trajectory: PhaseTrajectory) -> tuple[Array, Array, Array]:
@@ -232,17 +230,8 @@ def audit(problem: Problem, phases: Sequence[PhaseTrajectory], p: Array) -> tupl
     """The worst violation of every limit that is violated between the nodes, worst first."""
     violations: list[Violation] = []
     for phase, trajectory in zip(problem.phases, phases, strict=True):
-        states, _, controls = _dense(trajectory)
         times = trajectory.edges[:-1, None] + trajectory.element_durations[:, None] * GRID
-        outside = beyond(states, *phase.state_bounds()) - _at_ends(phase, trajectory)
-        limits = [
-            ("bound", phase.states, outside),
-            ("bound", phase.controls, beyond(controls, *phase.control_bounds())),
-        ]
-        if phase.path is not None:
-            values = evaluated(phase.path.function, states, controls, p)
-            limits.append(("path constraint", phase.path.names, phase.path.violation(values)))
-        for kind, names, outside in limits:
+        for kind, names, outside in _limits(phase, trajectory, p):
             for name, excess in zip(names, np.moveaxis(outside, -1, 0), strict=True):
                 worst = np.unravel_index(np.argmax(excess), excess.shape)
                 amount = float(excess[worst])
@@ -338,12 +327,7 @@ def hamiltonian(
 ) -> Array:
     """The Hamiltonian at both ends of every element, shape (M, 2).
 
-    Args:
-        phase: whose flow and costs count.
-        trajectory: of the phase.
-        costates: at the elements' edges, shape (M + 1, nx).
-        p: static parameters.
-        prices: multipliers of the phase's integral constraints, if it has any.
+    The costates are those at the elements' edges, the prices the multipliers of bounded integrals.
     """
     x, u = trajectory.states[:, [0, -1]], trajectory.controls[:, [0, -1]]
     rates = np.stack([costates[:-1], costates[1:]], axis=1)

@@ -144,16 +144,9 @@ def names_in(where: str, names: Any) -> tuple[str, ...]:
 
 
 def trace(where: str, function: Callable[..., Any], *sizes: int) -> ca.Function:
-    """The function, traced for vectors of these sizes.
+    """The function, traced for vectors of these sizes; one that is already traced is only checked.
 
-    Args:
-        where: what it is, for messages; the last word becomes its name.
-        function: what to trace. One that is already traced is only checked.
-        sizes: of its arguments.
-
-    Raises:
-        TypeError: it is not a function.
-        ValueError: it fails, or a row is not finite for any of the arguments tried.
+    The last word of `where` becomes its name.
     """
     if isinstance(function, ca.Function):
         given = tuple(function.size1_in(i) for i in range(function.n_in()))

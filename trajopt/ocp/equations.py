@@ -147,10 +147,8 @@ class Equations:
     def _linkage(self, link: Linkage) -> Block:
         indices = self.layout.indices
         source, target = self.problem.phases[link.source], self.problem.phases[link.target]
-        before, after = (
-            indices(link.source, "edges", 0)[:, -1],
-            indices(link.target, "edges", 0)[:, 0],
-        )
+        before = indices(link.source, "edges", 0)[:, -1]
+        after = indices(link.target, "edges", 0)[:, 0]
         names = tuple(f"{n} from {source.name!r}" for n in target.states)
 
         def gap(x: ca.SX, y: ca.SX, p: ca.SX) -> ca.SX:
@@ -197,13 +195,7 @@ class Equations:
     def violations(
         self, excess: Array, phases: Sequence[PhaseTrajectory], problem: Problem
     ) -> tuple[Violation, ...]:
-        """The worst row of every kind that is violated, worst first.
-
-        Args:
-            excess: by how much each row is violated.
-            phases: the trajectory, for the times.
-            problem: for the names; it has the same functions.
-        """
+        """The worst row of every kind that is violated, worst first, given every row's excess."""
         worst, first = [], 0
         for rows in self.rows:
             part = excess[first : first + rows.count]

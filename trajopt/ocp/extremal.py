@@ -19,16 +19,10 @@ from trajopt.ocp.constraints import Violation
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Problem
 from trajopt.ocp.resimulation import Resimulation
-from trajopt.ocp.trajectory import (
-    SAME_TIME,
-    PhaseTrajectory,
-    phases_from_arrays,
-    phases_to_arrays,
-    require_side,
-)
+from trajopt.ocp.trajectory import SAME_TIME, PhaseTrajectory, require_side
 from trajopt.ocp.transcription import DIVERGING
 from trajopt.provenance import provenance
-from trajopt.store import read_arrays, write_arrays
+from trajopt.store import joined, read_arrays, split, write_arrays
 
 #: How far simulated states may be off, relative to the tolerance of the mesh.
 RESIMULATION_FACTOR = 100.0
@@ -36,7 +30,7 @@ RESIMULATION_FACTOR = 100.0
 #: IPOPT's status for a success.
 SUCCESS = "Solve_Succeeded"
 
-FORMAT = "trajopt extremal 2"
+FORMAT = "trajopt extremal 3"
 
 REMEDY = "copy it again, or solve its problem again"
 
@@ -239,7 +233,10 @@ class Extremal:
         Raises:
             OSError: it cannot be written.
         """
-        write_arrays(path, FORMAT, _header(self), _arrays(self))
+        attributes = dataclasses.asdict(dataclasses.replace(self, problem=None))  # type: ignore[arg-type]
+        arrays: dict[str, Any] = {}
+        header = {"names": _names(self.problem), "attributes": split(attributes, arrays)}
+        write_arrays(path, FORMAT, header, arrays)
 
     @classmethod
     def load(cls, path: str | Path, problem: Problem) -> Extremal:
@@ -250,13 +247,24 @@ class Extremal:
             ExtremalFileError: it is not a solution saved by this version, was edited or damaged,
                 or its problem has other names.
         """
-        header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
-        if header["names"] != _names(problem):
+        names, attributes = _read(path)
+        if names != _names(problem):
             raise ExtremalFileError(
                 f"{path}: the solution of another problem than the one given, which has other "
                 "names; `load_phases` reads it as a guess"
             )
-        return _from_file(header, arrays, problem)
+        certificate, simulated = attributes["certificate"], attributes["resimulation"]
+        made = {
+            "problem": problem,
+            "mesh": Mesh.from_dict(attributes["mesh"]),
+            "phases": _phases(attributes),
+            "attempts": tuple(Attempt(**each) for each in attributes["attempts"]),
+            "violations": tuple(Violation(**each) for each in attributes["violations"]),
+            "audit": tuple(Violation(**each) for each in attributes["audit"]),
+            "certificate": Certificate(**_with_tuples(certificate)),
+            "resimulation": simulated and Resimulation(**_with_tuples(simulated)),
+        }
+        return cls(**{**attributes, **made})
 
 
 def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
@@ -266,72 +274,24 @@ def load_phases(path: str | Path) -> tuple[PhaseTrajectory, ...]:
         FileNotFoundError: there is no such file.
         ExtremalFileError: it is not a solution saved by this version, or was edited or damaged.
     """
-    return phases_from_arrays(read_arrays(path, FORMAT, ExtremalFileError, REMEDY)[1])
+    return _phases(_read(path)[1])
 
 
-#: Attributes that are dataclasses, or tuples of them.
-_TABLES = ("mesh", "resimulation", "attempts", "violations", "audit")
-
-#: Attributes that are JSON values: all but the tables, the arrays and the problem.
-_PLAIN = tuple(
-    field.name
-    for field in dataclasses.fields(Extremal)
-    if field.name not in (*_TABLES, "problem", "phases", "parameters", "certificate")
-)
+def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The names in a file, and the attributes of the solution as plain values and arrays."""
+    header, arrays = read_arrays(path, FORMAT, ExtremalFileError, REMEDY)
+    return header["names"], joined(header["attributes"], arrays)
 
 
-def _header(extremal: Extremal) -> dict[str, Any]:
-    return {
-        "names": _names(extremal.problem),
-        **{name: _as_dicts(getattr(extremal, name)) for name in _TABLES},
-        **{name: getattr(extremal, name) for name in _PLAIN},
-    }
+def _phases(attributes: dict[str, Any]) -> tuple[PhaseTrajectory, ...]:
+    return tuple(PhaseTrajectory(**phase) for phase in attributes["phases"])
+
+
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """The values with tuples in place of the lists that a file has."""
+    return {n: tuple(value) if isinstance(value, list) else value for n, value in values.items()}
 
 
 def _names(problem: Problem) -> dict[str, Any]:
     phases = [[phase.name, list(phase.states), list(phase.controls)] for phase in problem.phases]
     return {"phases": phases, "parameters": list(problem.parameters)}
-
-
-def _as_dicts(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [dataclasses.asdict(item) for item in value]
-    return None if value is None else dataclasses.asdict(value)
-
-
-def _arrays(extremal: Extremal) -> dict[str, Array]:
-    certificate, arrays = extremal.certificate, phases_to_arrays(extremal.phases)
-    for i, costates in enumerate(certificate.costates):
-        arrays[f"phase{i}_costates"] = costates
-        arrays[f"phase{i}_hamiltonian"] = certificate.hamiltonian[i]
-        arrays[f"phase{i}_mean_hamiltonian"] = certificate.mean_hamiltonian[i]
-    arrays["parameters"] = extremal.parameters
-    arrays["duration_price"] = certificate.duration_price
-    return arrays
-
-
-def _from_file(header: dict[str, Any], arrays: dict[str, Any], problem: Problem) -> Extremal:
-    phases, simulated = phases_from_arrays(arrays), header["resimulation"]
-
-    def by_phase(name: str) -> tuple[Array, ...]:
-        return tuple(arrays[f"phase{i}_{name}"] for i in range(len(phases)))
-
-    if simulated is not None:
-        simulated = Resimulation(**{**simulated, "phase_errors": tuple(simulated["phase_errors"])})
-    return Extremal(
-        problem=problem,
-        mesh=Mesh.from_dict(header["mesh"]),
-        phases=phases,
-        parameters=arrays["parameters"],
-        certificate=Certificate(
-            by_phase("costates"),
-            by_phase("hamiltonian"),
-            by_phase("mean_hamiltonian"),
-            arrays["duration_price"],
-        ),
-        resimulation=simulated,
-        attempts=tuple(Attempt(**a) for a in header["attempts"]),
-        violations=tuple(Violation(**v) for v in header["violations"]),
-        audit=tuple(Violation(**v) for v in header["audit"]),
-        **{name: header[name] for name in _PLAIN},
-    )

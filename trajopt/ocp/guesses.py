@@ -68,8 +68,10 @@ class Waypoints:
         """A straight line bent through random points."""
         count = int(rng.integers(1, self.points, endpoint=True))
         knots = np.array([0.0, *np.sort(rng.uniform(0.1, 0.9, count)), 1.0])
-        values = _values(trajectory, knots)
-        lower, upper = _all_bounds(phase)
+        times = trajectory.duration * knots
+        values = np.hstack([trajectory.state(times), trajectory.control(times)])
+        both = zip(phase.state_bounds(), phase.control_bounds(), strict=True)
+        lower, upper = (np.concatenate(side) for side in both)
         width = self.spread * np.maximum(np.abs(values[-1] - values[0]), 1.0)
         low = np.where(np.isfinite(lower), lower, np.minimum(values[0], upper) - width)
         high = np.where(np.isfinite(upper), upper, np.maximum(values[0], lower) + width)
@@ -87,19 +89,6 @@ def random_duration(phase: Phase, trajectory: PhaseTrajectory, rng: np.random.Ge
     if np.isfinite(most):
         return float(rng.uniform(least, most))
     return max(least, trajectory.duration * float(np.exp(rng.uniform(-1.0, 1.0))))
-
-
-def _values(trajectory: PhaseTrajectory, fractions: Array) -> Array:
-    """States and controls at fractions of the duration, shape (N, nx + nu)."""
-    times = trajectory.duration * fractions
-    return np.hstack([trajectory.state(times), trajectory.control(times)])
-
-
-def _all_bounds(phase: Phase) -> tuple[Array, Array]:
-    """(lower, upper) of states and controls all along, each (nx + nu,)."""
-    both = zip(phase.state_bounds(), phase.control_bounds(), strict=True)
-    lower, upper = (np.concatenate(side) for side in both)
-    return lower, upper
 
 
 def _joined(t: Array, values: Array, states: int) -> PhaseTrajectory:

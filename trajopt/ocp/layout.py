@@ -76,12 +76,8 @@ class Layout:
 
     def join(self, parts: dict[Key, Array]) -> Array:
         """The vector of these parts; a single column stands for all columns of its shape."""
-        return np.concatenate(
-            [
-                np.broadcast_to(parts[key], shape).ravel(order="F")
-                for key, shape in self.shapes.items()
-            ]
-        )
+        columns = (np.broadcast_to(parts[key], shape) for key, shape in self.shapes.items())
+        return np.concatenate([each.ravel(order="F") for each in columns])
 
     def bounds(self, problem: Problem) -> tuple[Array, Array]:
         """(lower, upper) of all unknowns."""
@@ -122,9 +118,6 @@ def pack(
 
     Durations are scaled so that their sum is within its bounds. Static parameters that are not
     given are in the middle of their bounds.
-
-    Raises:
-        ValueError: they do not fit the problem.
     """
     _require_fit(problem, guess)
     p = middle(problem) if parameters is None else real_array("parameters", parameters)
@@ -180,11 +173,7 @@ def _pack_group(
         at_nodes = scheme.control_basis[used] @ coefficients
         power = evaluated(phase.powers, states[:, used], at_nodes, p)
         slacks = _columns(np.maximum(power, phase.floor))
-    return {
-        "interior": _columns(states[:, 1:-1]),
-        "controls": _columns(free),
-        "slacks": slacks,
-    }
+    return {"interior": _columns(states[:, 1:-1]), "controls": _columns(free), "slacks": slacks}
 
 
 def _sampled(function: Callable[[Array], Array], times: Array) -> Array:

@@ -11,7 +11,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, TypeAlias
 
 import cloudpickle
@@ -100,12 +100,10 @@ class Outcome:
         if not math.isclose(self.cost, other.cost, rel_tol=SAME_COST, abs_tol=1e-9):
             return False
         mine, theirs = ([p.duration for p in o.phases] for o in (self, other))
-        pairs = zip(self._samples, other._samples, strict=True)
-        return np.allclose(mine, theirs, rtol=SAME_STATES) and all(_alike(a, b) for a, b in pairs)
-
-
-def _alike(a: Array, b: Array) -> bool:
-    return bool(np.all(np.abs(a - b) <= SAME_STATES * (1.0 + np.abs(a).max(axis=0))))
+        return np.allclose(mine, theirs, rtol=SAME_STATES) and all(
+            np.all(np.abs(a - b) <= SAME_STATES * (1.0 + np.abs(a).max(axis=0)))
+            for a, b in zip(self._samples, other._samples, strict=True)
+        )
 
 
 #: Whether two outcomes are one optimum.
@@ -232,7 +230,8 @@ def multi_start(
     require_kind("mesh", mesh, Mesh)
     search = Search(problem, family, seed, mesh, OPTIONS | options, same=same)
     title = "starts" if progress else ""
-    with closing(run(_Solver(search), range(starts), workers, progress=title)) as results:
+    solved = partial(_solved, cloudpickle.dumps(search))
+    with closing(run(solved, range(starts), workers, progress=title)) as results:
         outcomes = dict(results)
     return dataclasses.replace(search, outcomes=tuple(outcomes[i] for i in range(starts)))
 
@@ -267,46 +266,30 @@ def distinct(outcomes: Iterable[Outcome], same: Same = Outcome.same_as) -> tuple
     groups: list[list[Outcome]] = []
     in_turn = sorted(successes, key=lambda o: o.index)
     for outcome in least_first(in_turn, lambda o: o.cost):
-        group = next((g for g in groups if same(g[0], outcome)), None)
-        if group is None:
-            groups.append([outcome])
+        for group in groups:
+            if same(group[0], outcome):
+                group.append(outcome)
+                break
         else:
-            group.append(outcome)
+            groups.append([outcome])
     return tuple(Optimum(g[0], tuple(sorted(o.index for o in g))) for g in groups)
 
 
-class _Solver:
-    """Solves the starts of a search; every process makes one transcription for all of them."""
-
-    def __init__(self, search: Search) -> None:
-        self.search = search
-
-    def __call__(self, index: int) -> Outcome:
-        """Solve start number `index`: its problems one after the other."""
-        start = self.search.start(index)
-        guess, parameters, iterations = start.guess, start.parameters, 0
-        for problem in start.problems:
-            result = minimize(
-                self._transcription, guess, problem, parameters, **self.search.options
-            )
-            guess, parameters = result.phases, result.parameters
-            iterations += result.iterations
-        failure = "" if result.success else f"{result.status}: {result.worst}"
-        solution = result.cost, result.phases, result.parameters
-        return Outcome(index, start.kind, *solution, iterations, failure)
-
-    @cached_property
-    def _transcription(self) -> Transcription:
-        return Transcription(self.search.problem, self.search.mesh)
-
-    @cached_property
-    def _pickled(self) -> bytes:
-        return cloudpickle.dumps(self.search)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self._pickled,)
+def _solved(pickled: bytes, index: int) -> Outcome:
+    """Solve start number `index` of a search: its problems one after the other."""
+    search, transcription = _transcribed(pickled)
+    start = search.start(index)
+    guess, parameters, iterations = start.guess, start.parameters, 0
+    for problem in start.problems:
+        result = minimize(transcription, guess, problem, parameters, **search.options)
+        guess, parameters = result.phases, result.parameters
+        iterations += result.iterations
+    failure = "" if result.success else f"{result.status}: {result.worst}"
+    solution = result.cost, result.phases, result.parameters
+    return Outcome(index, start.kind, *solution, iterations, failure)
 
 
-@lru_cache(maxsize=1)  # a task comes with its solver
-def _unpickled(pickled: bytes) -> _Solver:
-    return _Solver(cloudpickle.loads(pickled))
+@lru_cache(maxsize=1)  # every process makes one transcription for all starts of a search
+def _transcribed(pickled: bytes) -> tuple[Search, Transcription]:
+    search = cloudpickle.loads(pickled)
+    return search, Transcription(search.problem, search.mesh)

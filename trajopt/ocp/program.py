@@ -58,13 +58,7 @@ class Program:
 
 
 def assembled(blocks: Sequence[Block], size: int, rows: int) -> Program:
-    """The program that is the sum of these blocks.
-
-    Args:
-        blocks: any number of them.
-        size: of w.
-        rows: of g.
-    """
+    """The program that is the sum of these blocks, with so many unknowns and rows of g."""
     w, lam_f, lam_g = ca.MX.sym("x", size), ca.MX.sym("lam_f"), ca.MX.sym("lam_g", rows)
     none = ca.MX.sym("p", 0)
     f, g, gradient, J, H = ca.MX(0), [], [], [], []

@@ -140,10 +140,8 @@ def refined(
 def certified(mesh: Mesh, hamiltonian: Sequence[Array], tolerance: float) -> Mesh:
     """Halve the elements over which the Hamiltonian changes: an optimal control switches in there.
 
-    Args:
-        mesh: to refine.
-        hamiltonian: at both ends of every element, (M, 2) per phase.
-        tolerance: of its change over an element, relative to 1 + its median's magnitude.
+    It is given at both ends of every element, (M, 2) per phase; the tolerance of its change is
+    relative to 1 + its median's magnitude.
     """
     fractions, degrees = [], []
     for edges, orders, values in zip(mesh.fractions, mesh.degrees, hamiltonian, strict=True):
@@ -224,7 +222,9 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
     x = lagrange_matrix(trajectory.nodes, _SEARCHED) @ trajectory.states[element]
     signals, noise = [], []
     if phase.powers is not None and np.isfinite(phase.floor):
-        everywhere = evaluated(phase.powers, *_at_control_nodes(trajectory), p)
+        basis = lagrange_matrix(trajectory.nodes, trajectory.control_nodes)
+        at_nodes = basis @ trajectory.states, trajectory.controls
+        everywhere = evaluated(phase.powers, *at_nodes, p)
         signals.append(evaluated(phase.powers, x, u, p) - phase.floor)
         noise.append(NEGLIGIBLE * _scale(everywhere))
     lower, upper = phase.control_bounds()
@@ -241,8 +241,9 @@ def switch_points(phase: Phase, trajectory: PhaseTrajectory, element: int, p: Ar
 
 def is_smooth(trajectory: PhaseTrajectory, element: int) -> bool:
     """Whether the Legendre coefficients of an element's states and controls fall fast enough."""
-    return _falls(trajectory.nodes, trajectory.states, element) and _falls(
-        trajectory.control_nodes, trajectory.controls, element
+    t = trajectory
+    return all(
+        _falls(*each, element) for each in ((t.nodes, t.states), (t.control_nodes, t.controls))
     )
 
 
@@ -269,12 +270,6 @@ def _passes(values: Array, noise: float) -> list[float]:
         zero = _SEARCHED[k] + values[k] / (values[k] - values[m]) * (_SEARCHED[m] - _SEARCHED[k])
         places.append(float(between.mean() if len(between) else zero))
     return places
-
-
-def _at_control_nodes(trajectory: PhaseTrajectory) -> tuple[Array, Array]:
-    """States and controls (M, m, .) at every element's control nodes."""
-    basis = lagrange_matrix(trajectory.nodes, trajectory.control_nodes)
-    return basis @ trajectory.states, trajectory.controls
 
 
 def _falls(nodes: Array, values: Array, element: int) -> bool:

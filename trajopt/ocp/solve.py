@@ -286,12 +286,6 @@ def within_limits(
     Where an optimal control switches, polynomials overshoot a little whatever the mesh. Path
     constraints are therefore moved inwards by what they overshoot. What that costs depends on the
     mesh.
-
-    Args:
-        sharper: the solution whose Hamiltonian varies less.
-        plain: the other one, of the same problem.
-        tolerance: of violations between the nodes.
-        options: of IPOPT.
     """
     best = _backed_off(sharper, tolerance, options)
     inside = best.overshoot < tolerance

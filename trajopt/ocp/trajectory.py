@@ -52,11 +52,7 @@ class PhaseTrajectory:
                 raise ValueError(f"{name}: of shape {shape}, not ({elements}, {len(nodes)}, any)")
 
     def require_sound(self, where: str) -> None:
-        """Refuse a trajectory whose edges or nodes are not in order, with a ValueError.
-
-        Args:
-            where: what it is, for messages.
-        """
+        """Refuse a trajectory whose edges or nodes are not in order, with a ValueError."""
         for name in ("edges", "nodes", "control_nodes"):
             array = getattr(self, name)
             if not (np.diff(array) > 0.0).all() or array[0] < 0.0:

@@ -143,11 +143,7 @@ class Transcription:
         self._solvers: dict[Any, ca.Function] = {}
 
     def for_problem(self, problem: Problem) -> Transcription:
-        """This transcription for another problem, which differs in numbers alone.
-
-        Raises:
-            ValueError: it differs in more.
-        """
+        """This transcription for another problem; a ValueError if more than numbers differ."""
         if problem is self.problem:
             return self
         if problem.functions != self.problem.functions:
@@ -157,11 +153,7 @@ class Transcription:
         return twin
 
     def solver(self, **options: Any) -> ca.Function:
-        """IPOPT on this program, with options over `IPOPT`.
-
-        Raises:
-            ValueError: IPOPT has no such option, or an option does not accept its value.
-        """
+        """IPOPT on this program, with options over `IPOPT`."""
         key = repr(sorted(options.items()))
         if key not in self._solvers:
             settings: dict[str, Any] = {"ipopt": IPOPT | options, **QUIET}
@@ -180,18 +172,11 @@ class Transcription:
         parameters: Array | None = None,
         **options: Any,
     ) -> Result:
-        """A local optimum near `guess`.
-
-        Args:
-            guess: one trajectory per phase, on any mesh.
-            problem: one that differs in numbers from the one transcribed.
-            parameters: guess of the static parameters; by default the middle of their bounds.
-            options: of IPOPT, over `IPOPT`.
+        """A local optimum near `guess`, with options over `IPOPT`.
 
         Raises:
-            TypeError: the guess or an option is of the wrong type.
-            ValueError: `problem` differs in more than numbers, the guess does not fit it or is not
-                finite, or IPOPT has no such option.
+            TypeError, ValueError: see `trajopt.solve`; or `problem` differs from the one that was
+                transcribed in more than numbers.
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.
         """
         problem = self.for_problem(problem or self.problem).problem

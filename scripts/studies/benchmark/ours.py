@@ -1,9 +1,9 @@
 """Speed and accuracy of this package: `python -m scripts.studies.benchmark.ours SETTINGS`.
 
-The environments replay recorded walks: states on an optimal gait that an LQR stabilises, and the
-LQR's actions. That times the simulator without the LQR, on the motion that matters. Without
-feedback a gait is unstable, so replays are short: after 2 s, simulators that agree to rounding
-error still walk alike.
+The environments replay recorded walks: states on an optimal gait, and the actions with which an LQR
+holds it. That times the simulator without the LQR, on the motion that matters. Without feedback a
+gait is unstable, so walks are short: after 2 s, simulators that agree to rounding error still walk
+alike.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,8 +29,8 @@ Floats = NDArray[np.float64]
 #: The machine and the gait that is walked.
 PRESET, SPEED, STEPS = "BUILDABLE", 0.5, 1
 
-#: How many walks are recorded, and how many control intervals of each, after so many that are not.
-WALKS, SETTLING, RECORDED = 128, 1000, 2000
+#: How many walks are recorded, from as many phases of the gait.
+WALKS = 128
 
 #: Control intervals of one replay, 2 s.
 WINDOW = 200
@@ -69,31 +70,14 @@ print(time.perf_counter() - begin)""",
 
 
 class Walks(NamedTuple):
-    """M pieces of walks, each `WINDOW` control intervals long.
+    """Walks of `WINDOW` control intervals, from states in single stance."""
 
-    Attributes:
-        starts: phi, theta, phi', theta', (M, 4).
-        modes: stance modes at the start, (M,), numbered as in `rimless_gym.hybrid`.
-        actions: as the environment takes them, (WINDOW, M) float32.
-        ends: states (M, 4) after the last interval.
-    """
-
-    starts: Floats
-    modes: NDArray[np.int64]
-    actions: NDArray[np.float32]
-    ends: Floats
-
-    def pieces(self, index: Any) -> Walks:
-        """The pieces of these numbers."""
-        actions = np.ascontiguousarray(self.actions[:, index])
-        return Walks(self.starts[index], self.modes[index], actions, self.ends[index])
+    starts: Floats  # phi, theta, phi', theta', (M, 4)
+    actions: NDArray[np.float32]  # as the environment takes them, (WINDOW, M) float32
+    ends: Floats  # states (M, 4) after the last interval
 
     def checked(self, difference: Any) -> float:
-        """The largest difference of a replay from the recorded end.
-
-        Raises:
-            RuntimeError: it is above `TOLERANCE`, so the replay was not this walk.
-        """
+        """The largest difference of a replay from the recorded end, if it is within `TOLERANCE`."""
         largest = float(np.abs(difference).max())
         if not largest <= TOLERANCE:
             raise RuntimeError(f"the replay left the recorded walk by {largest:.3g}")
@@ -111,52 +95,53 @@ def single(seconds: float, folder: str) -> dict[str, Any]:
     """One environment, exactly as `gym.make` gives it. Resets are not timed."""
     import gymnasium as gym
 
-    from rimless_gym.equations import MODE_NAMES
+    walks, numbers = load_walks(Path(folder)), count()
+    env: Any = gym.make("rimless_gym:RimlessWheel-v0", params=PRESET)
 
-    walks = load_walks(Path(folder))
-    env: Any = gym.make("RimlessWheel-v0", params=PRESET)
-    error, replays = 0.0, count()
-    for duration in (0.3, seconds):  # the first warms up
-        steps, elapsed = 0, 0.0
-        while elapsed < duration:
-            i = next(replays) % len(walks.starts)
-            env.reset(options={"state": walks.starts[i], "mode": MODE_NAMES[walks.modes[i]]})
-            actions = list(walks.actions[:, i : i + 1])
-            begin = time.perf_counter()
-            for action in actions:
-                env.step(action)
-            elapsed += time.perf_counter() - begin
-            steps += len(actions)
-            error = max(error, walks.checked(env.unwrapped.state[:4] - walks.ends[i]))
-    return {"steps": steps, "seconds": elapsed, "replay_error": error}
+    def replay() -> tuple[int, float, float]:
+        i = next(numbers) % len(walks.starts)
+        env.reset(options={"state": walks.starts[i]})
+        elapsed = stepped(env, walks.actions[:, i : i + 1])
+        return WINDOW, elapsed, walks.checked(env.unwrapped.state[:4] - walks.ends[i])
+
+    return replayed(replay, seconds)
 
 
 def vector(seconds: float, folder: str, n: int) -> dict[str, Any]:
     """The native vector environment, with observations, rewards and infos. Resets are not timed."""
     import gymnasium as gym
 
-    from rimless_gym.equations import MODE_NAMES
-
     walks = load_walks(Path(folder))
-    walks = walks.pieces(np.arange(n) % len(walks.starts))
-    env: Any = gym.make_vec("RimlessWheel-v0", num_envs=n, params=PRESET)
-    options = {"state": walks.starts, "mode": [MODE_NAMES[mode] for mode in walks.modes]}
-    actions, error = list(walks.actions[:, :, None]), 0.0
+    index = np.arange(n) % len(walks.starts)
+    walks = Walks(walks.starts[index], walks.actions[:, index], walks.ends[index])
+    envs: Any = gym.make_vec("rimless_gym:RimlessWheel-v0", num_envs=n, params=PRESET)
+
+    def replay() -> tuple[int, float, float]:
+        envs.reset(options={"state": walks.starts})
+        elapsed = stepped(envs, walks.actions[:, :, None])
+        return n * WINDOW, elapsed, walks.checked(envs.unwrapped.states[:, :4] - walks.ends)
+
+    return replayed(replay, seconds)
+
+
+def stepped(env: Any, actions: NDArray[np.float32]) -> float:
+    """The seconds that an environment takes for some actions, one after the other."""
+    given = list(actions)
+    begin = time.perf_counter()
+    for action in given:
+        env.step(action)
+    return time.perf_counter() - begin
+
+
+def replayed(replay: Callable[[], tuple[int, float, float]], seconds: float) -> dict[str, Any]:
+    """Repeat a replay, which returns its steps, seconds and error, after a while of warming up."""
+    error = 0.0
     for duration in (0.3, seconds):
         steps, elapsed = 0, 0.0
         while elapsed < duration:
-            env.reset(options=options)
-            begin = time.perf_counter()
-            for action in actions:
-                env.step(action)
-            elapsed += time.perf_counter() - begin
-            steps += n * len(actions)
-            error = max(error, walks.checked(env.unwrapped.states[:, :4] - walks.ends))
-    return {
-        "steps": steps,
-        "seconds": elapsed,
-        "replay_error": error,
-    }
+            more, spent, apart = replay()
+            steps, elapsed, error = steps + more, elapsed + spent, max(error, apart)
+    return {"steps": steps, "seconds": elapsed, "replay_error": error}
 
 
 def optimisation(seconds: float, folder: str) -> dict[str, Any]:
@@ -206,35 +191,31 @@ def accuracy(seconds: float, folder: str) -> dict[str, Any]:
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds or not errors:
         i = 37 * len(errors) % len(walks.starts)
-        errors.append(compare(walks.starts[i], walks.modes[i], walks.actions[:, i]))
+        errors.append(compare(walks.starts[i], walks.actions[:, i]))
     largest = {name: max(error[name] for error in errors) for name in errors[0]}
     return {"steps": len(errors), "seconds": time.perf_counter() - begin, **largest}
 
 
-def compare(start: Floats, mode: Any, actions: NDArray[np.float32]) -> dict[str, float]:
-    """Largest errors of one piece of 2 s.
+def compare(start: Floats, actions: NDArray[np.float32]) -> dict[str, float]:
+    """Largest errors of one walk of 2 s.
 
     Returns:
         `state_error`: of the states (rad, rad/s) at the ends of the control intervals, where kernel
         and reference have the same start and walk on their own. `event_error`: of the times of
         touchdowns (s), where the kernel starts from the reference's state at the beginning of the
         touchdown's control interval.
-
-    Raises:
-        RuntimeError: the two have different numbers of touchdowns.
     """
     from rimless_gym import preset, simulate
     from rimless_gym.energy import ROW
-    from rimless_gym.equations import MODE_NAMES
+    from rimless_gym.equations import SINGLE
     from rimless_gym.hybrid import CONTROL_PERIOD
-    from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance
+    from rimless_gym.kernel.stepping import advance, hybrid_states
 
     params = preset(PRESET)
 
     volts = params.voltage_limit * actions.astype(np.float64)
-    reference = simulate(params, start, volts, CONTROL_PERIOD * len(volts), mode=MODE_NAMES[mode])
-    state = np.zeros((1, STATE_SIZE))
-    state[0, :4], state[0, MODE] = start, mode
+    reference = simulate(params, start, volts, CONTROL_PERIOD * len(volts))
+    state = hybrid_states(start[None], SINGLE)
     located: list[float] = []
     error = 0.0
     for i, u in enumerate(volts):
@@ -257,68 +238,29 @@ def compare(start: Floats, mode: Any, actions: NDArray[np.float32]) -> dict[str,
 
 def load_walks(folder: Path) -> Walks:
     """The recorded walks, which are recorded if the folder has none."""
-    path = folder / "walks.npz"
+    path = folder / f"walks_{WALKS}.npz"
     if not path.exists():
-        part = path.with_suffix(".part.npz")
-        np.savez(part, **record_walks()._asdict())
-        os.replace(part, path)
+        np.savez(path, **recorded_walks()._asdict())
     with np.load(path, allow_pickle=False) as arrays:
         return Walks(**{name: arrays[name] for name in Walks._fields})
 
 
-def record_walks(walks: int = WALKS, settling: int = SETTLING, recorded: int = RECORDED) -> Walks:
-    """Let the LQR walk from the evaluation protocol's starts, and record the settled walks.
-
-    Args:
-        walks: how many.
-        settling: control intervals that are not recorded, at the beginning.
-        recorded: control intervals after that.
-
-    """
-    import gymnasium as gym
-
-    from rimless_gym.equations import MODE_NAMES
+def recorded_walks() -> Walks:
+    """Walks on the gait, begun at phases all over its stride and held by the LQR."""
+    from rimless_gym.equations import SINGLE
+    from rimless_gym.kernel.stepping import advance, hybrid_states
     from trajopt import periodic_gait
     from trajopt.feedback import laws
 
-    law = laws.design("lqr", periodic_gait(PRESET, speed=SPEED, steps=STEPS))
-    envs: Any = gym.make_vec(
-        "RimlessWheel-v0",
-        num_envs=walks,
-        params=PRESET,
-        max_episode_steps=settling + recorded + 1,
-        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
-    )
-    envs.reset(seed=0)
-    limit = envs.unwrapped.params[0].voltage_limit
-    states, actions, lasting = [], [], np.full(walks, True)
-    for i in range(settling + recorded):
-        before = envs.unwrapped.states
-        volts = law(before[:, :4], before[:, 4].astype(np.int64))
-        action = np.clip(volts / limit, -1.0, 1.0).astype(np.float32)
-        _, _, terminated, _, _ = envs.step(action[:, None])
-        lasting &= ~terminated
-        if i >= settling:
-            states.append(before)
-            actions.append(action)
-    states.append(envs.unwrapped.states)
-    edges = np.array(states[::WINDOW])[:, lasting]  # (windows + 1, walks, 6)
-    played = np.array(actions)[:, lasting].reshape(-1, WINDOW, lasting.sum()).swapaxes(0, 1)
-    first, end = edges[:-1].reshape(-1, edges.shape[2]), edges[1:].reshape(-1, edges.shape[2])
-    recording = Walks(
-        first[:, :4],
-        first[:, 4].astype(np.int64),
-        played.reshape(WINDOW, -1),
-        end[:, :4],
-    )
-    single_env, accepted = gym.make("RimlessWheel-v0", params=PRESET), []
-    for i, (start, mode) in enumerate(zip(recording.starts, recording.modes, strict=True)):
-        try:
-            single_env.reset(options={"state": start, "mode": MODE_NAMES[mode]})
-            accepted.append(i)
-        except ValueError:  # the foot would not press without a voltage
-            continue
-    return recording.pieces(np.array(accepted))
+    gait = periodic_gait(PRESET, speed=SPEED, steps=STEPS)
+    law, limit = laws.holding("lqr", gait), gait.params.voltage_limit
+    starts = gait.state(gait.duration * (np.arange(WALKS) + 0.5) / WALKS)
+    states, actions = hybrid_states(starts, SINGLE), []
+    for _ in range(WINDOW):
+        volts = law(states[:, :4], states[:, 4].astype(np.int64))
+        actions.append(np.clip(volts / limit, -1.0, 1.0).astype(np.float32))
+        advance(gait.params, states, limit * actions[-1].astype(np.float64))
+    return Walks(starts, np.array(actions), states[:, :4])
 
 
 MEASURES = {

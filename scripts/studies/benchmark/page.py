@@ -7,14 +7,7 @@ from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
-from scripts.studies.benchmark.rows import (
-    OPTIMISATION,
-    PROCESS,
-    ROWS,
-    SINGLE,
-    VECTOR,
-    Row,
-)
+from scripts.studies.benchmark.rows import OPTIMISATION, PROCESS, ROWS, SINGLE, VECTOR, BenchmarkRow
 from scripts.studies.documents.markdown import count, table
 
 INTRODUCTION = """\
@@ -70,7 +63,7 @@ def page(run: dict[str, Any]) -> str:
     """The whole page."""
     found = {result["key"]: result for result in run["results"]}
 
-    def of(group: str) -> list[Row]:
+    def of(group: str) -> list[BenchmarkRow]:
         return [row for row in ROWS if row.group == group]
 
     computer, ours = run["machine"], run["versions"]
@@ -132,24 +125,22 @@ def goal_figure(found: dict[str, Any], key: str, what: tuple[str, ...] | str) ->
     return min(ratios, default=None)
 
 
-def speed_table(rows: Sequence[Row], found: dict[str, Any]) -> str:
+def speed_table(rows: Sequence[BenchmarkRow], found: dict[str, Any]) -> str:
     """Rates of one group."""
-    lines = []
-    for row in rows:
-        n, cores = row.settings.get("n", 1), "one core" if row.one_core else "all cores"
-        if not (answers := answers_of(found, row.key)):
-            lines.append((row.title, f"{n}, {cores}", missing(found, row.key), "", row.by))
-            continue
+
+    def line(answers: list[dict[str, Any]], row: BenchmarkRow) -> tuple[str, ...]:
+        size = f"{row.settings.get('n', 1)}, {'one core' if row.one_core else 'all cores'}"
         rates = [answer["steps"] / answer["seconds"] for answer in answers]
         spread = f"{count(min(rates))} to {count(max(rates))}"
-        lines.append((row.title, f"{n}, {cores}", count(median(rates)), spread, row.by))
-    return table(("", "environments", "steps/s", "spread", "one step is"), lines)
+        return (size, count(median(rates)), spread, row.by)
+
+    return lines_table(rows, found, ("environments", "steps/s", "spread", "one step is"), line)
 
 
-def optimisation_table(rows: Sequence[Row], found: dict[str, Any]) -> str:
+def optimisation_table(rows: Sequence[BenchmarkRow], found: dict[str, Any]) -> str:
     """Times to build and to solve one problem, and their ratios to those of the plain script."""
 
-    def line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
+    def line(answers: list[dict[str, Any]], row: BenchmarkRow) -> tuple[str, ...]:
         build, solve = (median(a[name] for a in answers) for name in ("build", "solve"))
         ratios = [ratio(found, "swing-up-bare", row.key, of) for of in ("solve", "total")]
         shares = ["-" if each is None else f"{each:.3g}" for each in ratios]
@@ -162,10 +153,10 @@ def optimisation_table(rows: Sequence[Row], found: dict[str, Any]) -> str:
 
 
 def lines_table(
-    rows: Sequence[Row],
+    rows: Sequence[BenchmarkRow],
     found: dict[str, Any],
     head: Sequence[str],
-    line: Callable[[list[dict[str, Any]], Row], tuple[str, ...]],
+    line: Callable[[list[dict[str, Any]], BenchmarkRow], tuple[str, ...]],
 ) -> str:
     """A table with a line for each row; `line` makes its texts of the row's answers."""
     lines = []
@@ -176,7 +167,7 @@ def lines_table(
     return table(("", *head), lines)
 
 
-def process_line(answers: list[dict[str, Any]], row: Row) -> tuple[str, ...]:
+def process_line(answers: list[dict[str, Any]], row: BenchmarkRow) -> tuple[str, ...]:
     """Seconds that a process took."""
     seconds = [answer["seconds"] for answer in answers]
     return (f"{median(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})",)

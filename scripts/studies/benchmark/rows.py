@@ -19,45 +19,33 @@ IPOPT = "IPOPT, exact Hessian"
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
-    """One row of the benchmark.
+class BenchmarkRow:
+    """One row of the benchmark."""
 
-    Attributes:
-        key: its name on the command line and in the results.
-        group: the table that it belongs to.
-        title: its name in the table.
-        python: whose Python runs it, the name of a file in requirements/ or `OURS`.
-        measure: function of ours.py, peers.py or swing_up.py.
-        settings: arguments of that function.
-        by: what a step computes, or how the problem is solved.
-        one_core: whether it is kept to one core, or may use all.
-        most: largest number of rounds; small where a measurement is long and steady.
-    """
-
-    key: str
-    group: str
-    title: str
-    python: str
-    measure: str
-    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
-    by: str = ""
-    one_core: bool = True
-    most: int = 1000
+    key: str  # its name on the command line and in the results
+    group: str  # the table that it belongs to
+    title: str  # its name in the table
+    python: str  # whose Python runs it, the name of a file in requirements/ or `OURS`
+    measure: str  # function of ours.py, peers.py or swing_up.py
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)  # arguments of that function
+    by: str = ""  # what a step computes, or how the problem is solved
+    one_core: bool = True  # whether it is kept to one core, or may use all
+    most: int = 1000  # largest number of rounds; small where a measurement is long and steady
 
 
-def _gymnasium(name: str, physics: str) -> Row:
+def _gymnasium(name: str, physics: str) -> BenchmarkRow:
     settings = {"env": name}
     title = f"Gymnasium {name}"
-    return Row(name, SINGLE, title, "gymnasium", "gymnasium_single", settings, physics)
+    return BenchmarkRow(name, SINGLE, title, "gymnasium", "gymnasium_single", settings, physics)
 
 
-def _swing_up(key: str, title: str, python: str, by: str) -> Row:
-    return Row(f"swing-up-{key}", OPTIMISATION, title, python, python, by=by)
+def _swing_up(key: str, title: str, python: str, by: str) -> BenchmarkRow:
+    return BenchmarkRow(f"swing-up-{key}", OPTIMISATION, title, python, python, by=by)
 
 
-def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any) -> Row:
+def _fresh(key: str, title: str, program: str, most: int = 1000, **settings: Any) -> BenchmarkRow:
     settings["program"] = program
-    return Row(key, PROCESS, title, OURS, "fresh", settings, one_core=False, most=most)
+    return BenchmarkRow(key, PROCESS, title, OURS, "fresh", settings, one_core=False, most=most)
 
 
 SIZES = (1024, 16384)
@@ -66,17 +54,19 @@ SIMPSON = "Hermite-Simpson"
 TRAPEZOIDS = f"{SIMPSON}, force linear, cost by trapezoids; no Hessian"
 
 ROWS = (
-    Row("ours", SINGLE, "**rimless-gym**", OURS, "single", by=OUR_PHYSICS),
+    BenchmarkRow("ours", SINGLE, "**rimless-gym**", OURS, "single", by=OUR_PHYSICS),
     _gymnasium("CartPole-v1", CARTPOLE),
     _gymnasium("Pendulum-v1", "pendulum, one Euler step of 50 ms"),
     _gymnasium("Acrobot-v1", ACROBOT),
     _gymnasium("InvertedDoublePendulum-v5", MUJOCO),
     *(
-        Row(f"ours-vector-{n}", VECTOR, "**rimless-gym**", OURS, "vector", {"n": n}, OUR_PHYSICS)
+        BenchmarkRow(
+            f"ours-vector-{n}", VECTOR, "**rimless-gym**", OURS, "vector", {"n": n}, OUR_PHYSICS
+        )
         for n in SIZES
     ),
     *(
-        Row(
+        BenchmarkRow(
             f"cartpole-vector-{n}",
             VECTOR,
             "Gymnasium CartPole-v1, native",
@@ -87,7 +77,7 @@ ROWS = (
         )
         for n in SIZES
     ),
-    Row(
+    BenchmarkRow(
         "envpool-acrobot",
         VECTOR,
         "EnvPool Acrobot-v1",
@@ -97,7 +87,7 @@ ROWS = (
         ACROBOT,
         one_core=False,
     ),
-    Row(
+    BenchmarkRow(
         "gymnax-acrobot-one",
         VECTOR,
         "gymnax Acrobot-v1",
@@ -106,7 +96,7 @@ ROWS = (
         {"env": "Acrobot-v1", "n": 16384},
         f"{ACROBOT}, float32",
     ),
-    Row(
+    BenchmarkRow(
         "swing-up-ours", OPTIMISATION, "**trajopt**", OURS, "optimisation", by=f"{SIMPSON}; {IPOPT}"
     ),
     _swing_up("bare", "a script: CasADi, by hand", "casadi", f"{SIMPSON}; {IPOPT}"),
@@ -122,5 +112,5 @@ ROWS = (
     _fresh("single", "import, `gym.make`, first `reset` and `step`", "single"),
     _fresh("single-cold", "the same the very first time", "single", 2, cold=True),
     _fresh("vector", "import, `gym.make_vec` of 64, first `reset` and `step`", "vector"),
-    Row("accuracy", ACCURACY, "accuracy over 2 s of the gait", OURS, "accuracy", most=3),
+    BenchmarkRow("accuracy", ACCURACY, "accuracy over 2 s of the gait", OURS, "accuracy", most=3),
 )

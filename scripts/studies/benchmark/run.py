@@ -25,7 +25,7 @@ from typing import Any
 from tqdm import tqdm
 
 from scripts.studies.benchmark.page import page, quoted
-from scripts.studies.benchmark.rows import OPTIMISATION, OURS, ROWS, Row
+from scripts.studies.benchmark.rows import OPTIMISATION, OURS, ROWS, BenchmarkRow
 from trajopt.provenance import provenance
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[3]
@@ -77,7 +77,7 @@ def about(rounds: int, seconds: float) -> dict[str, Any]:
     return settings | {"machine": computer} | provenance()
 
 
-def measure_all(rows: Sequence[Row], rounds: int, seconds: float) -> list[dict[str, Any]]:
+def measure_all(rows: Sequence[BenchmarkRow], rounds: int, seconds: float) -> list[dict[str, Any]]:
     """Measure all rows once in each round. Every other round goes backwards.
 
     If a row fails, it keeps its earlier answers and gets an error.
@@ -105,7 +105,7 @@ def measure_all(rows: Sequence[Row], rounds: int, seconds: float) -> list[dict[s
     return results
 
 
-def measured(row: Row, seconds: float) -> dict[str, Any]:
+def measured(row: BenchmarkRow, seconds: float) -> dict[str, Any]:
     """One measurement, by a process of its own.
 
     Raises:

@@ -9,14 +9,16 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
 from agents.cli.main import run as run_command
 from agents.cli.options import Count, MaybePath
 from rimless_gym.presets import BUILDABLE
+from scripts.studies import designed_gaits
 from scripts.studies.codesign import gaits, machine
 from scripts.studies.codesign.gaits import (
     best_gait,
@@ -29,9 +31,8 @@ from scripts.studies.codesign.gaits import (
     start_up_and_walk,
 )
 from scripts.studies.codesign.machine import GPX_22_UP, TOTAL_MASS, Build, chosen, preset_build
-from scripts.studies.documents.markdown import marks, refresh, table
-from trajopt import pool
-from trajopt.gaits.solution import Solution
+from scripts.studies.designed_gaits import gaits_of
+from scripts.studies.documents.markdown import formatted, marks, refresh, table
 from trajopt.store import Store, jsonable, write_text
 
 LEGS = (5, 6, 7, 8, 9, 10)
@@ -52,6 +53,9 @@ SHOWN = 10
 HIGHEST = 0.15
 
 MARKS = marks("codesign", ("budget", "finals", "preset"))
+
+#: (name, tasks, work) -> results, see `designed_gaits.stage`.
+Stage: TypeAlias = Callable[..., dict[str, Any]]
 
 #: Tables' columns: heading and format.
 PRESET_COLUMNS = {
@@ -92,7 +96,7 @@ def codesign(
         workers: processes; by default one for every core.
         docs: a page, docs/machine.md, to put the tables and the figure into.
     """
-    modules = (machine, gaits, sys.modules[__name__])
+    modules = (machine, gaits, designed_gaits, sys.modules[__name__])
     constants = {
         f"{module.__name__.rpartition('.')[2]}.{name}": repr(value)
         for module in modules
@@ -100,12 +104,12 @@ def codesign(
         if name.isupper() and name not in ("MARKS", "HIGHEST", "SHOWN")
     }
     with Store(out, {"constants": constants}) as store:
-        study = CodesignStudy(store, workers)
-        landscape = study.landscape()
+        stage = partial(designed_gaits.stage, store, workers=workers)
+        landscape = landscape_of(stage)
         results = {
-            "landscape": {k: figures(g) for k, g in landscape.items() if isinstance(g, Solution)},
-            "finals": study.finals(landscape),
-            "preset": study.preset(landscape),
+            "landscape": {key: figures(gait) for key, gait in gaits_of(landscape).items()},
+            "finals": finals(stage, landscape),
+            "preset": of_preset(stage, landscape),
         }
     write_text(out / "results.json", json.dumps(jsonable(results), indent=1) + "\n")
     draw(results["landscape"], docs.parent if docs else out)
@@ -115,85 +119,36 @@ def codesign(
     return 0
 
 
-class CodesignStudy:
-    """The stages of the study, each result of which is in the store."""
-
-    def __init__(self, store: Store, workers: int | None) -> None:
-        self.store, self.workers = store, workers
-
-    def landscape(self) -> dict[str, Any]:
-        """The best gait of every build, from random starts and then from neighbours' gaits."""
-        builds = [Build(gear, legs) for legs in LEGS for gear in GPX_22_UP]
-        tasks = {_key(build): (build,) for build in builds}
-        first = self.stage("landscape", tasks, best_gait)
-        again = {}
-        for build in builds:
-            near = _gaits({_key(each): first[_key(each)] for each in neighbours(build, builds)})
-            again[_key(build)] = (build, first[_key(build)], tuple(near.values()))
-        return self.stage("landscape from neighbours", again, better_gait)
-
-    def finals(self, landscape: dict[str, Any]) -> dict[str, Any]:
-        """Start-up of the best builds, at their best speed and at a slower one."""
-        least = min(gait.cot for gait in _gaits(landscape).values())
-        close = {k: gait for k, gait in _gaits(landscape).items() if gait.cot <= CLOSE * least}
-        tasks = {
-            f"{key}_slower": (gait.params, SLOWER * gait.speed, (gait,))
-            for key, gait in close.items()
-        }
-        every = close | _gaits(self.stage("finalists at a lower speed", tasks, gait_at))
-        starts = {key: (gait, FINAL_STARTS) for key, gait in every.items()}
-        return self.stage("start-up of finalists", starts, start_up)
-
-    def preset(self, landscape: dict[str, Any]) -> dict[str, Any]:
-        """The preset's gaits over speed, and their start-up with the voltage held."""
-        known = tuple(_gaits({"": landscape[_key(preset_build())]}).values())
-        tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
-        free = {k: (gait,) for k, gait in _gaits(self.stage("preset", tasks, gait_at)).items()}
-        held = {k: (g,) for k, g in _gaits(self.stage("preset, held", free, held_gait)).items()}
-        return self.stage("start-up of the preset", held, start_up_and_walk)
-
-    def stage(
-        self, name: str, tasks: Mapping[str, tuple[Any, ...]], work: Callable[..., Any]
-    ) -> dict[str, Any]:
-        """Results of `work` for every task, in the tasks' order; those in the store are read.
-
-        Args:
-            name: of the stage, and of its folder.
-            tasks: arguments of `work` by the result's name.
-            work: a function at the top of a module; its result is a gait, or JSON values.
-        """
-        results = {
-            key: self._load(f"{name}/{key}") for key in tasks if f"{name}/{key}" in self.store
-        }
-        left = [(key, work, arguments) for key, arguments in tasks.items() if key not in results]
-        for (key, *_), result in pool.run(_work, left, self.workers, progress=name):
-            self._save(f"{name}/{key}", result)
-            results[key] = self._load(f"{name}/{key}")
-        return {key: results[key] for key in tasks}
-
-    def _save(self, key: str, result: Any) -> None:
-        if not isinstance(result, Solution):
-            self.store.save(key, {"value": jsonable(result)})
-            return
-        file = f"{key}.gait.npz"
-        (self.store.folder / file).parent.mkdir(exist_ok=True)
-        result.save(self.store.folder / file)
-        self.store.save(key, {"gait": file}, [file])
-
-    def _load(self, key: str) -> Any:
-        content = self.store.load(key)
-        if "value" in content:
-            return content["value"]
-        return Solution.load(self.store.folder / content["gait"])
+def landscape_of(stage: Stage) -> dict[str, Any]:
+    """The best gait of every build, from random starts and then from neighbours' gaits."""
+    builds = [Build(gear, legs) for legs in LEGS for gear in GPX_22_UP]
+    first = stage("landscape", {_key(build): (build,) for build in builds}, best_gait)
+    again = {}
+    for build in builds:
+        near = gaits_of({_key(each): first[_key(each)] for each in neighbours(build, builds)})
+        again[_key(build)] = (build, first[_key(build)], tuple(near.values()))
+    return stage("landscape from neighbours", again, better_gait)
 
 
-def _work(task: tuple[str, Callable[..., Any], tuple[Any, ...]]) -> Any:
-    _, work, arguments = task
-    return work(*arguments)
+def finals(stage: Stage, landscape: dict[str, Any]) -> dict[str, Any]:
+    """Start-up of the best builds, at their best speed and at a slower one."""
+    least = min(gait.cot for gait in gaits_of(landscape).values())
+    close = {k: gait for k, gait in gaits_of(landscape).items() if gait.cot <= CLOSE * least}
+    tasks = {
+        f"{key}_slower": (gait.params, SLOWER * gait.speed, (gait,)) for key, gait in close.items()
+    }
+    every = close | gaits_of(stage("finalists at a lower speed", tasks, gait_at))
+    starts = {key: (gait, FINAL_STARTS) for key, gait in every.items()}
+    return stage("start-up of finalists", starts, start_up)
 
 
-def _gaits(results: Mapping[str, Any]) -> dict[str, Solution]:
-    return {key: each for key, each in results.items() if isinstance(each, Solution)}
+def of_preset(stage: Stage, landscape: dict[str, Any]) -> dict[str, Any]:
+    """The preset's gaits over speed, and their start-up with the voltage held."""
+    known = tuple(gaits_of({"": landscape[_key(preset_build())]}).values())
+    tasks = {f"{speed:.4f}": (BUILDABLE, speed, known) for speed in SPEEDS}
+    free = {k: (gait,) for k, gait in gaits_of(stage("preset", tasks, gait_at)).items()}
+    held = {k: (g,) for k, g in gaits_of(stage("preset, held", free, held_gait)).items()}
+    return stage("start-up of the preset", held, start_up_and_walk)
 
 
 def _key(build: Build) -> str:
@@ -208,21 +163,10 @@ def tables(results: Mapping[str, Any]) -> dict[str, str]:
     finals = sorted(results["finals"].values(), key=lambda each: float(each["cot"]))[:SHOWN]
     made = {
         "budget": table(["part", "mass (g)"], _budget()),
-        "finals": _rows(finals, FINAL_COLUMNS),
-        "preset": _rows(results["preset"].values(), PRESET_COLUMNS),
+        "finals": formatted(FINAL_COLUMNS, finals),
+        "preset": formatted(PRESET_COLUMNS, results["preset"].values()),
     }
     return {name: text + "\n" for name, text in made.items()}
-
-
-def _rows(rows: Any, columns: Mapping[str, str]) -> str:
-    cells = [
-        [
-            "-" if "cot_of_walks" in cell and each["cot_of_walks"] is None else cell.format(**each)
-            for cell in columns.values()
-        ]
-        for each in rows
-    ]
-    return table(list(columns), cells)
 
 
 def _budget() -> list[list[str]]:

@@ -15,16 +15,17 @@ from agents.evaluate import Protocol, evaluate
 from agents.policies import controller_policy
 from rimless_gym.hybrid import CONTROL_PERIOD, motor_torque, relative_rate
 from rimless_gym.params import WheelParams
+from scripts.studies import designed_gaits
 from scripts.studies.codesign.machine import Build, chosen
+from scripts.studies.designed_gaits import REFINED, WORTH_IT, regenerating, search_mesh, with_turns
 from trajopt.feedback import laws
 from trajopt.gaits.periodic import NoGaitError, finished, periodic_gait
-from trajopt.gaits.problem import CONTROL_DEGREE, designed_gait
+from trajopt.gaits.problem import designed_gait
 from trajopt.gaits.search import random_guess
 from trajopt.gaits.solution import Solution
 from trajopt.ocp.constraints import Constraint
 from trajopt.ocp.extremal import Extremal
 from trajopt.ocp.guesses import Guess
-from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.problem import Phase, Problem
 from trajopt.ocp.ranking import least_first
 from trajopt.ocp.solve import solve
@@ -46,10 +47,7 @@ LIFTED_SHARE = 0.8
 
 def bounds(build: Build) -> dict[str, tuple[float, float]]:
     """On the design variables: bob (kg) and arm (m)."""
-    return {
-        "bob": (LIGHTEST_BOB, build.heaviest_bob),
-        "arm": (SHORTEST_ARM, build.longest_arm),
-    }
+    return {"bob": (LIGHTEST_BOB, build.heaviest_bob), "arm": (SHORTEST_ARM, build.longest_arm)}
 
 
 @lru_cache(maxsize=4)
@@ -64,12 +62,6 @@ def step_problem(build: Build) -> Problem:
         theta_turns=TURNS,
     )
     return dataclasses.replace(ring, phases=(_with_margins(ring.phases[0], build),))
-
-
-def regenerating(problem: Problem) -> Problem:
-    """The problem with E in place of E+, whose landscape is smoother."""
-    phases = tuple(dataclasses.replace(phase, floor=-math.inf) for phase in problem.phases)
-    return dataclasses.replace(problem, phases=phases)
 
 
 def _with_margins(stance: Phase, build: Build) -> Phase:
@@ -116,11 +108,8 @@ def neighbours(build: Build, builds: Sequence[Build]) -> list[Build]:
 #: Random starts of a build.
 STARTS = 3
 
-#: Meshes (elements, degree): of the search, and the first one of the refined gait.
-SEARCH_MESH, FIRST_MESH = (20, 5), (24, 7)
-
-#: Tolerances of the refined mesh; IPOPT's first barrier and iterations.
-MESH_ERROR, HAMILTONIAN, WARM_BARRIER, ITERATIONS = 1e-9, 1e-1, 1e-5, 200
+#: IPOPT's first barrier and iterations.
+WARM_BARRIER, ITERATIONS = 1e-5, 200
 
 #: Settings of a search's solves: one attempt each, on the search's mesh.
 _QUICK: dict[str, Any] = {
@@ -133,10 +122,6 @@ _QUICK: dict[str, Any] = {
 #: Refinements of a gait's mesh at most.
 PASSES = 5
 
-#: Optima that are refined until one is verified, and by how much (relative) a gait must cost less
-#: than the one that it replaces.
-REFINED, WORTH_IT = 2, 1e-3
-
 #: How many of the known gaits, those of the nearest speeds, are continued to a speed.
 CONTINUED = 3
 
@@ -144,16 +129,9 @@ CONTINUED = 3
 def best_gait(
     build: Build, known: Sequence[Solution] = (), starts: int = STARTS, seed: int = 0
 ) -> Solution | str:
-    """The gait of least cost that passes verification, or the reason why there is none.
-
-    Args:
-        build: motor, gearhead and legs.
-        known: gaits of other builds to start from.
-        starts: random ones besides.
-        seed: of the random starts.
-    """
+    """The verified gait of least cost from others' gaits and random starts, or why none is."""
     problem = step_problem(build)
-    mesh = Mesh.uniform(problem, *SEARCH_MESH, control_degree=CONTROL_DEGREE)
+    mesh = search_mesh(problem)
     low, high = np.array(list(bounds(build).values())).T
     extremals = []
     for gait in known:
@@ -190,17 +168,8 @@ def better_gait(build: Build, best: Solution | str, known: Sequence[Solution]) -
 
 def refined(build: Build, near: Extremal) -> Solution:
     """A gait near an optimum of the search, on a finer mesh, verified."""
-    problem = step_problem(build)
-    extremal = solve(
-        problem,
-        near.phases,
-        Mesh.uniform(problem, *FIRST_MESH, control_degree=CONTROL_DEGREE),
-        parameters=near.parameters,
-        tolerance=MESH_ERROR,
-        hamiltonian_tolerance=HAMILTONIAN,
-        passes=PASSES,
-        verify=False,
-        mu_init=WARM_BARRIER,
+    extremal = designed_gaits.refined(
+        step_problem(build), near, passes=PASSES, mu_init=WARM_BARRIER
     )
     bob, arm = (float(value) for value in extremal.parameters)
     machine = build.machine(bob, arm)
@@ -212,13 +181,8 @@ def random_step(build: Build, rng: np.random.Generator) -> Guess:
     params = build.machine(1.0, 0.1)
     slow, fast = SPEEDS
     speed = math.exp(rng.uniform(math.log(1.3 * slow), math.log(fast / 1.2)))
-    (phase,), _ = random_guess(params, 1, params.step_length / speed, rng)
-    states = phase.states.copy()
-    missing = 2 * math.pi * TURNS - (states[-1, -1, 1] - states[0, 0, 1])
-    share = np.linspace(0.0, 1.0, states[..., 0].size).reshape(states.shape[:2])
-    states[..., 1] += missing * share
-    states[..., 3] += missing / phase.duration
-    return (dataclasses.replace(phase, states=states),)
+    guess, _ = random_guess(params, 1, params.step_length / speed, rng)
+    return with_turns(guess, TURNS)
 
 
 def gait_at(params: WheelParams, speed: float, known: Sequence[Solution]) -> Solution | str:

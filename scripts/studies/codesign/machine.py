@@ -18,25 +18,15 @@ from rimless_gym.symbolic import Design
 
 @dataclasses.dataclass(frozen=True)
 class Motor:
-    """A brushed DC motor.
+    """A brushed DC motor."""
 
-    Attributes:
-        name: of the manufacturer.
-        constant: torque constant (N m/A).
-        resistance: of the terminals, winding at 25 C (ohm).
-        inertia: of the rotor (kg m^2).
-        no_load_current: at nominal voltage (A).
-        mass: kg.
-        top_speed: of the shaft (rad/s).
-    """
-
-    name: str
-    constant: float
-    resistance: float
-    inertia: float
-    no_load_current: float
-    mass: float
-    top_speed: float
+    name: str  # of the manufacturer
+    constant: float  # torque constant (N m/A)
+    resistance: float  # of the terminals, winding at 25 C (ohm)
+    inertia: float  # of the rotor (kg m^2)
+    no_load_current: float  # at nominal voltage (A)
+    mass: float  # kg
+    top_speed: float  # of the shaft (rad/s)
 
     @property
     def dry_torque(self) -> float:
@@ -46,25 +36,15 @@ class Motor:
 
 @dataclasses.dataclass(frozen=True)
 class Gearhead:
-    """A planetary gearhead of one reduction.
+    """A planetary gearhead of one reduction."""
 
-    Attributes:
-        name: of the manufacturer.
-        ratio: exact reduction.
-        efficiency: largest, in (0, 1).
-        inertia: at the motor's shaft (kg m^2).
-        mass: kg.
-        continuous_torque: permissible at the output (N m).
-        intermittent_torque: permissible at the output for short times (N m).
-    """
-
-    name: str
-    ratio: float
-    efficiency: float
-    inertia: float
-    mass: float
-    continuous_torque: float
-    intermittent_torque: float
+    name: str  # of the manufacturer
+    ratio: float  # exact reduction
+    efficiency: float  # largest, in (0, 1)
+    inertia: float  # at the motor's shaft (kg m^2)
+    mass: float  # kg
+    continuous_torque: float  # permissible at the output (N m)
+    intermittent_torque: float  # permissible at the output for short times (N m)
 
 
 #: maxon DCX 22 L, precious-metal brushes, ball bearings, 12 V winding.

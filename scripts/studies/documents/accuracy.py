@@ -26,17 +26,11 @@ NUDGE = 1e-13  # rad: how far a start is moved, to see how much the motion itsel
 
 @dataclasses.dataclass
 class KernelRun:
-    """A motion as the kernel computes it.
+    """A motion as the kernel computes it."""
 
-    Attributes:
-        states: hybrid states at the ends of the control intervals, (N, STATE_SIZE).
-        total: sums over the intervals of the rows of `rimless_gym.energy`.
-        residual: the largest residual of one interval's ledger (J).
-    """
-
-    states: Array
-    total: Array
-    residual: float
+    states: Array  # hybrid states at the ends of the control intervals, (N, STATE_SIZE)
+    total: Array  # sums over the intervals of the rows of `rimless_gym.energy`
+    residual: float  # the largest residual of one interval's ledger (J)
 
     @property
     def touchdowns(self) -> int:
@@ -49,7 +43,7 @@ class KernelRun:
         return self.touchdowns == touchdowns and ended == (mode, foot)
 
 
-def by_kernel(motion: Motion, moved: float = 0.0) -> KernelRun:
+def by_kernel(motion: DrivenMotion, moved: float = 0.0) -> KernelRun:
     """The motion as the kernel computes it, from a start whose leg is moved by `moved` (rad)."""
     state, states, rows = motion.start[None].copy(), [], []
     state[0, 0] += moved
@@ -65,27 +59,20 @@ class Accuracy:
     """The kernel's worst disagreement with the reference simulator over some motions.
 
     States and energies are compared where both have the same touchdowns and lift-offs.
-
-    Attributes:
-        motions: how many were compared.
-        touchdowns: in all motions, as the kernel counts them.
-        state: largest difference between states (rad, rad/s).
-        nudged: largest difference between the kernel's own states from a start and from the same
-            start moved by `NUDGE` (rad, rad/s).
-        energy: largest difference between energies (J).
-        residual: largest residual of the ledger of one control interval (J).
-        disagreements: motions with different numbers of events, or a different last mode or foot.
     """
 
-    motions: int = 0
-    touchdowns: int = 0
-    state: float = 0.0
+    motions: int = 0  # how many were compared
+    touchdowns: int = 0  # in all motions, as the kernel counts them
+    state: float = 0.0  # largest difference between states (rad, rad/s)
+    # largest difference between the kernel's own states from a start and from the same start moved
+    # by `NUDGE` (rad, rad/s)
     nudged: float = 0.0
-    energy: float = 0.0
-    residual: float = 0.0
+    energy: float = 0.0  # largest difference between energies (J)
+    residual: float = 0.0  # largest residual of the ledger of one control interval (J)
+    # motions with different numbers of events, or a different last mode or foot
     disagreements: int = 0
 
-    def add(self, motion: Motion) -> None:
+    def add(self, motion: DrivenMotion) -> None:
         """Compare one more motion."""
         ours, moved = by_kernel(motion), by_kernel(motion, NUDGE)
         ends = CONTROL_PERIOD * np.arange(1, len(motion.volts) + 1)
@@ -117,12 +104,7 @@ def measured(name: str, case: str, count: int) -> Accuracy:
 
 
 def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
-    """`Accuracy` of each preset and kind of motion.
-
-    Args:
-        count: motions of each kind.
-        grazes: motions in which a foot only just touches the ground.
-    """
+    """`Accuracy` of each preset and kind of motion."""
     table: dict[str, dict[str, Any]] = {}
     for name in tqdm(PRESETS, desc="accuracy", file=sys.stderr):
         table[name] = {}
@@ -133,18 +115,12 @@ def accuracy(count: int, grazes: int) -> dict[str, dict[str, Any]]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
-    """A motion to simulate.
+class DrivenMotion:
+    """A motion to simulate."""
 
-    Attributes:
-        params: the machine.
-        start: hybrid state (STATE_SIZE,).
-        volts: voltages (V), each held for one control interval.
-    """
-
-    params: WheelParams
-    start: Array
-    volts: Array
+    params: WheelParams  # the machine
+    start: Array  # hybrid state (STATE_SIZE,)
+    volts: Array  # voltages (V), each held for one control interval
 
 
 def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int = SINGLE) -> Array:
@@ -152,7 +128,7 @@ def hybrid_state(phi: float, theta: float, dphi: float, dtheta: float, mode: int
     return np.array([phi, theta, dphi, dtheta, mode, 0.0])
 
 
-def walking(name: str, rng: np.random.Generator) -> Motion:
+def walking(name: str, rng: np.random.Generator) -> DrivenMotion:
     """The pendulum is held ahead of the hub. Machines with too weak a motor walk downhill."""
     slope = {"THESIS_NOMINAL": 0.1, "PROTOTYPE": 0.45}.get(name, 0.0)
     params, lean = PRESETS[name].replace(slope=slope), rng.uniform(1.0, 1.4)
@@ -162,42 +138,44 @@ def walking(name: str, rng: np.random.Generator) -> Motion:
         push = 30 * (lean - state[0, THETA]) - 3 * state[0, DTHETA] + 3 * state[0, DPHI] + 10
         volts.append(np.clip(push, -params.voltage_limit, params.voltage_limit))
         advance(params, state, np.array(volts[-1:]), pull=math.inf)
-    return Motion(params, start, np.array(volts))
+    return DrivenMotion(params, start, np.array(volts))
 
 
-def falling_back(name: str, rng: np.random.Generator) -> Motion:
+def falling_back(name: str, rng: np.random.Generator) -> DrivenMotion:
     """The wheel falls backward from mid-stance, under random voltages."""
     params = PRESETS[name]
     start = hybrid_state(rng.uniform(1.2, 1.8), rng.uniform(-1, 1), rng.uniform(-4, -2), 0.0)
-    return Motion(params, start, rng.uniform(-8, 8, 80))
+    return DrivenMotion(params, start, rng.uniform(-8, 8, 80))
 
 
-def rocking(name: str, rng: np.random.Generator) -> Motion:
+def rocking(name: str, rng: np.random.Generator) -> DrivenMotion:
     """The wheel rocks on two feet under an alternating voltage."""
     params = PRESETS[name]
     volts = params.voltage_limit * np.sin(
         rng.uniform(5, 9) * CONTROL_PERIOD * np.arange(150) + rng.uniform(0, 6)
     )
     start = hybrid_state(params.constants.a + 0.02, rng.uniform(-1.5, 1.5), 0.0, 0.0)
-    return Motion(params, start, volts)
+    return DrivenMotion(params, start, volts)
 
 
-def resting(name: str, rng: np.random.Generator) -> Motion:
+def resting(name: str, rng: np.random.Generator) -> DrivenMotion:
     """The wheel comes to rest on two feet; then full voltage makes it lift off again."""
     params = PRESETS[name]
     start = hybrid_state(
         params.constants.a + rng.uniform(0.01, 0.05), rng.uniform(-0.3, 0.3), 0.0, 0.0
     )
     sign = rng.choice([-1.0, 1.0])
-    return Motion(params, start, np.where(np.arange(150) < 100, 0.0, sign * params.voltage_limit))
+    return DrivenMotion(
+        params, start, np.where(np.arange(150) < 100, 0.0, sign * params.voltage_limit)
+    )
 
 
-def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
+def several_touchdowns(name: str, rng: np.random.Generator) -> DrivenMotion:
     """Nearly at rest, with three or more touchdowns in the first control interval."""
     params, p = PRESETS[name], PRESETS[name].constants
     while True:
         start = hybrid_state(p.a, rng.uniform(-0.5, 0.5), rng.uniform(0.002, 0.04), 0.0)
-        motion = Motion(params, start, rng.uniform(-1, 1, 2))
+        motion = DrivenMotion(params, start, rng.uniform(-1, 1, 2))
         rows = advance(params, start[None].copy(), motion.volts[:1], pull=math.inf)
         if rows[0, ROW.touchdowns] >= 3:
             return motion
@@ -207,7 +185,7 @@ def several_touchdowns(name: str, rng: np.random.Generator) -> Motion:
 GRAZE = 1e-11
 
 
-def graze(name: str, rng: np.random.Generator) -> Motion:
+def graze(name: str, rng: np.random.Generator) -> DrivenMotion:
     """The leg turns back when the swing foot is `GRAZE` below the ground.
 
     The turning point is drawn. Integrating backward from it gives the start, 3 to 7 ms earlier.
@@ -222,10 +200,10 @@ def graze(name: str, rng: np.random.Generator) -> Motion:
         *_, y = smooth_states(params, (phi, theta, 0.0, dtheta), u, before, 32)
         turns_back = (y[2] > 0) == forward and abs(y[2]) > 1e-3
         if p.a < y[0] < p.b and turns_back and abs(y[3]) < 40:
-            return Motion(params, hybrid_state(y[0], y[1], y[2], y[3]), np.array([u]))
+            return DrivenMotion(params, hybrid_state(y[0], y[1], y[2], y[3]), np.array([u]))
 
 
-CASES: dict[str, Callable[[str, np.random.Generator], Motion]] = {
+CASES: dict[str, Callable[[str, np.random.Generator], DrivenMotion]] = {
     "walking": walking,
     "falling back": falling_back,
     "rocking": rocking,

@@ -99,9 +99,6 @@ def convergence(count: int = 20) -> dict[str, dict[str, Any]]:
 
     Dry friction changes within milliseconds where psi' changes its sign. Steps of the lengths here
     would pass over that, and show no order.
-
-    Args:
-        count: starts, over which an error is a root mean square.
     """
     table = {}
     for name, params in OF_THE_THESIS.items():

@@ -64,10 +64,7 @@ def numbers() -> dict[str, Any]:
 def figures(results: dict[str, Any]) -> dict[str, Figure]:
     """Every figure by the name of its file, drawn from the results of `numbers`."""
     plt.rcParams |= {"axes.spines.top": False, "axes.spines.right": False, "font.size": 10}
-    drawn = (
-        drawings.coordinates_figure(),
-        drawings.convergence_figure(results["convergence"]),
-    )
+    drawn = (drawings.coordinates_figure(), drawings.convergence_figure(results["convergence"]))
     return dict(zip(FIGURES, drawn, strict=True))
 
 

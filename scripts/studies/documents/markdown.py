@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from string import Formatter
+from typing import Any
 
 from trajopt.store import write_text
 
@@ -14,6 +16,21 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     texts = [[str(cell).replace("|", r"\|") for cell in line] for line in lines]
     return "\n".join("| " + " | ".join(line) + " |" for line in texts)
+
+
+def formatted(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    """A table whose columns are headings and formats; a dash where a row has no figure (None)."""
+    return table(list(columns), [[_cell(form, row) for form in columns.values()] for row in rows])
+
+
+def _cell(form: str, row: Mapping[str, Any]) -> str:
+    fields = [name for _, name, _, _ in Formatter().parse(form) if name]
+    return "-" if any(row[name] is None for name in fields) else form.format(**row)
+
+
+def percent(share: float) -> str:
+    """A share without decimals."""
+    return f"{100 * share:.0f} %"
 
 
 def count(number: float) -> str:

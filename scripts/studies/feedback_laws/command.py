@@ -10,13 +10,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 
-from scripts.studies.feedback_laws import page
+from scripts.studies.documents import markdown
+from scripts.studies.documents.markdown import percent
 from scripts.studies.feedback_laws.measures import GAITS, MEASURES, TIMING, Measurement, measured
 from trajopt.feedback import laws
 from trajopt.pool import run
@@ -25,6 +27,24 @@ from trajopt.store import Store, file_digest, key
 #: The code of laws and measures: its digests are part of a result's key, so that what was measured
 #: of other code is measured again.
 CODE = sorted([*Path(laws.__file__).parents[1].rglob("*.py"), *Path(__file__).parent.glob("*.py")])
+
+
+MARKS = markdown.marks("feedback", ("gaits",))
+
+#: The columns, and how each is written from the results of a law about a gait.
+COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "over the optimum (95 %)": lambda row: _interval(row["cost"], "gap", "+.2f"),
+    "starts that walk (95 %)": lambda row: _interval(row["cost"], "share", ".0f"),
+    "friction demand": lambda row: f"{row['cost']['friction_demand']:.2f}",
+    "push backward (N s)": lambda row: f"{min(row['pushes']['backward']):.2f}",
+    "push forward (N s)": lambda row: f"{min(row['pushes']['forward']):.2f}",
+    "random states": lambda row: percent(row["random_states"]["share"]),
+    "noise": lambda row: percent(row["disturbed"]["noise"]),
+    "10 ms late": lambda row: percent(row["disturbed"]["delay"]),
+    "machines ± 20 %": lambda row: percent(fmean(row["machines"].values())),
+    "multiplier": lambda row: f"{row['multipliers']['sizes'][0]:.2f}",
+    "decision (µs)": lambda row: f"{1e6 * row['decision']['batch']:.1f}",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,9 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results, errors = study(
         options.out, options.gaits, options.laws, options.workers, options.quick
     )
+    text = tables(results)
     if options.docs:
-        page.refresh(options.docs, results)
-    print(page.tables(results))
+        markdown.refresh(options.docs, MARKS, {"gaits": text + "\n"})
+    print(text)
     for name, error in errors.items():
         print(f"{name}: {error}", file=sys.stderr)
     return 1 if errors else 0
@@ -58,18 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def study(
     folder: Path, gaits: Sequence[str], names: Sequence[str], workers: int | None, quick: bool
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """The results by gait, law and measure, and the errors of those that could not be measured.
-
-    Args:
-        folder: of the store.
-        gaits: keys of `GAITS`.
-        names: of laws.
-        workers: processes; None: one for each core.
-        quick: whether this is a trial.
-
-    Raises:
-        ValueError: another process works in the folder.
-    """
+    """The results by gait, law and measure, and the errors of those that could not be measured."""
     tasks = [
         Measurement(gait, law, measure, quick, folder)
         for gait in gaits
@@ -78,7 +88,10 @@ def study(
     ]
     code = [file_digest(path) for path in CODE]
     keys = {
-        task: key(f"{task.gait} {task.law} {task.measure}", **_inputs(task, code)) for task in tasks
+        task: key(
+            f"{task.gait} {task.law} {task.measure}", gait=GAITS[task.gait], quick=quick, code=code
+        )
+        for task in tasks
     }
     results: dict[str, Any] = {gait: {law: {} for law in names} for gait in gaits}
     errors = {}
@@ -98,10 +111,27 @@ def study(
     return results, errors
 
 
-def _inputs(task: Measurement, code: list[str | None]) -> dict[str, Any]:
-    """What a result depends on."""
-    return {"gait": GAITS[task.gait], "quick": task.quick, "code": code}
+def tables(results: Mapping[str, Any]) -> str:
+    """A table of all laws for each gait."""
+    parts = []
+    for gait, rows in results.items():
+        body = [
+            [f"`{law}`", *(_cell(write, row) for write in COLUMNS.values())]
+            for law, row in rows.items()
+        ]
+        parts.append(f"### {gait}\n\n{markdown.table(['law', *COLUMNS], body)}")
+    return "\n\n".join(parts)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _cell(write: Callable[[Mapping[str, Any]], str], row: Mapping[str, Any]) -> str:
+    """A figure; a dash where the law does not walk, has none, or could not be measured."""
+    try:
+        return write(row)
+    except (KeyError, TypeError):
+        return "-"
+
+
+def _interval(cost: Mapping[str, Any], name: str, form: str) -> str:
+    """A mean and its interval, in percent."""
+    low, high = cost[f"{name}_interval"]
+    return f"{100 * cost[name]:{form}} % ({100 * low:{form}} to {100 * high:{form}})"

@@ -73,27 +73,16 @@ BATCH, TIMED_SECONDS, REPEATS = 128, 0.1, 5
 
 @dataclasses.dataclass(frozen=True)
 class Sizes:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes:
-        seeds: sets of starts of the full protocol.
-        starts: in each of them.
-        few_starts: of the short protocol, for everything that is changed or disturbed.
-        phases: of the step at which a push comes.
-        impulses: tried side by side, before the bisection.
-        bisections: between the largest that was survived and the next.
-        states: random ones.
-        shorter: divides all times of the full and the short protocol.
-    """
-
-    seeds: int = 4
-    starts: int = 128
-    few_starts: int = 48
-    phases: int = 8
-    impulses: int = 20
-    bisections: int = 5
-    states: int = 400
-    shorter: float = 1.0
+    seeds: int = 4  # sets of starts of the full protocol
+    starts: int = 128  # in each of them
+    few_starts: int = 48  # of the short protocol, for everything that is changed or disturbed
+    phases: int = 8  # of the step at which a push comes
+    impulses: int = 20  # tried side by side, before the bisection
+    bisections: int = 5  # between the largest that was survived and the next
+    states: int = 400  # random ones
+    shorter: float = 1.0  # divides all times of the full and the short protocol
 
     def protocol(self, full: bool, **changes: Any) -> Protocol:
         """The full or the short protocol, in this size."""
@@ -108,38 +97,23 @@ FOR_A_TRIAL = Sizes(2, 4, 4, 2, 4, 2, 16, shorter=4.0)
 
 
 class Measurement(NamedTuple):
-    """A measure of a law about a gait.
+    """A measure of a law about a gait."""
 
-    Attributes:
-        gait: its key in `GAITS`.
-        law: its name.
-        measure: its key in `MEASURES`.
-        quick: whether this is a trial.
-        folder: where start-up controllers are stored.
-    """
-
-    gait: str
-    law: str
-    measure: str
-    quick: bool
-    folder: Path
+    gait: str  # its key in `GAITS`
+    law: str  # its name
+    measure: str  # its key in `MEASURES`
+    quick: bool  # whether this is a trial
+    folder: Path  # where start-up controllers are stored
 
 
 @dataclasses.dataclass(frozen=True)
 class Subject:
-    """A law about a gait, as it is measured.
+    """A law about a gait, as it is measured."""
 
-    Attributes:
-        gait: the gait.
-        name: of the law.
-        folder: where the start-up controller is stored.
-        quick: whether this is a trial.
-    """
-
-    gait: Solution
-    name: str
-    folder: Path
-    quick: bool
+    gait: Solution  # the gait
+    name: str  # of the law
+    folder: Path  # where the start-up controller is stored
+    quick: bool  # whether this is a trial
 
     @property
     def params(self) -> WheelParams:
@@ -325,11 +299,9 @@ def pushes(subject: Subject) -> dict[str, Any]:
 
 
 def _bracket(row: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """The last impulse before the first that is not survived, and that one, for each state.
+    """Of rising impulses (m,): the last before the first not survived, and that one.
 
-    Args:
-        row: impulses, rising from 0, (m,).
-        good: whether they are survived, (states, m).
+    `good` (states, m) says which are survived, from each state.
     """
     failing = np.where(good.all(axis=1), len(row), good.argmin(axis=1))
     low, high = row[np.maximum(failing - 1, 0)], row[np.minimum(failing, len(row) - 1)]

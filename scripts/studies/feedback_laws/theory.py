@@ -45,10 +45,6 @@ def zero_dynamics_multiplier(solution: Solution) -> float:
     """What a deviation in pace along the gait's path is multiplied by in a stride.
 
     Less than 1: a law that holds the virtual constraint holds the gait.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: the gait has no virtual constraint.
     """
     constraint_of(solution)  # refuses gaits that have none
     knots = np.concatenate([[0.0], solution.breakpoints])
@@ -73,26 +69,20 @@ class LinearisationConditions(NamedTuple):
     """How far the two conditions are from failing and from holding, at N states.
 
     Vectors are scaled to length 1 first, so that 0 and 1 are the ends of every scale.
-
-    Attributes:
-        accessibility: least singular value of (g, ad_f g, ad_f^2 g, ad_f^3 g), shape (N,); the
-            rank is 4 where it is not 0.
-        involutivity: the largest part of the three brackets of g, ad_f g and ad_f^2 g outside
-            their span, shape (N,); the span is involutive where it is 0.
     """
 
+    # least singular value of (g, ad_f g, ad_f^2 g, ad_f^3 g), shape (N,); the rank is 4 where it is
+    # not 0
     accessibility: Floats
+    # the largest part of the three brackets of g, ad_f g and ad_f^2 g outside their span, shape
+    # (N,); the span is involutive where it is 0
     involutivity: Floats
 
 
 def linearisation_conditions(params: WheelParams, states: Floats) -> LinearisationConditions:
-    """The two conditions at states in single stance.
+    """The two conditions at states (N, 4) in single stance.
 
     What a gear loses under load is not affine in V: it is taken out of the machine.
-
-    Args:
-        params: the machine.
-        states: shape (N, 4).
     """
     fields, brackets = (np.asarray(each) for each in _fields(params).map(len(states))(states.T))
     pairs = [

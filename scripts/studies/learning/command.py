@@ -10,25 +10,27 @@ from __future__ import annotations
 
 import argparse
 import functools
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from statistics import fmean, median
+from typing import NamedTuple, TypeAlias
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core is enough
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-from agents.evaluate import PROTOCOL, Protocol
+from agents.evaluate import PROTOCOL, Protocol, bootstrap_interval, interquartile_mean
 from agents.gaps import best_held, gap_to_gaits, ticks_around
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.presets import BUILDABLE
 from scripts.studies import publish
 from scripts.studies.documents import markdown
-from scripts.studies.learning.rows import ROWS
-from scripts.studies.learning.tables import Gap, Results, tables
+from scripts.studies.documents.markdown import count, percent, table
+from scripts.studies.learning.rows import ABLATIONS, FIRST_EVENING, FRONT, LEARNED, ROWS, SECTIONS
 from scripts.studies.learning.trials import SeedResult, StudyRow, WalkFigures
 from trajopt import Solution, pool
 from trajopt.store import Store, jsonable, key
@@ -39,17 +41,29 @@ FEWEST = 3
 #: The folder of the optimal gaits, in that of the study.
 GAITS = "front"
 
+#: The results of each row's seeds.
+Results: TypeAlias = Mapping[StudyRow, Sequence[SeedResult]]
+
+#: CoT over the optimum at the same speed, minus 1; None without one.
+Gap: TypeAlias = Callable[[StudyRow, WalkFigures], float | None]
+
+NONE = "-"
+
+#: Columns of every table, after those that name the policy.
+FIGURES = (
+    *("seeds that walk", "starts that walk", "gap to the optimum", "CoT", "speed (m/s)"),
+    *("falls", "slips"),
+)
+
+#: More columns of tables in which rows were trained in different ways.
+EFFORT = ("minutes of one core", "steps")
+
 
 class SeedTask(NamedTuple):
-    """One seed of a row.
+    """One seed of a row."""
 
-    Attributes:
-        row: how it is trained and evaluated.
-        seed: of everything random in the training.
-    """
-
-    row: StudyRow
-    seed: int
+    row: StudyRow  # how it is trained and evaluated
+    seed: int  # of everything random in the training
 
     @property
     def key(self) -> str:
@@ -80,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.docs:
         whole = {row.table for row in ROWS} - {row.table for row in ROWS if row not in results}
         marks = markdown.marks("study", tuple(sections))
-        written = {name: table + "\n" for name, table in sections.items() if name in whole}
+        written = {name: text + "\n" for name, text in sections.items() if name in whole}
         markdown.refresh(options.docs, marks, written)
     if options.headline:
         publish.refresh_headline(options.headline, options.docs)
@@ -92,12 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def completed(
     store: Store, tasks: Sequence[SeedTask], protocol: Protocol, workers: int | None
 ) -> dict[SeedTask, str]:
-    """Run the tasks that have no result yet.
+    """Run the tasks that have no result yet; what went wrong with some, by task.
 
     A task that needs a policy of another row waits until the tasks of that row are finished.
-
-    Returns:
-        What went wrong with tasks; the others go on.
     """
     failures: dict[SeedTask, str] = {}
     work = functools.partial(ran, store, protocol)
@@ -108,17 +119,7 @@ def completed(
                 if isinstance(result, str):
                     failures[task] = result
                 else:
-                    store.save(
-                        task.key,
-                        jsonable(
-                            result._asdict()
-                            | {
-                                "policies": {
-                                    name: each._asdict() for name, each in result.policies.items()
-                                }
-                            }
-                        ),
-                    )
+                    store.save(task.key, jsonable(result))
     return failures
 
 
@@ -149,13 +150,12 @@ def finished(store: Store, rows: Sequence[StudyRow], seeds: int) -> Results:
     results: dict[StudyRow, list[SeedResult]] = {}
     for row in rows:
         finished_seeds: list[SeedResult] = []
-        while (
-            len(finished_seeds) < seeds
-            and (name := SeedTask(row, len(finished_seeds)).key) in store
-        ):
+        for seed in range(seeds):
+            if (name := SeedTask(row, seed).key) not in store:
+                break
             saved = store.load(name)
             policies = {
-                which: WalkFigures(**{k: float("nan") if v is None else v for k, v in each.items()})
+                which: WalkFigures(**{k: math.nan if v is None else v for k, v in each.items()})
                 for which, each in saved["policies"].items()
             }
             finished_seeds.append(SeedResult(policies, saved["steps"], saved["minutes"]))
@@ -195,3 +195,69 @@ def gaps(results: Results, folder: Path, workers: int | None) -> Gap:
 
 def _best_held(folder: Path, ticks: int) -> Solution | None:
     return best_held(BUILDABLE, ticks, folder)
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+def tables(results: Results, gap: Gap) -> dict[str, str]:
+    """A table for every section that has a row."""
+    sections = {}
+    for section in SECTIONS:
+        rows = {row: seeds for row, seeds in results.items() if row.table == section}
+        if rows:
+            commanded = section in (FRONT, FIRST_EVENING)
+            names = ("learner", "commanded") if commanded else ("policy",)
+            effort = EFFORT if section in (LEARNED, ABLATIONS) else ()
+            head = [*names, *FIGURES, *effort]
+            lines = [line for each in rows.items() for line in _lines(*each, gap, commanded)]
+            sections[section] = table(head, [line[: len(head)] for line in lines])
+    return sections
+
+
+def _lines(
+    row: StudyRow, seeds: Sequence[SeedResult], gap: Gap, commanded: bool
+) -> list[list[str]]:
+    """A line for each of a row's policies; where speeds are commanded, one more for all of them."""
+    lines = []
+    for which in seeds[0].policies:
+        names = [row.title, which] if commanded else [", ".join(filter(None, (row.title, which)))]
+        lines.append(names + _figures(row, which, seeds, gap))
+    if commanded and len(lines) > 1:
+        walking = sum(all(map(row.walks, seed.policies.values())) for seed in seeds)
+        blank = [""] * (len(FIGURES) - 1)
+        lines.append([row.title, "all of these", f"{walking} of {len(seeds)}", *blank])
+    return lines
+
+
+def _figures(row: StudyRow, which: str, seeds: Sequence[SeedResult], gap: Gap) -> list[str]:
+    """The same policy (best kept, last, ...) of every seed of a row, in words."""
+    policies = [seed.policies[which] for seed in seeds]
+    walking = [each for each in policies if row.walks(each)]
+    shares = [each.share for each in policies]
+    gaps = [value for each in walking if (value := gap(row, each)) is not None]
+    return [
+        f"{len(walking)} of {len(policies)}",
+        f"{percent(median(shares))} ({100 * min(shares):.0f} to {100 * max(shares):.0f})",
+        _interval(gaps),
+        _mean([each.cot for each in walking], 4),
+        _mean([each.speed for each in walking], 3),
+        percent(fmean(each.falls for each in policies)),
+        percent(fmean(each.slips for each in policies)),
+        f"{median(seed.minutes for seed in seeds):.1f}",
+        count(median(seed.steps for seed in seeds)),
+    ]
+
+
+def _interval(gaps: Sequence[float]) -> str:
+    """The interquartile mean of gaps, and its 95 % bootstrap interval."""
+    if not gaps:
+        return NONE
+    mean, (low, high) = interquartile_mean(gaps), bootstrap_interval(gaps)
+    return f"{100 * mean:+.1f} % ({100 * low:+.1f} to {100 * high:+.1f})"
+
+
+def _mean(values: Sequence[float], digits: int) -> str:
+    """The interquartile mean of those that are numbers."""
+    numbers = [value for value in values if not math.isnan(value)]
+    return f"{interquartile_mean(numbers):.{digits}f}" if numbers else NONE

@@ -49,17 +49,9 @@ def _adaptive(**changes: float) -> dict[str, Any]:
 
 #: Rows whose policies others need.
 IMITATED = StudyRow(
-    "imitation",
-    "imitation of the LQR",
-    LEARNED,
-    Trained("ppo", IMITATION, 0, CLONED),
+    "imitation", "imitation of the LQR", LEARNED, Trained("ppo", IMITATION, 0, CLONED)
 )
-EVOLVED = StudyRow(
-    "evolution",
-    "evolution from scratch",
-    LEARNED,
-    Trained("evolution", files=KEPT),
-)
+EVOLVED = StudyRow("evolution", "evolution from scratch", LEARNED, Trained("evolution", files=KEPT))
 DISTILLED = StudyRow(
     "distilled",
     "evolution distilled into a network",
@@ -81,17 +73,9 @@ ROWS = (
         LEARNED,
         Trained("ppo", IMITATION, FINE_TUNING, KEPT, start=Other(IMITATED, CLONE)),
     ),
+    StudyRow("ppo", "PPO from scratch", LEARNED, Trained("ppo", files=KEPT)),
     StudyRow(
-        "ppo",
-        "PPO from scratch",
-        LEARNED,
-        Trained("ppo", files=KEPT),
-    ),
-    StudyRow(
-        "screened_ppo",
-        "PPO from screened policies",
-        LEARNED,
-        Trained("screened_ppo", files=KEPT),
+        "screened_ppo", "PPO from screened policies", LEARNED, Trained("screened_ppo", files=KEPT)
     ),
     EVOLVED,
     DISTILLED,
@@ -173,11 +157,5 @@ ROWS = (
         ),
         enough=0.9,
     ),
-    StudyRow(
-        "first_evening",
-        "PPO of stable-baselines3",
-        FIRST_EVENING,
-        PlainPpo(),
-        enough=0.8,
-    ),
+    StudyRow("first_evening", "PPO of stable-baselines3", FIRST_EVENING, PlainPpo(), enough=0.8),
 )

@@ -4,61 +4,57 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
 from agents import Sb3VecEnv
-from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
-from agents.evaluate import Evaluation, Protocol, evaluate
+from agents.conditions import Conditions
+from agents.evaluate import COMMANDS, Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
-from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
-from agents.outcomes import FALLS
-from agents.policies import learned_policy
+from agents.outcomes import FALLS, WALKS, Window, outcomes
+from agents.policies import Policy, learned_policy
 from agents.policy_files import load_policy
+from agents.rollout import Rollout, draw_starts
 from agents.sb3.learner import NetworkPolicy
 from agents.training import TrainingConfig, train
 from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
-from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.presets import BUILDABLE
 
 with extra("learn"):
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
 
+#: The outcomes of walks whose foot slips, in stance or as it touches down.
+SLIPS = ("slips", "slips_at_touchdown")
+
 #: Folder of the laws' gaits and plans, in that of the study: all seeds use them.
 CACHE = "plans"
 
 
-class WalkFigures(NamedTuple):
-    """How a policy walks.
+@dataclasses.dataclass(frozen=True)
+class WalkFigures:
+    """How a policy walks."""
 
-    Attributes:
-        share: of the starts that walk, in [0, 1].
-        falls: of the starts that fall.
-        slips: of the starts that still take steps at the end, but whose foot slips.
-        cot: cost of transport of those that walk, from E+; NaN if none gets anywhere.
-        speed: of those that walk (m/s); NaN if none does.
-    """
-
-    share: float
-    falls: float
-    slips: float
-    cot: float
-    speed: float
+    share: float  # of the starts that walk, in [0, 1]
+    falls: float  # of the starts that fall
+    slips: float  # of the starts that still take steps at the end, but whose foot slips
+    cot: float  # cost of transport of those that walk, from E+; NaN if none gets anywhere
+    speed: float  # of those that walk (m/s); NaN if none does
 
     @classmethod
-    def of(cls, walks: Evaluation | Stretch) -> WalkFigures:
-        """The figures of an evaluation, or of the part of a walk under one command."""
-        if isinstance(walks, Stretch):
-            falls, slips = walks.fallen_share, walks.slipping_share
-        else:
-            starts = len(walks.outcomes)
-            falls = walks.failures.get(FALLS, 0) / starts
-            slips = sum(walks.failures.get(verdict, 0) for verdict in SLIPS) / starts
+    def of(cls, walks: Evaluation) -> WalkFigures:
+        """The figures of an evaluation."""
+        starts = len(walks.outcomes)
+        falls = walks.failures.get(FALLS, 0) / starts
+        slips = sum(walks.failures.get(outcome, 0) for outcome in SLIPS) / starts
         return cls(walks.walking_share, falls, slips, walks.cot, walks.speed)
 
 
@@ -66,37 +62,24 @@ class WalkFigures(NamedTuple):
 Policies: TypeAlias = dict[str, WalkFigures]
 
 
-class SeedResult(NamedTuple):
-    """What became of a seed.
+@dataclasses.dataclass(frozen=True)
+class SeedResult:
+    """What became of a seed."""
 
-    Attributes:
-        policies: how they walk.
-        steps: of the environment, in all.
-        minutes: of one core, for training; those before a stop included.
-    """
-
-    policies: Policies
-    steps: int
-    minutes: float
+    policies: Policies  # how they walk
+    steps: int  # of the environment, in all
+    minutes: float  # of one core, for training; those before a stop included
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StudyRow:
-    """A way to learn, over several seeds.
+    """A way to learn, over several seeds."""
 
-    Attributes:
-        name: of its files, and on the command line.
-        title: in the table.
-        table: in which it stands, one of those of `rows`.
-        trial: how a seed is trained and evaluated.
-        enough: a seed walks if this share of its starts does.
-    """
-
-    name: str
-    title: str
-    table: str
-    trial: Trained | PlainPpo
-    enough: float = 0.95
+    name: str  # of its files, and on the command line
+    title: str  # in the table
+    table: str  # in which it stands, one of those of `rows`
+    trial: Trained | PlainPpo  # how a seed is trained and evaluated
+    enough: float = 0.95  # a seed walks if this share of its starts does
 
     def walks(self, policy: WalkFigures) -> bool:
         """Whether a policy walks from enough starts."""
@@ -104,44 +87,31 @@ class StudyRow:
 
 
 class Other(NamedTuple):
-    """A policy of another row.
+    """A policy of another row."""
 
-    Attributes:
-        row: the other row.
-        file: of the policy, in the folder of the same seed.
-    """
-
-    row: StudyRow
-    file: str
+    row: StudyRow  # the other row
+    file: str  # of the policy, in the folder of the same seed
 
 
 @dataclasses.dataclass(frozen=True)
 class Trained:
-    """A training by `agents.train`, on `RimlessWheel-v0`.
+    """A training by `agents.train`, on `RimlessWheel-v0`."""
 
-    Attributes:
-        algo: name of the learner.
-        init: "scratch" or "imitation", which also says whose hyperparameters are used.
-        timesteps: control intervals; None: as many as the learner says.
-        files: what distinguishes a policy -> its file in the training's folder.
-        start: the policy with which the training begins; None: that of `init`.
-        expert: the policy that it imitates, if it does; None: the usual law.
-        hyperparameters: that differ from the learner's own.
-        cloning: fields of `agents.imitation.Cloning` that differ from its own.
-        task: reward weight and penalties in training that differ from the environment's.
-        disturbances: in training, as the environment takes them.
-    """
-
-    algo: str
-    init: str = SCRATCH
-    timesteps: int | None = None
+    algo: str  # name of the learner
+    init: str = SCRATCH  # "scratch" or "imitation", which also says whose hyperparameters are used
+    timesteps: int | None = None  # control intervals; None: as many as the learner says
+    # what distinguishes a policy -> its file in the training's folder
     files: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"": BEST})
     _: dataclasses.KW_ONLY
-    start: Other | None = None
-    expert: Other | None = None
+    start: Other | None = None  # the policy with which the training begins; None: that of `init`
+    expert: Other | None = None  # the policy that it imitates, if it does; None: the usual law
+    # that differ from the learner's own
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    # fields of `agents.imitation.Cloning` that differ from its own
     cloning: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    # reward weight and penalties in training that differ from the environment's
     task: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    # in training, as the environment takes them
     disturbances: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -154,13 +124,7 @@ class Trained:
         """Rows whose policies it needs."""
         return tuple(each.row for each in (self.start, self.expert) if each)
 
-    def run(
-        self,
-        seed: int,
-        folder: Path,
-        others: Mapping[str, Path],
-        by: Protocol,
-    ) -> SeedResult:
+    def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, or go on from the last state, and evaluate."""
         cache = folder.parent / CACHE
         start = self.init
@@ -181,10 +145,9 @@ class Trained:
             expert = EXPERT
             if self.expert is not None:
                 expert = str(others[self.expert.row.name] / self.expert.file)
-            config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
+            config = dataclasses.replace(config, expert=expert, cloning=self.cloning)
         trained = train(config, folder, cache=cache, progress=False)
-        policies = self.evaluate(folder, by)
-        return SeedResult(policies, trained.timesteps, trained.curve[-1].minutes)
+        return SeedResult(self.evaluate(folder, by), trained.timesteps, trained.curve[-1].minutes)
 
     def _environment(self) -> dict[str, Any]:
         """Arguments of the training that choose the environment."""
@@ -202,17 +165,11 @@ class Trained:
 
 @dataclasses.dataclass(frozen=True)
 class Following(Trained):
-    """A training on `RimlessWheelSpeed-v0`, evaluated at constant commands and as they change.
+    """A training on `RimlessWheelSpeed-v0`, evaluated at constant commands and as they change."""
 
-    Attributes:
-        speeds: between which one is commanded in training (m/s).
-        commands: that stay for the whole walk (m/s).
-        changes: one after the other, every 10 s, in one walk (m/s).
-    """
-
-    speeds: tuple[float, float] = SPEEDS
-    commands: tuple[float, ...] = ()
-    changes: tuple[float, ...] = ()
+    speeds: tuple[float, float] = SPEEDS  # between which one is commanded in training (m/s)
+    commands: tuple[float, ...] = ()  # that stay for the whole walk (m/s)
+    changes: tuple[float, ...] = ()  # one after the other, every 10 s, in one walk (m/s)
 
     def _environment(self) -> dict[str, Any]:
         return {"speeds": self.speeds, "control_period": CONTROL_PERIOD}
@@ -223,9 +180,9 @@ class Following(Trained):
         policy, period = load_policy(folder / file, BUILDABLE).policy, CONTROL_PERIOD
         walks = evaluate_commanded(policy, self.commands, BUILDABLE, by, control_period=period)
         policies = _at_commands(self.commands, walks)
-        stretches = walk_through(policy, self.changes, BUILDABLE, by, control_period=period)
-        for before, stretch in itertools.pairwise(stretches):
-            policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
+        stretches = walk_through(policy, self.changes, by, control_period=period)
+        for (before, _), (command, figures) in itertools.pairwise(stretches):
+            policies[f"{command:g} m/s after {before:g}"] = figures
         return policies
 
 
@@ -251,26 +208,15 @@ class PlainPpo:
     """PPO of stable-baselines3 on `RimlessWheelSpeed-v0`, every setting at its default.
 
     A training that was stopped begins again: stable-baselines3 saves no state to go on from.
-
-    Attributes:
-        n_envs: environments side by side.
-        timesteps: of all of them together.
-        commands: the speeds at which the policy is evaluated (m/s).
     """
 
-    n_envs: int = 8
-    timesteps: int = 500_000
-    commands: tuple[float, ...] = COMMANDS
+    n_envs: int = 8  # environments side by side
+    timesteps: int = 500_000  # of all of them together
+    commands: tuple[float, ...] = COMMANDS  # the speeds at which the policy is evaluated (m/s)
     needs: tuple[StudyRow, ...] = ()
     period: float = PERIOD
 
-    def run(
-        self,
-        seed: int,
-        folder: Path,
-        others: Mapping[str, Path],
-        by: Protocol,
-    ) -> SeedResult:
+    def run(self, seed: int, folder: Path, others: Mapping[str, Path], by: Protocol) -> SeedResult:
         """Train, and evaluate the policy at every commanded speed."""
         begun = time.process_time()
         envs = make_vec_env(
@@ -291,3 +237,58 @@ def _at_commands(commands: tuple[float, ...], walks: tuple[Evaluation, ...]) -> 
     """The figures of the same policy at several commands."""
     each = zip(commands, walks, strict=True)
     return {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}
+
+
+def walk_through(
+    policy: Policy,
+    commands: Sequence[float],
+    by: Protocol,
+    *,
+    seconds: float = 10.0,
+    control_period: float = PERIOD,
+) -> list[tuple[float, WalkFigures]]:
+    """How a policy walks on while the command changes: (command, figures) of each.
+
+    A command is measured in the second half of the time that it lasts. Falls are those that have
+    happened then or before.
+
+    Args:
+        policy: is given observations (N, 8).
+        commands: the speeds (m/s), one after the other.
+        by: whose starts it walks from.
+        seconds: for which each command lasts; the first lasts twice as long, to get going.
+        control_period: for which an action is held (s).
+    """
+    conditions = Conditions.of(BUILDABLE, None, None, SPEEDS, control_period)
+    each = round(seconds / control_period)
+    starts = draw_starts(BUILDABLE, by.starts, by.seed)
+    n_intervals = (len(commands) + 1) * each
+    walks = Rollout(conditions, policy, starts, n_intervals, by.seed, command=commands[0])
+    fallen, stretches = np.zeros(len(starts), dtype=bool), list[tuple[float, WalkFigures]]()
+    for k, interval in enumerate(walks):
+        fallen[interval.running] = interval.info["failure"] != OK
+        stretch, into = divmod(k - each, each)
+        if stretch < 0:
+            continue
+        if into == each // 2:
+            window, steps = Window(walks.machines), np.zeros(len(starts))
+        if into >= each // 2:
+            window.add(interval)
+            steps[interval.running] += interval.info["steps"]
+        if into == each - 1:
+            figures = _figures(outcomes(fallen, steps > 0, window), window)
+            stretches.append((commands[stretch], figures))
+            if stretch + 1 < len(commands):
+                walks.command(commands[stretch + 1])
+    all_fell = WalkFigures(0.0, 1.0, 0.0, math.nan, math.nan)
+    return stretches + [(command, all_fell) for command in commands[len(stretches) :]]
+
+
+def _figures(results: Sequence[str], window: Window) -> WalkFigures:
+    walking = np.array([each == WALKS for each in results])
+    speed = cot = math.nan
+    if walking.any():
+        ledger, weighted = window.total(walking, window.machines[0])
+        speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
+    fallen, slipping = (float(np.isin(results, kinds).mean()) for kinds in ((FALLS,), SLIPS))
+    return WalkFigures(float(walking.mean()), fallen, slipping, cot, speed)

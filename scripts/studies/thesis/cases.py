@@ -47,34 +47,23 @@ from trajopt.ocp.problem import Problem
 
 @dataclasses.dataclass(frozen=True)
 class Printed:
-    """What the thesis prints of a case.
+    """What the thesis prints of a case."""
 
-    Attributes:
-        variant: name of the case.
-        cost: its cost; None if not printed, as the others below.
-        energy: its energy (J).
-    """
-
-    variant: str
-    cost: float | None = None
-    energy: float | None = None
+    variant: str  # name of the case
+    cost: float | None = None  # its cost; None if not printed, as the others below
+    energy: float | None = None  # its energy (J)
 
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How a case is searched.
+    """How a case is searched."""
 
-    Attributes:
-        starts: number of random starts.
-        elements: of the search's mesh, per step.
-        durations: bounds on the durations of the steps of a start (s), log-uniform.
-        tolerance: of the refined mesh's error. It is a hundredth of what is asked for, where that
-            can be reached, because errors of a falling wheel grow exponentially.
-    """
-
-    starts: int = 40
-    elements: int = 14
+    starts: int = 40  # number of random starts
+    elements: int = 14  # of the search's mesh, per step
+    # bounds on the durations of the steps of a start (s), log-uniform
     durations: tuple[float, float] = (0.2, 4.0)
+    # of the refined mesh's error. It is a hundredth of what is asked for, where that can be
+    # reached, because errors of a falling wheel grow exponentially.
     tolerance: float = 1e-9
 
 
@@ -86,33 +75,24 @@ Key: TypeAlias = tuple[int, str]
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One problem to solve.
+    """One problem to solve."""
 
-    Attributes:
-        experiment: its number.
-        printed: what the thesis prints of it; two entries if it prints one problem twice.
-        params: the machine.
-        problem: solution that this case continues, or None -> problem.
-        after: the case that this one continues, if any.
-        appended: whether the motion is a further step of that case's, simulated together with it.
-        effort: of the search.
-        quickest: whether the quickest of equally good solutions is kept, not the first.
-        limit: whether the case only shows what is possible. Its solution grazes the guards, where
-            a simulation cannot follow it well, so that `Solved.converged` does not ask for one.
-        design: what is to be chosen of the machine, if anything.
-        family: problem -> family of starts; random waypoints by default.
-    """
-
-    experiment: int
+    experiment: int  # its number
+    # what the thesis prints of it; two entries if it prints one problem twice
     printed: tuple[Printed, ...]
-    params: WheelParams
+    params: WheelParams  # the machine
+    # solution that this case continues, or None -> problem
     problem: Callable[[Extremal | None], Problem]
-    after: Case | None = None
+    after: Case | None = None  # the case that this one continues, if any
+    # whether the motion is a further step of that case's, simulated together with it
     appended: bool = False
-    effort: Effort = USUAL
-    quickest: bool = False
+    effort: Effort = USUAL  # of the search
+    quickest: bool = False  # whether the quickest of equally good solutions is kept, not the first
+    # whether the case only shows what is possible. Its solution grazes the guards, where a
+    # simulation cannot follow it well, so that `Solved.converged` does not ask for one.
     limit: bool = False
-    design: Design | None = None
+    design: Design | None = None  # what is to be chosen of the machine, if anything
+    # problem -> family of starts; random waypoints by default
     family: Callable[[Problem], StartFamily] | None = None
 
     @property
@@ -253,14 +233,11 @@ def experiment_6() -> tuple[Case, ...]:
     return elastic, first, second
 
 
-EXPERIMENTS = {
-    1: experiment_1,
-    2: experiment_2,
-    3: experiment_3,
-    4: experiment_4,
-    5: experiment_5,
-    6: experiment_6,
-}
+EXPERIMENTS = dict(
+    enumerate(
+        (experiment_1, experiment_2, experiment_3, experiment_4, experiment_5, experiment_6), 1
+    )
+)
 
 
 def every_case() -> list[Case]:

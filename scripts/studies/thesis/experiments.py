@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from scripts.studies.documents import markdown
 from scripts.studies.thesis import prototype
@@ -39,10 +38,20 @@ SHOWN: dict[str, Key] = {
     "experiment_6": (6, "elastic, step 2"),
 }
 
-COLUMNS = (
-    *("", "variant", "cost, thesis", "cost", "energy, thesis (J)", "energy (J)", "t_f (s)"),
-    *("state error", "touchdown error (s)", "least Fy / weight", "starts to the best"),
-)
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "": "{experiment}",
+    "variant": "{variant}",
+    "cost, thesis": "{thesis_cost:.6f}",
+    "cost": "{cost:.6f}",
+    "energy, thesis (J)": "{thesis_energy_J:.6f}",
+    "energy (J)": "{energy_J:.6f}",
+    "t_f (s)": "{final_time:.4f}",
+    "state error": "{max_state_error:.0e}",
+    "touchdown error (s)": "{touchdown_time_error:.0e}",
+    "least Fy / weight": "{min_normal_force_over_weight:.2f}",
+    "starts to the best": "{starts_reaching_best} of {starts}",
+}
 
 MARKS = markdown.marks("thesis", ("table",))
 
@@ -79,32 +88,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def solve_all(numbers: Sequence[int], folder: Path, workers: int | None = None) -> list[Solved]:
-    """The cases of some experiments, in the order of the thesis.
-
-    Args:
-        numbers: of the experiments.
-        folder: finished cases are read from it and saved in it.
-        workers: processes.
-    """
+    """The cases of some experiments, in order; finished ones are read from the folder."""
     cases, done = needed(numbers), dict[Key, Solved]()
-    with Store(folder, provenance()) as store, tqdm(total=len(cases), desc="problems") as bar:
-
-        def add(solution: Solved) -> None:
-            done[solution.key] = solution
-            bar.update()
-
+    with Store(folder, provenance()) as store:
         while waiting := [case for case in cases if case.key not in done]:
-            ready = [case for case in waiting if case.after is None or case.after.key in done]
             tasks = []
-            for case in ready:
-                before = done[case.after.key] if case.after else None
-                if recalled := load(store, case.key, before):
-                    add(recalled)
-                else:
+            for case in waiting:
+                if case.after is None or case.after.key in done:
+                    before = done[case.after.key] if case.after else None
                     tasks.append((case.key, before))
-            for _, solution in run(_solved, tasks, workers):
+            known = {key: load(store, key, before) for key, before in tasks}
+            todo = [(key, before) for key, before in tasks if known[key] is None]
+            done |= {key: solution for key, solution in known.items() if solution}
+            for _, solution in run(_solved, todo, workers, progress="problems"):
                 save(store, solution)
-                add(solution)
+                done[solution.key] = solution
     return [done[case.key] for case in cases if case.experiment in numbers]
 
 
@@ -182,27 +180,11 @@ def figure(solution: Solved) -> Figure:
 
 def sections(rows: Sequence[dict[str, Any]]) -> dict[str, str]:
     """The tables of docs/thesis.md, by their marks."""
-    return {"table": markdown.table(COLUMNS, map(_cells, rows)) + "\n"}
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
-    def number(key: str, form: str) -> str:
-        return "-" if row[key] is None else format(row[key], form)
-
-    variant = row["variant"]
-    return [
-        str(row["experiment"]),
-        variant if row["converged"] else f"{variant} (not converged)",
-        number("thesis_cost", ".6f"),
-        number("cost", ".6f"),
-        number("thesis_energy_J", ".6f"),
-        number("energy_J", ".6f"),
-        number("final_time", ".4f"),
-        number("max_state_error", ".0e"),
-        number("touchdown_time_error", ".0e"),
-        number("min_normal_force_over_weight", ".2f"),
-        f"{row['starts_reaching_best']} of {row['starts']}",
+    named = [
+        row | ({} if row["converged"] else {"variant": f"{row['variant']} (not converged)"})
+        for row in rows
     ]
+    return {"table": markdown.formatted(COLUMNS, named) + "\n"}
 
 
 def _line(solution: Solved) -> str:

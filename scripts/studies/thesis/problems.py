@@ -35,21 +35,13 @@ def symmetric(start: float, along: float, end: float) -> Rows:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Bounds of one of the tables 4.3, 4.4, 4.5 and 4.7.
+    """Bounds of one of the tables 4.3, 4.4, 4.5 and 4.7."""
 
-    Attributes:
-        rate: of phi' (rad/s).
-        swing: of theta' (rad/s).
-        pendulum: largest |theta| (rad).
-        voltage: largest |V| (V).
-        duration: of the whole motion (s).
-    """
-
-    rate: Rows
-    swing: Rows
-    pendulum: float
-    voltage: float
-    duration: tuple[float, float]
+    rate: Rows  # of phi' (rad/s)
+    swing: Rows  # of theta' (rad/s)
+    pendulum: float  # largest |theta| (rad)
+    voltage: float  # largest |V| (V)
+    duration: tuple[float, float]  # of the whole motion (s)
 
     def row(self, where: int) -> dict[str, float | tuple[float, float]]:
         """Bounds on the rates and theta at the start (0), throughout (1) or at the end (2)."""
@@ -81,12 +73,8 @@ TABLE_4_3 = Table(
     voltage=20.0,
     duration=(0.1, 100.0),
 )
-TABLE_4_4 = Table(
-    rate=((0.0, pi), WIDE, (0.0, 0.0)),
-    swing=symmetric(8 * pi, 8 * pi, 3 * pi),
-    pendulum=2 * pi,
-    voltage=20.0,
-    duration=(0.1, 100.0),
+TABLE_4_4 = dataclasses.replace(
+    TABLE_4_3, rate=((0.0, pi), WIDE, (0.0, 0.0)), swing=symmetric(8 * pi, 8 * pi, 3 * pi)
 )
 TABLE_4_5 = Table(
     rate=((0.5, 2.5), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
@@ -256,13 +244,7 @@ def rod_of_mass(params: WheelParams) -> Design:
 
 
 def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) -> Problem:
-    """The problem of a gait of least cost of transport (E+) with m2 to be chosen.
-
-    Args:
-        params: the machine.
-        mass: bounds on m2 (kg).
-        turns: of the pendulum per stride.
-    """
+    """The problem of a gait of least cost of transport (E+) with m2 to be chosen (kg)."""
     duration = STEPS * params.step_length / SPEED
     return designed_gait(
         *(params, rod_of_mass(params), {"m2": mass}),
@@ -274,15 +256,10 @@ def cheapest_gait(params: WheelParams, mass: tuple[float, float], turns: int) ->
 
 @dataclasses.dataclass(frozen=True)
 class FromGait:
-    """Starts from the cheapest gait of the machine as it is; the first has its m2, others any m2.
+    """Starts from the cheapest gait of the machine as it is; all but the first with another m2."""
 
-    Attributes:
-        params: the machine.
-        mass: bounds on m2 (kg).
-    """
-
-    params: WheelParams
-    mass: tuple[float, float]
+    params: WheelParams  # the machine
+    mass: tuple[float, float]  # bounds on m2 (kg)
 
     @cached_property
     def gait(self) -> Solution:

@@ -10,23 +10,40 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from rimless_gym.presets import THESIS_PHYSICAL
-from scripts.studies.documents import markdown
-from scripts.studies.thesis.variants import (
-    SCALES,
-    VARIANTS,
-    Variant,
-    cheaper,
-    cheapest,
+import numpy as np
+
+from rimless_gym.params import WheelParams
+from rimless_gym.presets import PROTOTYPE, THESIS_PHYSICAL
+from rimless_gym.symbolic import Design
+from scripts.studies import designed_gaits
+from scripts.studies.designed_gaits import (
+    REFINED,
+    WORTH_IT,
+    gaits_of,
+    regenerating,
+    search_mesh,
+    stage,
+    with_turns,
 )
+from scripts.studies.documents import markdown
 from trajopt.gaits.library import shipped
+from trajopt.gaits.periodic import finished
+from trajopt.gaits.problem import designed_gait
+from trajopt.gaits.search import random_guess, same_gait
 from trajopt.gaits.solution import Solution
+from trajopt.ocp.constraints import pair
+from trajopt.ocp.continuation import Curve, Obstacle, continued
+from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import Guess
+from trajopt.ocp.multi_start import Outcome, Start, multi_start
+from trajopt.ocp.problem import Problem
 from trajopt.ocp.ranking import least_first
-from trajopt.pool import run
+from trajopt.ocp.solve import WARM_BARRIER, solve
 from trajopt.provenance import provenance
 from trajopt.store import Store, write_text
 
@@ -36,29 +53,37 @@ ROUNDS = 2
 #: The scales of the page's table; results.json has all.
 SHOWN = (4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0)
 
-COLUMNS = (
-    *("supply", "scale", "CoT", "speed (m/s)", "turns", "gear", "least Fy / weight"),
-    *("friction demand", "peak V", "clearance (m)", "state error"),
-)
+#: Columns of the table: heading and format.
+COLUMNS = {
+    "supply": "{variant}",
+    "scale": "{scale:g}",
+    "CoT": "{cot:.4f}",
+    "speed (m/s)": "{speed:.3f}",
+    "turns": "{theta_turns}",
+    "gear": "{gear:.3f}",
+    "least Fy / weight": "{min_normal_force_over_weight:.2f}",
+    "friction demand": "{max_friction_demand:.2f}",
+    "peak V": "{peak_voltage:.1f}",
+    "clearance (m)": "{clearance:.2f}",
+    "state error": "{state_error:.0e}",
+}
 
 MARKS = markdown.marks("thesis", ("prototype",))
 
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """The cheapest gait of a supply and scale.
-
-    Attributes:
-        variant: supply and gear.
-        scale: of the pendulum.
-        gait: verified; None if none was found.
-        reason: why none was found.
-    """
+    """The cheapest gait of a supply and scale."""
 
     variant: Variant
-    scale: float
-    gait: Solution | None
-    reason: str = ""
+    scale: float  # of the pendulum
+    gait: Solution | None  # verified
+    reason: str = ""  # why none was found
+
+    @property
+    def key(self) -> str:
+        """Its name in the store."""
+        return f"{self.variant.file_name}_{self.scale:.3f}"
 
     def row(self) -> dict[str, Any]:
         """Its figures as plain JSON values."""
@@ -82,30 +107,21 @@ class Point:
 
 
 def study(folder: Path, workers: int | None = None, docs: Path | None = None) -> None:
-    """Find the gaits of every supply and scale, and print their table.
-
-    Args:
-        folder: of the results and the points.
-        workers: processes.
-        docs: docs/thesis.md, to put the table into, if given.
-    """
+    """Find the gaits of every supply and scale, and print their table, or put it into `docs`."""
     with Store(folder, provenance()) as store:
-        points = searched(store, VARIANTS, SCALES, workers)
+        run = partial(stage, store, workers=workers)
+        points = searched(run)
         for number in range(1, ROUNDS + 1):
-            tasks = [(point, neighbours(point, points)) for point in points]
-            title = f"improving, round {number} of {ROUNDS}"
-            better = [point for _, point in run(improved, tasks, workers, progress=title) if point]
-            for point in better:
-                save(store, point)
-            changed = {(point.variant, point.scale): point for point in better}
-            points = [changed.get((point.variant, point.scale), point) for point in points]
+            tasks = {point.key: (point, neighbours(point, points)) for point in points}
+            better = gaits_of(run(f"round {number} of {ROUNDS}", tasks, improved))
+            points = [
+                dataclasses.replace(point, gait=better.get(point.key, point.gait))
+                for point in points
+            ]
             if not better:
                 break
     points = shared(points)
-    results = {
-        "gaits": [point.row() for point in points],
-        "provenance": provenance(),
-    }
+    results = {"gaits": [point.row() for point in points], "provenance": provenance()}
     write(results, folder)
     if docs:
         write(results, docs.parent / "figures" / "prototype")
@@ -117,37 +133,24 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
     print(table(results))
 
 
-def searched(
-    store: Store, variants: Sequence[Variant], scales: Sequence[float], workers: int | None = None
-) -> list[Point]:
+def searched(stage: Callable[..., dict[str, Any]]) -> list[Point]:
     """Every point, from the largest pendulum down, the supplies side by side.
 
     Some starts of each scale are the gaits of the two scales before it. For the first scale these
     are the cheapest shipped gaits.
     """
     points: dict[tuple[Variant, float], Point] = {}
-    known = {variant: first_gaits() for variant in variants}
-    for scale in scales:
-        tasks = []
-        for variant in variants:
-            point = load(store, variant, scale)
-            if point is None:
-                tasks.append((variant, scale, known[variant]))
+    known = {variant: first_gaits() for variant in VARIANTS}
+    for scale in SCALES:
+        tasks = {each.file_name: (each, scale, known[each]) for each in VARIANTS}
+        results = stage(f"scale {scale:.3f}", tasks, cheapest).values()
+        for variant, found in zip(VARIANTS, results, strict=True):
+            if isinstance(found, Solution):
+                points[variant, scale] = Point(variant, scale, found)
+                known[variant] = (found, *known[variant])[:2]
             else:
-                points[variant, scale] = point
-        for _, point in run(_searched, tasks, workers, progress=f"searching, scale {scale:g}"):
-            save(store, point)
-            points[point.variant, scale] = point
-        for variant in variants:
-            gait = points[variant, scale].gait
-            if gait is not None:
-                known[variant] = (gait, *known[variant])[:2]
-    return [points[variant, scale] for variant in variants for scale in scales]
-
-
-def _searched(task: tuple[Variant, float, tuple[Solution, ...]]) -> Point:
-    variant, scale, known = task
-    return Point(variant, scale, *cheapest(variant, scale, known))
+                points[variant, scale] = Point(variant, scale, None, found)
+    return [points[variant, scale] for variant in VARIANTS for scale in SCALES]
 
 
 def first_gaits() -> tuple[Solution, ...]:
@@ -156,12 +159,10 @@ def first_gaits() -> tuple[Solution, ...]:
     return tuple(least_first(known, lambda gait: gait.cot)[:2])
 
 
-def improved(task: tuple[Point, Sequence[Solution]]) -> Point | None:
-    """A point with a cheaper gait, continued from one of its neighbours'; None if none is."""
-    point, known = task
+def improved(point: Point, known: Sequence[Solution]) -> Solution | None:
+    """A gait cheaper than a point's, continued from one of its neighbours'; None if none is."""
     best = point.gait.cot if point.gait else math.inf
-    gait = cheaper(point.variant, point.scale, best, known)
-    return None if gait is None else Point(point.variant, point.scale, gait)
+    return cheaper(point.variant, point.scale, best, known)
 
 
 def neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
@@ -205,32 +206,6 @@ def shared(points: Sequence[Point]) -> list[Point]:
     return best
 
 
-def key_of(variant: Variant, scale: float) -> str:
-    """The key of a point in the store."""
-    return f"{variant.file_name}/{scale:.3f}"
-
-
-def save(store: Store, point: Point) -> None:
-    """Store a point."""
-    key, files = key_of(point.variant, point.scale), []
-    if point.gait is not None:
-        path = store.folder / f"{key}_gait.npz"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        point.gait.save(path)
-        files.append(f"{key}_gait.npz")
-    store.save(key, {"reason": point.reason, "gait": bool(files)}, files)
-
-
-def load(store: Store, variant: Variant, scale: float) -> Point | None:
-    """A stored point; None if it is missing."""
-    key = key_of(variant, scale)
-    if key not in store:
-        return None
-    stored = store.load(key)
-    gait = Solution.load(store.folder / f"{key}_gait.npz") if stored["gait"] else None
-    return Point(variant, scale, gait, stored["reason"])
-
-
 def write(results: dict[str, Any], folder: Path) -> None:
     """Write results.json into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -240,20 +215,205 @@ def write(results: dict[str, Any], folder: Path) -> None:
 def table(results: dict[str, Any]) -> str:
     """A row per gait."""
     walking = [row for row in results["gaits"] if row["cot"] and row["scale"] in SHOWN]
-    return markdown.table(COLUMNS, map(_cells, walking)) + "\n"
+    return markdown.formatted(COLUMNS, walking) + "\n"
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    return [
-        row["variant"],
-        f"{row['scale']:g}",
-        f"{row['cot']:.4f}",
-        f"{row['speed']:.3f}",
-        f"{row['theta_turns']:d}",
-        f"{row['gear']:.3f}",
-        f"{row['min_normal_force_over_weight']:.2f}",
-        f"{row['max_friction_demand']:.2f}",
-        f"{row['peak_voltage']:.1f}",
-        f"{row['clearance']:.2f}",
-        f"{row['state_error']:.0e}",
-    ]
+# -- the machines ----------------------------------------------------------------------------------
+
+#: Mass and length of the pendulum in units of those as built; 4 is the machine of Table 4.6.
+SCALES = (4.0, 3.5, 3.0, 2.5, 2.0, 1.75, 1.6, 1.5, 1.4, 1.3, 1.2, 1.15, 1.1, 1.0)
+
+#: Bounds on the mean speed (m/s); a slower wheel would balance for seconds in every step.
+SPEEDS = (0.1, 0.7)
+
+#: Bounds on a gear ratio that is to be chosen, in units of the ratio as built.
+GEARS = (0.02, 20.0)
+
+
+def scaled(p: Any) -> Mapping[str, Any]:
+    """Fields of a machine whose pendulum, a rod, is scaled by p[0], and its gear ratio by p[1]."""
+    mass, length = p[0] * PROTOTYPE.pendulum_mass, p[0] * PROTOTYPE.pendulum_length
+    return {
+        "pendulum_mass": mass,
+        "pendulum_length": length,
+        "pendulum_inertia": mass * length**2 / 3,
+        "gear_ratio": p[1] * PROTOTYPE.gear_ratio,
+    }
+
+
+DESIGN = Design(("scale", "gear"), scaled)
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """A motor supply and gear."""
+
+    name: str  # as in tables
+    voltage: float  # largest (V)
+    gear: float | tuple[float, float] = 1.0  # ratio in units of the one as built, or bounds on it
+
+    @property
+    def params(self) -> WheelParams:
+        """The machine as built, with this supply."""
+        return PROTOTYPE.replace(voltage_limit=self.voltage)
+
+    @property
+    def file_name(self) -> str:
+        """The name as files and folders have it."""
+        return self.name.replace(" ", "_").replace(",", "")
+
+    def machine(self, scale: float, gear: float) -> WheelParams:
+        """The machine of a scale and gear ratio."""
+        return DESIGN.machine(self.params, (scale, gear))
+
+    def scale_and_gear(self, gait: Solution) -> tuple[float, float]:
+        """Scale and gear ratio of a gait's machine."""
+        built = self.params
+        scale = gait.params.pendulum_length / built.pendulum_length
+        return scale, gait.params.gear_ratio / built.gear_ratio
+
+    def admits(self, other: Variant) -> bool:
+        """Whether every gait of another supply and gear is possible with this one too."""
+        (low, high), (least, most) = pair(self.gear), pair(other.gear)
+        return self.voltage >= other.voltage and low <= least and most <= high
+
+    def problem(self, scale: float | tuple[float, float], turns: int) -> Problem:
+        """The problem of a periodic step of least cost of transport at any speed."""
+        ring = _ring(self.voltage)
+        link = dataclasses.replace(ring.linkages[0], offset=_offset(turns))
+        bounds = {"scale": scale, "gear": self.gear}
+        return dataclasses.replace(ring, linkages=(link,), parameters=bounds)
+
+
+VARIANTS = (
+    Variant("20 V", 20.0),
+    Variant("65 V", 65.0),
+    Variant("20 V, gear ratio free", 20.0, GEARS),
+)
+
+
+@lru_cache(maxsize=4)
+def _ring(voltage: float) -> Problem:
+    params = PROTOTYPE.replace(voltage_limit=voltage)
+    slow, fast = SPEEDS
+    return designed_gait(
+        *(params, DESIGN, {"scale": (0.1, 10.0), "gear": GEARS}),
+        steps=1,
+        duration=(params.step_length / fast, params.step_length / slow),
+    )
+
+
+def _offset(turns: int) -> dict[str, float]:
+    return {"theta": -2 * math.pi * turns}
+
+
+# -- the search ------------------------------------------------------------------------------------
+
+#: Random starts per scale.
+STARTS = 16
+
+#: Longest step in scale by which a gait is led to another one.
+LED_STEP = 0.1
+
+
+def cheapest(
+    variant: Variant, scale: float, known: Sequence[Solution] = (), seed: int = 0
+) -> Solution | str:
+    """The verified gait of least cost, some starts from known ones, or the reason why none is."""
+    family = StartsAtScale(variant, scale, tuple(known))
+    base = variant.problem(scale, 0)
+    search = multi_start(
+        *(base, family, STARTS + len(known)), seed=seed, mesh=search_mesh(base), same=same_gait
+    )
+    reasons = [outcome.failure for outcome in search.failures]
+    for optimum in search.optima[:REFINED]:
+        best = optimum.best
+        found = refined(variant, scale, best, int(best.kind))
+        if found.verification.passed:
+            return found
+        reasons.insert(0, "; ".join(found.verification.failures))
+    return reasons[0] if reasons else "no start was given"
+
+
+def cheaper(
+    variant: Variant, scale: float, best: float, known: Sequence[Solution]
+) -> Solution | None:
+    """A verified gait that costs less than `best`, led here from other gaits; or None."""
+    reached = []
+    for gait in known:
+        curve = followed(variant, gait, scale)
+        if curve.reached and curve.solutions[-1].transcribed_cost < (1 - WORTH_IT) * best:
+            reached.append((curve.solutions[-1], gait))
+    for extremal, gait in least_first(reached, lambda pair: pair[0].transcribed_cost):
+        found = refined(variant, scale, extremal, gait.theta_turns)
+        if found.verification.passed and found.cot < (1 - WORTH_IT) * best:
+            return found
+    return None
+
+
+def followed(variant: Variant, gait: Solution, scale: float) -> Curve:
+    """A gait of another scale or supply, followed to this scale and supply on a coarse mesh."""
+    begin, gear = variant.scale_and_gear(gait)
+    problem = variant.problem(begin, gait.theta_turns)
+    mesh = search_mesh(problem)
+    settings: dict[str, Any] = {"passes": 0, "verify": False}
+    parameters = np.array([begin, gear])
+    start = solve(
+        *(problem, gait.phases, mesh), parameters=parameters, mu_init=WARM_BARRIER, **settings
+    )
+    if not start.succeeded:
+        return Curve(obstacle=Obstacle(begin, "; ".join(start.failures), start))
+    if math.isclose(begin, scale, rel_tol=1e-9):  # the gait's own scale, read off its machine
+        return Curve((scale,), (start,))
+    return continued(
+        lambda s: variant.problem(s, gait.theta_turns),
+        start,
+        [begin, scale],
+        step=LED_STEP,
+        **settings,
+    )
+
+
+def refined(variant: Variant, scale: float, near: Outcome | Extremal, turns: int) -> Solution:
+    """A gait near an optimum of the search, on a finer mesh, verified."""
+    problem = variant.problem(scale, turns)
+    found = designed_gaits.refined(problem, near, mu_init=WARM_BARRIER)
+    machine = variant.machine(scale, float(found.parameters[1]))
+    settings = {"scale": scale, "variant": variant.name, "starts": STARTS}
+    return finished(machine, found, turns, False, settings)
+
+
+#: Most turns of theta per step, either way: light pendulums whirl.
+MOST_TURNS = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class StartsAtScale:
+    """A family of starts; the known gaits come first, then random motions."""
+
+    variant: Variant  # supply and gear
+    scale: float  # of the pendulum
+    known: tuple[Solution, ...] = ()  # gaits of other scales
+
+    def __call__(self, rng: np.random.Generator, index: int) -> Start:
+        """Start number `index`."""
+        if index < len(self.known):
+            gait = self.known[index]
+            guess, turns = tuple(gait.phases), gait.theta_turns
+            _, gear = self.variant.scale_and_gear(gait)
+        else:
+            guess, turns = whirling(self.variant.params, rng)
+            gear = float(np.exp(rng.uniform(np.log(0.1), 1.0)))
+        posed = self.variant.problem(self.scale, turns)
+        problems = (regenerating(posed), posed) if index >= len(self.known) else (posed,)
+        return Start(guess, np.array([self.scale, np.clip(gear, *GEARS)]), problems, str(turns))
+
+
+def whirling(params: WheelParams, rng: np.random.Generator) -> tuple[Guess, int]:
+    """A random step, and its number of turns of theta."""
+    slow, fast = SPEEDS
+    speed = math.exp(rng.uniform(math.log(1.5 * slow), math.log(fast)))
+    duration = params.step_length / speed
+    guess, _ = random_guess(params, 1, duration, rng)
+    turns = int(rng.integers(-MOST_TURNS, MOST_TURNS, endpoint=True))
+    return with_turns(guess, turns), turns

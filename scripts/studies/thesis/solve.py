@@ -31,15 +31,7 @@ AS_GOOD = (1e-4, 1e-7)
 
 
 def solved(case: Case, before: Solved | None = None) -> Solved:
-    """Solve a case, and simulate what came out.
-
-    Args:
-        case: what to solve.
-        before: the solution of `case.after`.
-
-    Raises:
-        RuntimeError: every start failed.
-    """
+    """Solve a case, after `before`, the solution of `case.after`, and simulate what came out."""
     problem = case.problem(before.extremal if before else None)
     family = case.family or partial(WaypointStarts, durations=case.effort.durations)
     search = multi_start(
@@ -76,10 +68,7 @@ def simulated(case: Case, extremal: Extremal, before: Solved | None) -> dict[str
     if before and case.appended:
         motion = before.motion + motion
     machine = case.machine(extremal.parameters)
-    return {
-        "motion": motion,
-        "simulated": replayed(machine, motion),
-    }
+    return {"motion": motion, "simulated": replayed(machine, motion)}
 
 
 def same(one: Outcome, other: Outcome) -> bool:
@@ -116,25 +105,16 @@ MESH_ERROR, STATE_ERROR, TIME_ERROR = 1e-7, 1e-6, 1e-8
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
-    """A case and its solution.
+    """A case and its solution."""
 
-    Attributes:
-        key: of the case.
-        extremal: the best solution, refined.
-        motion: its steps, after those that it continues.
-        optima: cost, number of starts and duration (s) of each local optimum, best first.
-        failed: number of starts that failed.
-        reaching: number of starts that reached the best optimum.
-        simulated: the motion under its own control.
-    """
-
-    key: Key
-    extremal: Extremal
-    motion: tuple[PhaseTrajectory, ...]
+    key: Key  # of the case
+    extremal: Extremal  # the best solution, refined
+    motion: tuple[PhaseTrajectory, ...]  # its steps, after those that it continues
+    # cost, number of starts and duration (s) of each local optimum, best first
     optima: tuple[tuple[float, int, float], ...]
-    failed: int
-    reaching: int
-    simulated: Replay
+    failed: int  # number of starts that failed
+    reaching: int  # number of starts that reached the best optimum
+    simulated: Replay  # the motion under its own control
 
     @property
     def case(self) -> Case:
@@ -211,20 +191,13 @@ COLLISIONLESS = 1e-6
 
 @dataclasses.dataclass(frozen=True)
 class Replay:
-    """A motion simulated by the reference simulator, the foot pinned to the ground.
+    """A motion simulated by the reference simulator, the foot pinned to the ground."""
 
-    Attributes:
-        times: of the simulated states (s), shape (N,); an event's time is there twice.
-        states: shape (N, 4).
-        state_error: largest deviation from the solution's states, all steps simulated in one
-            (rad, rad/s).
-        touchdown_time_errors: one per step that ends in a collision (s); infinite if its touchdown
-            did not happen.
-    """
-
-    times: Array
-    states: Array
+    times: Array  # of the simulated states (s), shape (N,); an event's time is there twice
+    states: Array  # shape (N, 4)
+    # largest deviation from the solution's states, all steps simulated in one (rad, rad/s)
     state_error: float
+    # one per step that ends in a collision (s); infinite if its touchdown did not happen
     touchdown_time_errors: tuple[float, ...]
 
 
@@ -292,13 +265,9 @@ def least_normal_force(params: WheelParams, phases: Sequence[PhaseTrajectory]) -
 
 @dataclasses.dataclass(frozen=True)
 class WaypointStarts(Waypoints):
-    """Random waypoints; the logarithms of the durations are uniformly distributed.
+    """Random waypoints; the logarithms of the durations are uniformly distributed."""
 
-    Attributes:
-        durations: least and most (s).
-    """
-
-    durations: tuple[float, float] = (0.2, 4.0)
+    durations: tuple[float, float] = (0.2, 4.0)  # least and most (s)
 
     def __call__(self, rng: np.random.Generator, index: int) -> Guess:
         """Guess number `index`."""

@@ -12,7 +12,7 @@ import pytest
 
 from scripts.studies.benchmark import ours, run, swing_up
 from scripts.studies.benchmark.page import page, quoted, ratio
-from scripts.studies.benchmark.rows import OURS, ROWS, SINGLE, Row
+from scripts.studies.benchmark.rows import OURS, ROWS, SINGLE, BenchmarkRow
 
 ROOT = Path(__file__).parents[3]
 PUBLISHED = json.loads((ROOT / "docs" / "benchmark.json").read_text())
@@ -45,9 +45,9 @@ def test_the_page_can_be_written_without_any_one_row(key: str) -> None:
 
 
 def test_other_rows_are_measured_after_one_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [Row(key, SINGLE, key, OURS, "single") for key in ("good", "bad")]
+    rows = [BenchmarkRow(key, SINGLE, key, OURS, "single") for key in ("good", "bad")]
 
-    def measured(row: Row, seconds: float) -> dict[str, Any]:
+    def measured(row: BenchmarkRow, seconds: float) -> dict[str, Any]:
         if row.key == "bad":
             raise RuntimeError("cannot be installed here")
         return {"steps": 1, "seconds": seconds}
@@ -81,7 +81,7 @@ def test_the_cart_pole_gains_the_work_of_its_force() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("row", [row for row in ROWS if row.python == OURS], ids=lambda r: r.key)
-def test_our_rows_can_be_measured(row: Row, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_rows_can_be_measured(row: BenchmarkRow, monkeypatch: pytest.MonkeyPatch) -> None:
     if row.settings.get("cold"):
         pytest.skip("compiles everything")
     ours_answer = run.measured(row, 0.1)

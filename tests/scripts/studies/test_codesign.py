@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE
-from scripts.studies.codesign.command import MARKS, CodesignStudy, tables
+from scripts.studies.codesign.command import MARKS, tables
 from scripts.studies.codesign.gaits import (
     LIFTED_SHARE,
     figures,
@@ -26,6 +27,7 @@ from scripts.studies.codesign.machine import (
     chosen,
     preset_build,
 )
+from scripts.studies.designed_gaits import stage
 from trajopt.gaits.library import shipped
 from trajopt.store import Store
 
@@ -109,15 +111,14 @@ def doubled(number: float) -> dict[str, float]:
 
 
 def test_a_stage_computes_only_what_is_missing_or_damaged(tmp_path: Path) -> None:
-    study = CodesignStudy(Store(tmp_path), 1)
-    gait = shipped(BUILDABLE)[0]
-    assert study.stage("doubling", {"three": (3,)}, doubled) == {"three": {"twice": 6}}
-    assert study.stage("gaits", {"one": (gait,)}, lambda g: g)["one"].to_dict() == gait.to_dict()
+    run, gait = partial(stage, Store(tmp_path), workers=1), shipped(BUILDABLE)[0]
+    assert run("doubling", {"three": (3,)}, doubled) == {"three": {"twice": 6}}
+    assert run("gaits", {"one": (gait,)}, lambda g: g)["one"].to_dict() == gait.to_dict()
     both = {"three": (3,), "four": (4,)}
-    results = study.stage("doubling", both, lambda number: {"computed": number})
+    results = run("doubling", both, lambda number: {"computed": number})
     assert results == {"three": {"twice": 6}, "four": {"computed": 4}}
     (tmp_path / "doubling" / "three.json").write_text('{"twi')
-    results = study.stage("doubling", both, lambda number: {"again": number})
+    results = run("doubling", both, lambda number: {"again": number})
     assert results == {"three": {"again": 3}, "four": {"computed": 4}}
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL, RimlessWheelVectorEnv
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
-from scripts.studies.feedback_laws import command, measures, page
+from scripts.studies.documents import markdown
+from scripts.studies.feedback_laws import command, measures
 from scripts.studies.feedback_laws.measures import (
     GAITS,
     MEASURES,
@@ -66,7 +67,7 @@ def test_a_killed_study_continues_and_gives_the_same_table(
     results, errors = command.study(tmp_path, [GAIT], ["lqr"], 1, True)
     assert errors == {}
     assert len(again) == 2
-    assert page.tables(results).count("`lqr`") == 1
+    assert command.tables(results).count("`lqr`") == 1
     assert set(results[GAIT]["lqr"]) == set(MEASURES)
 
 
@@ -76,7 +77,7 @@ def test_a_law_that_fails_is_named_and_does_not_stop_the_others(folder: Path) ->
     assert set(results[GAIT]["lqr"]) == set(MEASURES)
     assert len(errors) == len(MEASURES)
     assert all("'no_such_law': choose from" in error for error in errors.values())
-    assert "| `no_such_law` | - |" in page.tables(results)
+    assert "| `no_such_law` | - |" in command.tables(results)
 
 
 @pytest.mark.slow
@@ -84,16 +85,17 @@ def test_the_page_has_a_place_for_the_tables(folder: Path, tmp_path: Path) -> No
     results, _ = command.study(folder, [GAIT], ["lqr"], 1, True)
     path = tmp_path / "feedback.md"
     shutil.copy(DOCS / "feedback.md", path)
-    page.refresh(path, results)
+    sections = {"gaits": command.tables(results) + "\n"}
+    markdown.refresh(path, command.MARKS, sections)
     text = path.read_text()
     assert f"### {GAIT}" in text
-    page.refresh(path, results)
+    markdown.refresh(path, command.MARKS, sections)
     assert path.read_text() == text
 
 
 def test_the_tables_of_the_page_are_those_that_the_study_writes() -> None:
     text = (DOCS / "feedback.md").read_text()
-    head = page.tables({}.fromkeys(GAITS, {})).splitlines()
+    head = command.tables({}.fromkeys(GAITS, {})).splitlines()
     assert all(line in text.splitlines() for line in head)
 
 

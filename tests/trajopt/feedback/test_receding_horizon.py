@@ -60,10 +60,7 @@ def test_an_iteration_keeps_all_its_shifts_within_the_voltage_limit(law, one_ste
     short = law.data._replace(horizon=4)
     for x in disturbed(one_step, law, 1.0, 3):
         start = receding_horizon.started(x, SINGLE, short)
-        for motion in (
-            start,
-            receding_horizon.improved(start, 0, short.objective, short.simulator),
-        ):
+        for motion in (start, receding_horizon.improved(start, 0, short)):
             voltages = motion.nominal[:-1] + motion.shifts
             assert np.abs(voltages).max() <= P.voltage_limit * (1 + 1e-12)
 

@@ -9,7 +9,7 @@ from rimless_gym.kernel.stepping import DTHETA
 from trajopt.feedback.laws import lqr, tuned
 from trajopt.feedback.orbit import offset, squared_distances
 
-SHORT = {"wheels": 48, "generations": 3, "progress": False}
+SHORT = {"wheels": 48, "generations": 3}
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +30,7 @@ def trial(one_step, linear):
 def test_zeros_leave_the_lqr_as_it_is_and_other_numbers_do_not(linear, one_step):
     zeros = np.zeros(tuned.COUNT)
     same, changed = (
-        tuned.with_numbers(linear.data, one_step.duration, tuned.Numbers.of(q))
-        for q in (zeros, zeros + 0.1)
+        tuned.with_numbers(linear.data, one_step.duration, q) for q in (zeros, zeros + 0.1)
     )
     for name in ("voltages", "gentle", "firm", "timing", "blend"):
         assert np.array_equal(getattr(same, name), getattr(linear.data, name))

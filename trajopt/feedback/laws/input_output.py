@@ -10,48 +10,22 @@ the y'' above. What it does not control is the motion along the constraint, the 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import accelerations
 from rimless_gym.jit import inner
-from rimless_gym.params import Constants
-from trajopt.feedback.constraint import LEG, VirtualConstraint, constraint_of, output
+from trajopt.feedback.constraint import LEG, ConstraintGains, constraint_of, output
 from trajopt.feedback.law import Law
-from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
 
-#: Both roots of s^2 + kd s + kp lie at -15 1/s: seven control periods to a time constant.
+#: Both roots of s^2 + kd s + kp lie at -15 1/s: seven control periods to a time constant. In 1/s^2
+#: and 1/s.
 KP, KD = 225.0, 30.0
 
 
-class Inverse(NamedTuple):
-    """What the law needs.
-
-    Attributes:
-        orbit: the gait's.
-        constraint: the virtual constraint.
-        constants: of the machine.
-        kp: 1/s^2.
-        kd: 1/s.
-    """
-
-    orbit: Orbit
-    constraint: VirtualConstraint
-    constants: Constants
-    kp: float
-    kd: float
-
-
 def design(solution: Solution) -> Law:
-    """The law for a gait.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification or has no virtual constraint.
-    """
+    """The law for a gait; it raises what `constraint_of` does."""
     constraint = constraint_of(solution)
-    data = Inverse(constraint.orbit, constraint, solution.params.constants, KP, KD)
+    data = ConstraintGains(constraint.orbit, constraint, solution.params.constants, KP, KD)
     return Law(solution.params, volts, data)
 
 

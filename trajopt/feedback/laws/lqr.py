@@ -65,9 +65,8 @@ def design(solution: Solution, gentle: float = GENTLE, ahead: float | None = AHE
             (`trajopt.feedback.orbit`), it does not matter.
 
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a number is not finite and positive, or the gait failed its verification.
-        RuntimeError: the Riccati recursion does not converge.
+        TypeError, ValueError, RuntimeError: a number is not finite and positive; or see `Grid.of`
+            and `riccati`.
     """
     grid = Grid.of(solution)
     clock = Clock.of(solution, ahead)

@@ -3,70 +3,32 @@
     V = V*(s) - K (kp (psi - psi*(s)) + kd (psi' - psi*'(s)))
 
 The thesis (5.1.3) proposes PID about the trajectory. psi is the angle that the motor turns, from
-the leg to the pendulum, and K the motor's back-EMF, so that the gains do not depend on the machine.
-The phase s is where the gait's pendulum points as the wheel's does
-(`trajopt.feedback.constraint`): to be early or late is no error. At the same phase, the error of
-psi is that of the other angle. A motor on a frame that does not turn (motor_mount="frame") turns
-the pendulum alone: psi is then the phase itself and has no error, and there is no such law.
-
-There is no I term. An integral is memory, and a law is a function of the state alone. What an
-integral would have to find, the voltage that the gait needs, is known: it is V*(s).
+the leg to the pendulum, and K the motor's back-EMF. The phase s is where the gait's pendulum points
+as the wheel's does (`trajopt.feedback.constraint`). At the same phase, the error of psi is that of
+the other angle. There is no I term: an integral is memory, a law is a function of the state alone,
+and the voltage that it would have to find is known.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from rimless_gym.jit import inner
-from rimless_gym.params import Constants
-from trajopt.feedback.constraint import PENDULUM, VirtualConstraint, constraint_of, output
+from trajopt.feedback.constraint import PENDULUM, ConstraintGains, constraint_of, output
 from trajopt.feedback.law import Law
-from trajopt.feedback.orbit import Orbit
 from trajopt.gaits.solution import Solution
 
 #: Volts per rad of the motor's angle and per rad/s of its rate, in units of the back-EMF's K (V s).
 KP, KD = 400.0, 10.0
 
 
-class ServoGains(NamedTuple):
-    """What the law needs.
-
-    Attributes:
-        orbit: the gait's.
-        constraint: that finds the phase and the error of the angle.
-        constants: of the machine.
-        kp: volts per rad.
-        kd: volts per rad/s.
-    """
-
-    orbit: Orbit
-    constraint: VirtualConstraint
-    constants: Constants
-    kp: float
-    kd: float
-
-
 def design(solution: Solution) -> Law:
     """The law for a gait.
 
     Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification, or has no virtual constraint that a servo of the
-            motor's angle holds.
+        TypeError, ValueError: see `constraint_of`; or the motor's angle is the phase, or a voltage
+            moves the other angle backwards.
     """
     constraint, constants = constraint_of(solution), solution.params.constants
-    _require_servo(constraint, solution.params.motor_mount)
-    kp, kd = constants.K * KP, constants.K * KD
-    return Law(solution.params, volts, ServoGains(constraint.orbit, constraint, constants, kp, kd))
-
-
-def _require_servo(constraint: VirtualConstraint, motor_mount: str) -> None:
-    """Refuse a constraint that turning the motor back to its angle on the gait does not hold.
-
-    Raises:
-        ValueError: the motor's angle is the phase, or a voltage moves the other angle backwards.
-    """
-    if motor_mount == "frame" and constraint.phase == PENDULUM:
+    if solution.params.motor_mount == "frame" and constraint.phase == PENDULUM:
         raise ValueError(
             "solution: its motor_mount = 'frame' turns the pendulum, whose angle is the phase, so "
             "that the motor's angle has no error; take another law, such as 'lqr'"
@@ -76,6 +38,9 @@ def _require_servo(constraint: VirtualConstraint, motor_mount: str) -> None:
             "solution: a voltage that turns its motor forwards moves the wheel backwards off its "
             "path, so that a servo of the motor drives it away; take another law, such as 'lqr'"
         )
+    kp, kd = constants.K * KP, constants.K * KD
+    data = ConstraintGains(constraint.orbit, constraint, constants, kp, kd)
+    return Law(solution.params, volts, data)
 
 
 @inner

@@ -3,27 +3,19 @@
     minimise  1/2 sum_k (|y_k|^2 + r d_k^2 + |c_k|^2) + 1/2 y_N' P(s_N) y_N,
     V_k = V*(s_k) + d_k within the limit
 
-over a horizon of N control intervals: y is the deviation from the orbit at its nearest point s and
-from the gait's clock, in standard deviations of the gait's own motion, d a shift of its voltage, c
-how far the foot is less pressed down or nearer to slipping than the gait allows, and P the cost to
-go of the LQR (`trajopt.feedback.transverse.riccati`), which stands for all the time after. Only V_0
-is applied.
+y is the deviation from the orbit at its nearest point s and from the gait's clock, d a shift of its
+voltage, c how far the foot is less pressed down or nearer to slipping than the gait allows, and P
+the LQR's cost to go. Only V_0 is applied; docs/feedback.md has the reasons.
 
-There is no time to solve the problem to the end, and no need to: the LQR's own motion from the
-state, with a few variants, is where a fixed number of iterations starts (Diehl, Bock and
-Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). The law has no memory.
-
-An iteration is control-limited iLQR. A backward pass makes a quadratic model of the cost to go,
-with the Gauss-Newton Hessian of all costs. Its minimum within the voltage limit is a change of
-every shift, with gains for the states that follow. A forward pass simulates shares of the change on
-the stepping kernel, all at once, and keeps the best (Tassa, Mansard and Todorov, Control-limited
-differential dynamic programming, ICRA 2014; with a single input the limited minimum is the free
-one, clipped). The derivative dy/dx is taken as the identity. That is right up to the orbit's
-curvature: along the orbit, y changes by the time ahead, or is not weighed at all.
-
-The kernel locates touchdowns exactly: a control interval that contains one is simulated and
-differentiated like any other. The foot is held like a pin joint, so that an interval in which the
-ground would have to pull has a penalty, and no end.
+A decision starts from the LQR's own motion and a few variants, for a fixed number of iterations
+(Diehl, Bock and Schloeder, A real-time iteration scheme, SIAM J. Control Optim. 2005). An iteration
+of control-limited iLQR makes a quadratic model backwards, with the Gauss-Newton Hessian of all
+costs; its minimum is a change of every shift, with gains for the states that follow. Forward,
+shares of the change are simulated on the stepping kernel, all at once, and the best is kept (Tassa,
+Mansard and Todorov, Control-limited differential dynamic programming, ICRA 2014). The derivative
+dy/dx is taken as the identity. That is right up to the orbit's curvature: along the orbit, y
+changes by the time ahead, or is not weighed at all. The foot is held like a pin joint, so that an
+interval in which the ground would have to pull has a penalty, and no end.
 """
 
 from __future__ import annotations
@@ -48,7 +40,7 @@ from rimless_gym.kernel.stepping import (
 from trajopt.feedback.controller import CONTACT_MARGIN
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
-from trajopt.feedback.orbit import Clock, Grid, Orbit, between, deviation, located, offset
+from trajopt.feedback.orbit import Grid, Orbit, between, deviation, located, offset
 from trajopt.feedback.transverse import riccati, transverse_dynamics, weights
 from trajopt.gaits.solution import Solution
 
@@ -85,107 +77,69 @@ DIFFERENCE = 1e-5
 MOST_DEMAND = 10.0
 
 
-class Objective(NamedTuple):
-    """What a motion near a gait costs, in squared standard deviations of the gait's motion.
+class Lookahead(NamedTuple):
+    """What the law needs.
+
+    What a motion near a gait costs is in squared standard deviations of the gait's motion.
 
     Attributes:
         orbit: the gait's.
+        gains: the LQR's.
         stage: weights of a deviation in every interval, at the orbit's nodes, shape (n, 4, 4).
         final: the same for all the time after the horizon, shape (n, 4, 4).
         tangent: rates of the state along the orbit, shape (n, 4).
         voltage_slope: derivatives of the gait's voltage at the nearest point by the state, shape
             (n, 4).
-        clock: the gait's.
-        effort: of a squared volt.
         normal: least normal force (N) without a penalty.
         friction: largest friction demand without a penalty.
         lifting: residual per newton.
-        slipping: residual per unit of friction demand.
-    """
-
-    orbit: Orbit
-    stage: Floats
-    final: Floats
-    tangent: Floats
-    voltage_slope: Floats
-    clock: Clock
-    effort: float
-    normal: float
-    friction: float
-    lifting: float
-    slipping: float
-
-
-class Simulator(NamedTuple):
-    """The stepping kernel, and what it needs of a machine.
-
-    Attributes:
         advance: (states (STATE_SIZE, n), volts (n,), constants, poles, out, work) advances
             hybrid states by a control interval, the foot held like a pin.
-        constants: shape (N_CONSTANTS, 1).
-        poles: shape (1,).
-    """
-
-    advance: Any
-    constants: Floats
-    poles: Floats
-
-
-class Lookahead(NamedTuple):
-    """What the law needs.
-
-    Attributes:
-        orbit: the gait's.
-        gains: the LQR's.
-        objective: that is minimised.
-        simulator: the stepping kernel.
+        constants: of the stepping kernel, shape (N_CONSTANTS, 1).
+        poles: of the stepping kernel, shape (1,).
         horizon: control intervals.
-        iterations: of iLQR.
     """
 
     orbit: Orbit
     gains: lqr.LqrGains
-    objective: Objective
-    simulator: Simulator
+    stage: Floats
+    final: Floats
+    tangent: Floats
+    voltage_slope: Floats
+    normal: float
+    friction: float
+    lifting: float
+    advance: Any
+    constants: Floats
+    poles: Floats
     horizon: int
-    iterations: int
 
 
 def design(solution: Solution) -> Law:
-    """The law for a gait.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification.
-        RuntimeError: the Riccati recursion does not converge.
-    """
-    start, clock = lqr.design(solution), Clock.of(solution, lqr.AHEAD)
+    """The law for a gait; it raises what `lqr.design` does."""
+    gains = lqr.design(solution).data
     grid, params, gait = Grid.of(solution), solution.params, solution.verification
     transverse = transverse_dynamics(grid)
-    into, to_go = transverse.into, riccati(transverse, lqr.GENTLE, clock.ahead).to_go
+    into, ahead = transverse.into, gains.clock.ahead
+    to_go = riccati(transverse, lqr.GENTLE, ahead).to_go
     turned = into.swapaxes(1, 2)
-    objective = Objective(
-        orbit=start.data.orbit,
-        stage=grid.at_nodes(turned @ weights(clock.ahead) @ into),
+    constants, poles = machine_arrays([params])
+    data = Lookahead(
+        orbit=gains.orbit,
+        gains=gains,
+        stage=grid.at_nodes(turned @ weights(ahead) @ into),
         final=grid.at_nodes(turned @ to_go @ into),
         tangent=grid.at_nodes(grid.tangents),
         voltage_slope=grid.at_nodes(grid.voltage_rates[:, None] * into[:, 3]),
-        clock=clock,
-        effort=lqr.GENTLE,
         normal=min(PRESSED * params.weight, gait.min_normal_force),
         friction=max(
             GRIP * params.friction, gait.max_friction_demand, gait.max_impulse_friction_demand
         ),
         lifting=LIFTING / params.weight,
-        slipping=SLIPPING,
-    )
-    data = Lookahead(
-        orbit=start.data.orbit,
-        gains=start.data,
-        objective=objective,
-        simulator=Simulator(_advance(), *machine_arrays([params])),
+        advance=_advance(),
+        constants=constants,
+        poles=poles,
         horizon=HORIZON,
-        iterations=ITERATIONS,
     )
     return Law(params, volts, data, smooth=False)
 
@@ -252,8 +206,8 @@ def volts(x, mode, data):  # type: ignore[no-untyped-def]
     """The voltage for a state (4,)."""
     motion = started(x, mode, data)
     best = np.argmin(motion.costs)
-    for _ in range(data.iterations):
-        motion = improved(motion, best, data.objective, data.simulator)
+    for _ in range(ITERATIONS):
+        motion = improved(motion, best, data)
         best = np.argmin(motion.costs)
     return motion.nominal[0, best] + motion.shifts[0, best]
 
@@ -261,59 +215,53 @@ def volts(x, mode, data):  # type: ignore[no-untyped-def]
 @inner
 def started(x, mode, data):  # type: ignore[no-untyped-def]
     """The motions of the LQR and its variants over the horizon."""
-    n, limit = data.horizon, data.orbit.limit
     state, out, work = np.zeros(STATE_SIZE), np.empty((len(ROW), LANES)), np.zeros(SCRATCH_SIZE)
-    for c in range(4):
-        state[c] = x[c]
+    state[:4] = x
     state[MODE] = mode
-    motion = motion_from(state, n, data.objective)
-    for k in range(n):
+    motion = motion_from(state, data)
+    for k in range(data.horizon):
         for lane in range(LANES):
             u = lqr.volts(motion.states[k, :4, lane], mode, data.gains)
             if k < PUSHED[lane]:
-                u += PUSHES[lane] * limit
+                u += PUSHES[lane] * data.orbit.limit
             motion.shifts[k, lane] = u - motion.nominal[k, lane]
-        move_on(motion, k, data.objective, data.simulator, out, work)
+        move_on(motion, k, data, out, work)
     return motion
 
 
 @inner
-def improved(motion, lane, objective, simulator):  # type: ignore[no-untyped-def]
+def improved(motion, lane, data):  # type: ignore[no-untyped-def]
     """The motions after an iteration from one lane of others; the last one is that lane itself."""
     states, nominal = motion.states[:, :, lane].copy(), motion.nominal[:, lane].copy()
     shifts = motion.shifts[:, lane].copy()
-    slopes = slopes_of(states, nominal, shifts, objective, simulator)
-    step = backward(states, shifts, motion.residuals[:, :, lane], slopes, objective)
-    return forward(states, shifts, step, objective, simulator)
+    slopes = slopes_of(states, nominal, shifts, data)
+    step = backward(states, shifts, motion.residuals[:, :, lane], slopes, data)
+    return forward(states, shifts, step, data)
 
 
 @inner
-def backward(states, shifts, residuals, slopes, objective):  # type: ignore[no-untyped-def]
+def backward(states, shifts, residuals, slopes, data):  # type: ignore[no-untyped-def]
     """The best `Change` of the quadratic model."""
     n = len(shifts)
     step = Change(np.zeros(n), np.zeros((n, 4)))
-    spot, y = deviation_at(states[n, :4], objective)
-    Vxx = between(objective.final, spot).copy()
+    spot, y = deviation_at(states[n, :4], data)
+    Vxx = between(data.final, spot).copy()
     Vx = slope_of(Vxx, y)
     for k in range(n - 1, -1, -1):
-        spot, y = deviation_at(states[k, :4], objective)
+        spot, y = deviation_at(states[k, :4], data)
         Qx, Qxx = quadratic(Vx, Vxx, residuals[k], slopes.states[k], slopes.residuals[k])
-        Qx[4] += objective.effort * shifts[k]
-        Qxx[4, 4] += objective.effort
-        stage = between(objective.stage, spot)
-        slope = slope_of(stage, y)
-        for i in range(4):
-            Qx[i] += slope[i]
-            for j in range(4):
-                Qxx[i, j] += stage[i, j]
-        applied = between(objective.orbit.voltages, spot) + shifts[k]
-        least, most = -objective.orbit.limit - applied, objective.orbit.limit - applied
+        Qx[4] += lqr.GENTLE * shifts[k]
+        Qxx[4, 4] += lqr.GENTLE
+        stage = between(data.stage, spot)
+        Qx[:4] += slope_of(stage, y)
+        Qxx[:4, :4] += stage
+        applied = between(data.orbit.voltages, spot) + shifts[k]
         free = -Qx[4] / Qxx[4, 4]
-        change = min(max(free, least), most)
+        change = min(max(free, -data.orbit.limit - applied), data.orbit.limit - applied)
         step.changes[k] = change
-        for i in range(4):
-            step.gains[k, i] = -Qxx[4, i] / Qxx[4, 4] if change == free else 0.0
         gains = step.gains[k]
+        if change == free:
+            gains[:] = -Qxx[4, :4] / Qxx[4, 4]
         for i in range(4):
             Vx[i] = Qx[i] + Qxx[i, 4] * change + gains[i] * (Qx[4] + Qxx[4, 4] * change)
             for j in range(4):
@@ -336,20 +284,19 @@ def quadratic(Vx, Vxx, residuals, slopes, residual_slopes):  # type: ignore[no-u
             for c in range(4):
                 hessian[i, j] += slopes[c, i] * product[c, j]
     for which in range(RESIDUALS):
+        slope = residual_slopes[which]
         for i in range(5):
-            gradient[i] += residual_slopes[which, i] * residuals[which]
-            for j in range(5):
-                hessian[i, j] += residual_slopes[which, i] * residual_slopes[which, j]
+            gradient[i] += slope[i] * residuals[which]
+            hessian[i] += slope[i] * slope
     return gradient, hessian
 
 
 @inner
-def forward(states, shifts, step, objective, simulator):  # type: ignore[no-untyped-def]
+def forward(states, shifts, step, data):  # type: ignore[no-untyped-def]
     """Simulate a step's shares 1, 1/2, 1/4, ... and 0, each in a lane."""
-    n = len(shifts)
     out, work = np.empty((len(ROW), LANES)), np.zeros(SCRATCH_SIZE)
-    motion = motion_from(states[0], n, objective)
-    for k in range(n):
+    motion = motion_from(states[0], data)
+    for k in range(data.horizon):
         for lane in range(LANES):
             x = motion.states[k, :, lane]
             shift = shifts[k] + (0.5**lane * step.changes[k] if lane + 1 < LANES else 0.0)
@@ -358,13 +305,14 @@ def forward(states, shifts, step, objective, simulator):  # type: ignore[no-unty
                 for c in range(4):
                     shift += step.gains[k, c] * d[c]
             motion.shifts[k, lane] = shift
-        move_on(motion, k, objective, simulator, out, work)
+        move_on(motion, k, data, out, work)
     return motion
 
 
 @inner
-def motion_from(state, n, objective):  # type: ignore[no-untyped-def]
-    """A `Motion` over n intervals that stands at a hybrid state."""
+def motion_from(state, data):  # type: ignore[no-untyped-def]
+    """A `Motion` over the horizon that stands at a hybrid state."""
+    n = data.horizon
     motion = Motion(
         np.zeros((n + 1, STATE_SIZE, LANES)),
         np.zeros((n + 1, LANES)),
@@ -372,28 +320,17 @@ def motion_from(state, n, objective):  # type: ignore[no-untyped-def]
         np.zeros((n, RESIDUALS, LANES)),
         np.zeros(LANES),
     )
-    nominal = between(objective.orbit.voltages, located(state, objective.orbit))
     for lane in range(LANES):
-        for c in range(STATE_SIZE):
-            motion.states[0, c, lane] = state[c]
-        motion.nominal[0, lane] = nominal
+        motion.states[0, :, lane] = state
+    motion.nominal[0] = between(data.orbit.voltages, located(state, data.orbit))
     return motion
 
 
 @inner
-def deviation_at(x, objective):  # type: ignore[no-untyped-def]
+def deviation_at(x, data):  # type: ignore[no-untyped-def]
     """The spot of a state, and the deviation (4,) that costs: it includes being ahead."""
-    off = offset(x, objective.orbit, objective.clock)
-    d, early = off.across, off.early
-    tangent = between(objective.tangent, off.spot)
-    return off.spot, np.array(
-        (
-            d[0] + early * tangent[0],
-            d[1] + early * tangent[1],
-            d[2] + early * tangent[2],
-            d[3] + early * tangent[3],
-        )
-    )
+    off = offset(x, data.orbit, data.gains.clock)
+    return off.spot, np.array(off.across) + off.early * between(data.tangent, off.spot)
 
 
 @inner
@@ -414,72 +351,67 @@ def halved_square(weights, y):  # type: ignore[no-untyped-def]
 
 
 @inner
-def limited(voltage, objective):  # type: ignore[no-untyped-def]
+def limited(voltage, data):  # type: ignore[no-untyped-def]
     """A voltage within the limit."""
-    return min(max(voltage, -objective.orbit.limit), objective.orbit.limit)
+    return min(max(voltage, -data.orbit.limit), data.orbit.limit)
 
 
 @inner
-def residual(out, i, which, objective):  # type: ignore[no-untyped-def]
+def residual(out, i, which, data):  # type: ignore[no-untyped-def]
     """How far wheel i's interval is beyond a margin, weighed."""
     if which == 0:
-        return objective.lifting * max(objective.normal - out[ROW.min_normal_force, i], 0.0)
+        return data.lifting * max(data.normal - out[ROW.min_normal_force, i], 0.0)
     demand = max(out[ROW.friction_demand, i], out[ROW.impulse_friction_demand, i])
-    return objective.slipping * max(min(demand, MOST_DEMAND) - objective.friction, 0.0)
+    return SLIPPING * max(min(demand, MOST_DEMAND) - data.friction, 0.0)
 
 
 @inner
-def move_on(motion, k, objective, simulator, out, work):  # type: ignore[no-untyped-def]
+def move_on(motion, k, data, out, work):  # type: ignore[no-untyped-def]
     """Simulate interval k of all lanes, and add its cost; shifts end at the voltage limit."""
     volts, last = np.empty(LANES), k + 1 == len(motion.shifts)
     following = motion.states[k + 1]
+    following[:] = motion.states[k]
     for lane in range(LANES):
-        for c in range(STATE_SIZE):
-            following[c, lane] = motion.states[k, c, lane]
-        volts[lane] = limited(motion.nominal[k, lane] + motion.shifts[k, lane], objective)
+        volts[lane] = limited(motion.nominal[k, lane] + motion.shifts[k, lane], data)
         motion.shifts[k, lane] = volts[lane] - motion.nominal[k, lane]
-    simulator.advance(following, volts, simulator.constants, simulator.poles, out, work)
+    data.advance(following, volts, data.constants, data.poles, out, work)
     for lane in range(LANES):
-        cost = 0.5 * objective.effort * motion.shifts[k, lane] ** 2
+        cost = 0.5 * lqr.GENTLE * motion.shifts[k, lane] ** 2
         for which in range(RESIDUALS):
-            exceeded = residual(out, lane, which, objective)
+            exceeded = residual(out, lane, which, data)
             motion.residuals[k, which, lane] = exceeded
             cost += 0.5 * exceeded**2
-        spot, y = deviation_at(following[:4, lane], objective)
-        motion.nominal[k + 1, lane] = between(objective.orbit.voltages, spot)
-        cost += halved_square(between(objective.final if last else objective.stage, spot), y)
+        spot, y = deviation_at(following[:4, lane], data)
+        motion.nominal[k + 1, lane] = between(data.orbit.voltages, spot)
+        cost += halved_square(between(data.final if last else data.stage, spot), y)
         motion.costs[lane] += cost if out[ROW.failure, lane] == 0.0 else np.inf
 
 
 @inner
-def slopes_of(states, nominal, shifts, objective, simulator):  # type: ignore[no-untyped-def]
+def slopes_of(states, nominal, shifts, data):  # type: ignore[no-untyped-def]
     """Central differences along a motion: states (N + 1, STATE_SIZE), voltages and shifts."""
     n, each = len(shifts), 10
     columns, volts = np.empty((STATE_SIZE, each * n)), np.empty(each * n)
     for k in range(n):
-        slope = between(objective.voltage_slope, located(states[k], objective.orbit))
+        slope = between(data.voltage_slope, located(states[k], data.orbit))
         for j in range(each):
             i, step = each * k + j, DIFFERENCE if j % 2 else -DIFFERENCE
-            for c in range(STATE_SIZE):
-                columns[c, i] = states[k, c]
-            volts[i] = limited(nominal[k] + shifts[k], objective)
+            columns[:, i] = states[k]
+            volts[i] = limited(nominal[k] + shifts[k], data)
             if j < 8:
                 columns[j // 2, i] += step
                 volts[i] += step * slope[j // 2]
             else:
                 volts[i] += step
     out, work = np.empty((len(ROW), each * n)), np.zeros(SCRATCH_SIZE)
-    simulator.advance(columns, volts, simulator.constants, simulator.poles, out, work)
+    data.advance(columns, volts, data.constants, data.poles, out, work)
     slopes = Slopes(np.empty((n, 4, 5)), np.empty((n, RESIDUALS, 5)))
     for k in range(n):
         for j in range(5):
             less, more = each * k + 2 * j, each * k + 2 * j + 1
-            for c in range(4):
-                change = columns[c, more] - columns[c, less]
-                slopes.states[k, c, j] = change / (2 * DIFFERENCE)
+            change = columns[:4, more] - columns[:4, less]
+            slopes.states[k, :, j] = change / (2 * DIFFERENCE)
             for which in range(RESIDUALS):
-                change = residual(out, more, which, objective) - residual(
-                    out, less, which, objective
-                )
-                slopes.residuals[k, which, j] = change / (2 * DIFFERENCE)
+                rise = residual(out, more, which, data) - residual(out, less, which, data)
+                slopes.residuals[k, which, j] = rise / (2 * DIFFERENCE)
     return slopes

@@ -3,24 +3,21 @@
     sigma = c(s) e,    V = V*(s) + sigma - c(s + T) A(s) e - reach sat(sigma / layer)
 
 e is the deviation across the orbit at its nearest point s, and e(s + T) = A e + B v what becomes of
-it in a control period T under V* + v (`trajopt.feedback.transverse`). The terms after V* are the
-equivalent control and the switching term. With b = c(s + T) B(s)
+it in a control period T under V* + v (`trajopt.feedback.transverse`). With b = c(s + T) B(s),
 
-    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e.
+    sigma(s + T) = b (sigma - reach sat(sigma / layer)) + (1 - b) c(s + T) A e
 
-If b = 1, sigma shrinks by `reach` in a period outside the boundary layer; within the layer it is
-reach sigma / layer. The sign of sigma in place of sat would chatter with the size of `reach` for
-ever (Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995). The
+(Gao, Wang and Homaifa, Discrete-time variable structure control systems, IEEE TIE 1995). The
 voltage of the switching term never exceeds `reach`, nor that of a small sigma its share.
 
 c(s + T) = B' P / (r + B' P B), with P from the Riccati recursion of the LQR and r its cost of a
-squared volt. What is left to move on the surface c e = 0 then moves as under optimal control (Utkin
-and Young, Methods for constructing discontinuity planes, Automation and Remote Control 1978). r
-makes b less than 1, and the reaching slower. Without it, b = 1, the law asks for everything where
-a volt does next to nothing, as just before a touchdown, and loses the foot.
+squared volt: on the surface c e = 0 the motion is as under optimal control (Utkin and Young,
+Methods for constructing discontinuity planes, Automation and Remote Control 1978). With b = 1 the
+law would ask for everything where a volt does next to nothing, as just before a touchdown, and lose
+the foot.
 
 With a held gait, e has a fourth coordinate: the time by which the wheel is ahead of the nearest
-tick of the gait's clock.
+tick of the gait's clock. docs/feedback.md has the rest.
 """
 
 from __future__ import annotations
@@ -70,24 +67,17 @@ class Surface(NamedTuple):
 
 
 def design(solution: Solution) -> Law:
-    """The law for a gait.
-
-    Raises:
-        TypeError: `solution` is not a `trajopt.Solution`.
-        ValueError: it failed its verification.
-        RuntimeError: the Riccati recursion does not converge.
-    """
+    """The law for a gait; it raises what `Grid.of` and `riccati` do."""
     grid, limit = Grid.of(solution), solution.params.voltage_limit
     clock = Clock.of(solution, AHEAD)
     transverse = transverse_dynamics(grid)
     optimal = riccati(transverse, EFFORT, clock.ahead)
-    now, later = optimal.surface, optimal.gains
     data = Surface(
         orbit=grid.orbit(),
-        now=grid.at_nodes(transverse.per_deviation(now)),
-        later=grid.at_nodes(transverse.per_deviation(later)),
-        timing_now=grid.at_nodes(now[:, 3]),
-        timing_later=grid.at_nodes(later[:, 3]),
+        now=grid.at_nodes(transverse.per_deviation(optimal.surface)),
+        later=grid.at_nodes(transverse.per_deviation(optimal.gains)),
+        timing_now=grid.at_nodes(optimal.surface[:, 3]),
+        timing_later=grid.at_nodes(optimal.gains[:, 3]),
         reach=REACH * limit,
         layer=LAYER * limit,
         clock=clock,

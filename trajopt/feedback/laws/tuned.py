@@ -4,15 +4,11 @@
 
 as in `trajopt.feedback.laws.lqr`: s is the nearest point of the orbit, w grows from 0 to 1 with the
 distance from it, and c keeps to the gait's clock. What is tuned are the coefficients of short
-Fourier series in the phase of the gait: f, and a series that is added to each of the gains K1 on
-the gait and K2 away from it. So are the weight of c and the distance at which K1 and K2 count
-alike. The linear design knows neither the voltage limit nor the foot that lifts; walks on the
-simulator know both (Hansen, Niederberger, Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput.
-2009, tune the gains of a feedback law by evolution; Hansen, The CMA evolution strategy: a tutorial,
-arXiv:1604.00772).
-
-Every candidate walks from the same states: some on the gait, which measure its cost of transport,
-and some disturbed, which measure what it can bear.
+Fourier series in the phase of the gait: f, and one that is added to each of the gains K1 and K2;
+the weight of c; and the distance at which K1 and K2 count alike. The linear design knows neither
+the voltage limit nor the foot that lifts; walks on the simulator know both (Hansen, Niederberger,
+Guzzella and Koumoutsakos, IEEE Trans. Evol. Comput. 2009; Hansen, The CMA evolution strategy: a
+tutorial, arXiv:1604.00772).
 """
 
 from __future__ import annotations
@@ -24,17 +20,11 @@ import numpy as np
 from numba import njit
 from tqdm import tqdm
 
-from rimless_gym.checks import extra, integer
+from rimless_gym.checks import extra
 from rimless_gym.energy import ROW
 from rimless_gym.equations import SINGLE
 from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.kernel.stepping import (
-    MODE,
-    advance_batch,
-    hybrid_states,
-    machine_arrays,
-    scratch,
-)
+from rimless_gym.kernel.stepping import MODE, advance_batch, hybrid_states, machine_arrays, scratch
 from trajopt.feedback.law import Floats, Law
 from trajopt.feedback.laws import lqr
 from trajopt.feedback.orbit import Orbit, has_clock, located
@@ -79,58 +69,25 @@ COST_WEIGHT = 20.0
 LOST = 0.1
 
 
-class Numbers(NamedTuple):
-    """What is tuned; zeros leave the LQR as it is.
-
-    Attributes:
-        gentle: coefficients (4, 2 harmonics + 1) of the series added to each gain on the gait: the
-            constant, then a cosine and a sine of each harmonic.
-        firm: the same of the gains away from it.
-        voltage: those of the added voltage, shape (2 harmonics + 1,).
-        timing: logarithm of the factor of the clock's gain.
-        blend: logarithm of the factor of the distance at which both gains count alike.
-    """
-
-    gentle: Floats
-    firm: Floats
-    voltage: Floats
-    timing: float
-    blend: float
-
-    @classmethod
-    def of(cls, q: Floats) -> Numbers:
-        """From one row of `COUNT` numbers."""
-        gentle, firm, voltage = np.split(q[:-2].reshape(_SERIES, -1), [4, 8])
-        return cls(gentle, firm, voltage[0], q[-2], q[-1])
-
-
 def design(
     solution: Solution,
     wheels: int = WHEELS,
     generations: int = GENERATIONS,
     seed: int = 0,
-    progress: bool = True,
 ) -> Law:
-    """The law for a gait; it takes a minute or two to tune.
+    """The law for a gait; it takes a minute or two to tune, and raises what `lqr.design` does.
 
     Args:
         solution: the gait.
         wheels: see `WHEELS`; >= 1.
         generations: see `GENERATIONS`; >= 0, and 0 is the LQR.
         seed: of the disturbances and of the evolution; >= 0.
-        progress: whether to show a progress bar.
-
-    Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: a number is out of its range, or the gait failed its verification.
     """
-    generations = integer("generations", generations, 0)
-    seed, start = integer("seed", seed, 0), lqr.design(solution)
-    trial = Trial.about(solution, start.data.orbit, integer("wheels", wheels, 1), seed)
+    gains = lqr.design(solution).data
+    trial = Trial.about(solution, gains.orbit, wheels, seed)
 
     def law(q: Floats) -> Law:
-        gains = with_numbers(start.data, solution.duration, Numbers.of(q))
-        return Law(solution.params, lqr.volts, gains)
+        return Law(solution.params, lqr.volts, with_numbers(gains, solution.duration, q))
 
     def loss(q: Floats) -> float:
         return score(law(q), solution, trial)
@@ -145,7 +102,7 @@ def design(
     strategy, least = cma.CMAEvolutionStrategy(len(best) * [0.0], SPREAD, options), loss(best)
     with (
         ThreadPoolExecutor(cores()) as threads,
-        tqdm(total=generations, desc="tune", unit="generation", disable=not progress) as bar,
+        tqdm(total=generations, desc="tune", unit="generation", disable=None) as bar,
     ):
         for _ in range(generations):
             candidates = strategy.ask()
@@ -159,14 +116,19 @@ def design(
     return law(best)
 
 
-def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.LqrGains:
-    """The LQR's gains changed by tuned numbers.
+def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Floats) -> lqr.LqrGains:
+    """The LQR's gains changed by tuned numbers; zeros leave the LQR as it is.
 
     Args:
         gains: the LQR's.
         duration: of the gait's stride (s).
-        numbers: the tuned ones.
+        numbers: shape (COUNT,). Coefficients (2 harmonics + 1) of nine series, each a constant and
+            a cosine and a sine of each harmonic: four added to the gains on the gait, four to those
+            away from it, one to the voltage. Then the logarithms of two factors: of the clock's
+            gain, and of the distance at which both gains count alike.
     """
+    on, off, voltage = np.split(numbers[:-2].reshape(_SERIES, -1), [4, 8])
+    timing, blend = numbers[-2:]
     angle = 2 * np.pi * gains.orbit.times / duration
     waves = [np.ones_like(angle)]
     for k in range(1, HARMONICS + 1):
@@ -175,11 +137,11 @@ def with_numbers(gains: lqr.LqrGains, duration: float, numbers: Numbers) -> lqr.
     gentle, firm = (np.sqrt(np.mean(each**2, axis=0)) for each in (gains.gentle, gains.firm))
     volts = VOLTAGE_UNIT * gains.orbit.limit
     return gains._replace(
-        voltages=gains.voltages + volts * (series @ numbers.voltage),
-        gentle=gains.gentle + GENTLE_UNIT * gentle * (series @ numbers.gentle.T),
-        firm=gains.firm + firm * (series @ numbers.firm.T),
-        timing=gains.timing * np.exp(numbers.timing),
-        blend=gains.blend * np.exp(numbers.blend),
+        voltages=gains.voltages + volts * (series @ voltage[0]),
+        gentle=gains.gentle + GENTLE_UNIT * gentle * (series @ on.T),
+        firm=gains.firm + firm * (series @ off.T),
+        timing=gains.timing * np.exp(timing),
+        blend=gains.blend * np.exp(blend),
     )
 
 
@@ -196,14 +158,7 @@ class Trial(NamedTuple):
 
     @classmethod
     def about(cls, solution: Solution, orbit: Orbit, wheels: int, seed: int) -> Trial:
-        """The states of a seed.
-
-        Args:
-            solution: the gait.
-            orbit: its table.
-            wheels: number of disturbed states, m; there are m / 8 on the gait.
-            seed: of the disturbances.
-        """
+        """The states of a seed: as many disturbed ones as `wheels`, and 1/8 as many on the gait."""
         rng, n = np.random.default_rng(seed), max(wheels // 8, 1)
         even = solution.duration * (np.arange(n) + 0.5) / n
         if has_clock(solution):  # in step with it
