@@ -261,8 +261,8 @@ def drawn(name: str, front: CotFront) -> Figure:
     axes = figure.subplots()
     families: dict[tuple[int, int], list[Solution]] = {}
     for gait in sorted(front.solutions, key=lambda gait: gait.speed):
-        family = (LONG, 0) if gait.steps >= LONG else (gait.steps, gait.theta_turns)
-        families.setdefault(family, []).append(gait)
+        kind = (LONG, 0) if gait.steps >= LONG else (gait.steps, gait.theta_turns)
+        families.setdefault(kind, []).append(gait)
     for (steps, turns), family in sorted(families.items()):
         x = np.array([gait.speed for gait in family])
         y = np.array([gait.cot for gait in family])
