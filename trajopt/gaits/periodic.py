@@ -430,9 +430,9 @@ def polished(
         runs = simulated_steps(params, current, SPARE_TIMES[:1])
         pairs = zip(runs, successors(current, turns), strict=True)
         gaps = np.array([run.x[-1] - after for run, after in pairs])
-        if any(run.steps != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
+        if any(len(run.events) != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
             break
-        for i, shift in enumerate(_shifts(step_maps(params, current), gaps)):
+        for i, shift in enumerate(_shifts(params, current, gaps)):
             states = current[i].states.copy()
             states[0, 0, 1:] += shift
             current[i] = dataclasses.replace(current[i], states=states)
@@ -442,12 +442,16 @@ def polished(
     return polished_phases
 
 
-def _shifts(maps: Sequence[Array], gaps: Array) -> Array:
-    """The changes of all steps' starts, phi left out, that close the gaps (steps, 4) after them."""
-    n = len(maps)
+def _shifts(params: WheelParams, phases: Sequence[PhaseTrajectory], gaps: Array) -> Array:
+    """The changes of all phases' starts, phi left out, that close the gaps (phases, 4) after them.
+
+    A leg that starts at rest stays at rest.
+    """
+    n = len(phases)
     matrix = np.zeros((n, 4, n, 4))
-    for i, step in enumerate(maps):
+    for i, step in enumerate(step_maps(params, phases)):
         matrix[i, :, i] += step
         matrix[i, :, (i + 1) % n] -= np.eye(4)
+    matrix[:, :, [phase.start[2] == 0.0 for phase in phases], 2] = 0.0
     unknowns = matrix[..., 1:].reshape(4 * n, 3 * n)
     return np.asarray(-np.linalg.lstsq(unknowns, gaps.ravel(), rcond=1e-8)[0]).reshape(n, 3)
