@@ -325,6 +325,7 @@ class Solution:
 def _report(gait: Solution) -> str:
     v = gait.verification
     outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
+    touchdowns = gait.phase_times[1 : gait.steps + 1]
     demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
     lines = [
         f"Periodic gait, {gait.steps} step(s) per stride at {gait.speed:.4f} m/s{_held(gait)}",
@@ -334,7 +335,7 @@ def _report(gait: Solution) -> str:
         f"  lower bound             {gait.cot_bound:.6f} for these steps and turns{_above(gait)}",
         f"  energy of a stride      {gait.cost:.6f} J"
         f" ({'E, with' if gait.regeneration else 'E+, no'} regeneration)",
-        f"  times of touchdown      {', '.join(f'{t:.6f}' for t in gait.phase_times[1 : gait.steps + 1])} s",
+        f"  times of touchdown      {', '.join(f'{t:.6f}' for t in touchdowns)} s",
         *_standing(gait),
         f"  turns of theta          {gait.theta_turns} per stride",
         f"  peak voltage            {v.peak_voltage:.3f} of {gait.params.voltage_limit:g} V",

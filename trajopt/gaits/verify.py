@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last touchdown (s)
 
 #: Time around a touchdown (s) within which the simulation is expected to land.
-SWITCHED = 1e-6
+SWITCHED = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,24 +246,29 @@ def playback(
         Times (s), and a function (t, x) -> V of t alone, but for `SWITCHED` around a touchdown
         between two phases: there a state shows whether the foot has landed. (The simulation lands a
         picosecond early or late, and the next step's voltage could make the old foot slip.) The
-        state may be None. A lift-off is when the voltage jumps. After the end the last element's
-        polynomial goes on.
+        state may be None. Where the wheel stops, contact (phi = b) already switches the voltage: it
+        decides whether both feet stay on the ground. A lift-off is when the voltage jumps. After the end
+        the last element's polynomial goes on.
     """
     begins = np.cumsum([0.0, *(p.duration for p in phases)])
     edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
     edges = np.append(edges, begins[-1])
     polynomials = [element for phase in phases for element in _polynomials(phase)]
     first = np.cumsum([len(p.edges) - 1 for p in phases])
-    pairs = zip(begins[1:-1], first[:-1], phases, strict=False)
-    landings = [(begin, int(landed)) for begin, landed, phase in pairs if not stands(phase)]
+    joints = zip(begins[1:-1], first[:-1], pairwise(phases), strict=True)
+    landings = [
+        (begin, int(i), phase.end[0] if stands(following) else math.inf)
+        for begin, i, (phase, following) in joints
+        if not stands(phase)
+    ]
 
     def law(t: float, x: Any) -> float:
         i = int(np.searchsorted(edges, t, side="right")) - 1
         i = min(max(i, 0), len(polynomials) - 1)
         if x is not None:
-            for begin, landed in landings:
+            for begin, landed, contact in landings:
                 if abs(t - begin) < SWITCHED:
-                    i = landed - (x[0] > math.pi / 2)
+                    i = landed - (x[0] > math.pi / 2 and x[0] != contact)
         s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
         for coefficient in polynomials[i]:
             value = value * s + coefficient
