@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,6 +88,12 @@ SHORT_PROTOCOL = Protocol(starts=48, seed=20150502, duration=20.0, window=10.0, 
 #: For selecting the best of many checkpoints during training. The walks are as long as the
 #: published ones: a gait can last 20 s from every start, and 50 s from none.
 TRAINING_PROTOCOL = Protocol(starts=48, seed=20150502, duration=50.0, window=10.0, alive=5.0)
+
+#: A slow command, a usual one, and one near the fastest that an episode may draw (m/s).
+COMMANDS = (0.35, 0.5, 0.6)
+
+#: Between the commands at which a policy is evaluated for the range that it was trained for (m/s).
+COMMAND_STEP = 0.02
 
 #: Speed and cost of transport of a start that does not walk.
 _NO_WALK = math.nan, math.nan
@@ -177,8 +183,7 @@ def evaluate(
         disturbances: as the environment takes them.
         starts: (N, STATE_SIZE) instead of the protocol's own.
         command: the speed that is commanded (m/s), in `RimlessWheelSpeed-v0`, one or one for each
-            start; None: the policy walks in `RimlessWheel-v0`. See `agents.commanded` for several
-            speeds.
+            start; None: the policy walks in `RimlessWheel-v0`. See also `evaluate_commanded`.
         control_period: how long an action is held (s), default: that of the environment.
         progress: whether to show a progress bar.
 
@@ -266,6 +271,63 @@ def _summary(
         cots=np.array([cot for _, cot in each_walk]),
         periods=periods,
     )
+
+
+def evaluate_commanded(
+    policy: Policy,
+    commands: Sequence[float] = COMMANDS,
+    params: Machine = BUILDABLE,
+    protocol: Protocol = PROTOCOL,
+    *,
+    task: Task | Mapping[str, float] | None = None,
+    control_period: float | None = None,
+    progress: bool = False,
+) -> tuple[Evaluation, ...]:
+    """Evaluate a policy at each of some speeds that `RimlessWheelSpeed-v0` commands.
+
+    Each speed is commanded for whole walks, from the same starts.
+
+    Args:
+        policy: see `agents.policies`; it is given observations (N, 8).
+        commands: the speeds (m/s), one or more.
+        params: the wheel's parameters, as the environment takes them.
+        protocol: starts and times.
+        task: whose reward `objective` is, as the environment takes it.
+        control_period: as the environment takes it.
+        progress: whether to show a progress bar for each speed.
+
+    Raises:
+        TypeError: an argument is of the wrong kind.
+        ValueError: no speed is given or one is out of its range, or as `evaluate` says.
+        RuntimeError: as `evaluate` says.
+    """
+    speeds = real_array("commands", commands)
+    if speeds.ndim != 1 or not len(speeds):
+        raise ValueError(f"commands = {commands!r}: give one or more speeds (m/s)")
+    return tuple(
+        evaluate(
+            policy,
+            params,
+            protocol,
+            task=task,
+            command=speed,
+            control_period=control_period,
+            progress=progress,
+        )
+        for speed in speeds.tolist()
+    )
+
+
+def commands_within(slowest: float, fastest: float) -> list[float]:
+    """The commands at which a policy is evaluated that was trained for these (m/s).
+
+    They are the multiples of `COMMAND_STEP` in the range; its ends, where it has none.
+    """
+    first, last = (
+        math.ceil(slowest / COMMAND_STEP - 1e-9),
+        math.floor(fastest / COMMAND_STEP + 1e-9),
+    )
+    return [round(n * COMMAND_STEP, 6) for n in range(first, last + 1)] or [slowest, fastest]
 
 
 def interquartile_mean(values: ArrayLike) -> float:

@@ -48,13 +48,7 @@ _EXTREMES = {
 def outcomes(
     fallen: NDArray[np.bool_], stepping: NDArray[np.bool_], window: Window
 ) -> tuple[str, ...]:
-    """The outcome of each start, one of `OUTCOMES`, N of them.
-
-    Args:
-        fallen: of each start, (N,).
-        stepping: whether it still takes steps at the end, (N,).
-        window: of the walks.
-    """
+    """The outcome of each start, one of `OUTCOMES`; `stepping` is at the end, (N,)."""
     results = []
     for i, params in enumerate(window.machines):
         if fallen[i]:
@@ -115,11 +109,7 @@ class Window:
         return ledger, dataclasses.replace(ledger, distance=carried)
 
     def rewards(self, penalties: Floats) -> Floats:
-        """The reward (m) of each walk (N,).
-
-        Args:
-            penalties: of each walk for its end, whenever that was (m), (N,).
-        """
+        """The reward (m) of each walk (N,), with its penalty (N,) for its end at any time."""
         running = sum(self.sums[name] for name in TERM_NAMES if name != "reward_end")
         return np.asarray(running + penalties)
 
@@ -181,11 +171,7 @@ def _just_after_touchdown(params: WheelParams, state: Floats, volts: float) -> F
 
 
 def steps_per_period(points: Floats) -> int:
-    """Smallest number of steps after which post-touchdown states repeat, 0 if none up to 6.
-
-    Args:
-        points: scaled post-touchdown states, (touchdowns, 4).
-    """
+    """Steps after which scaled post-touchdown states (touchdowns, 4) repeat; 0: none up to 6."""
     for k in range(1, MAX_PERIOD + 1):
         if len(points) < 3 * k:
             return 0

@@ -1,4 +1,8 @@
-"""Checks of arguments; each error names the argument, its value and what it must be."""
+"""Checks of arguments: each returns the checked value, or raises an error.
+
+That is a `TypeError` for a value of the wrong type and a `ValueError` for one out of its range; it
+names the argument, its value and what it must be.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +23,7 @@ LARGEST, SMALLEST = 1e30, 1e-30
 
 
 def real(name: str, value: Any) -> float:
-    """The number `value`.
-
-    Raises:
-        TypeError: it is not a real number.
-        ValueError: it is not finite, or larger than `LARGEST`.
-    """
+    """The number `value`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise TypeError(f"{name} = {value!r}: must be a real number")
     try:
@@ -37,12 +36,7 @@ def real(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """The real number `value`, greater than 0.
-
-    Raises:
-        TypeError: it is not a real number.
-        ValueError: it is not finite, not greater than 0, or larger than `LARGEST`.
-    """
+    """The real number `value`, greater than 0."""
     number = real(name, value)
     if not number > 0.0:
         raise ValueError(f"{name} = {number}: must be greater than 0")
@@ -50,12 +44,7 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """The real number `value`, at least 0.
-
-    Raises:
-        TypeError: it is not a real number.
-        ValueError: it is not finite, less than 0, or larger than `LARGEST`.
-    """
+    """The real number `value`, at least 0."""
     number = real(name, value)
     if number < 0.0:
         raise ValueError(f"{name} = {number}: must be at least 0")
@@ -63,44 +52,27 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def flag(name: str, value: Any) -> bool:
-    """The truth value `value`, Python's or NumPy's.
-
-    Raises:
-        TypeError: it is anything else, even if Python counts it as true or false.
-    """
+    """The truth value `value`, Python's or NumPy's."""
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} = {value!r}: must be True or False")
     return bool(value)
 
 
 def require_kind(name: str, value: Any, kind: type) -> None:
-    """Refuse a value that is not a `kind`.
-
-    Raises:
-        TypeError: `value` is of another type.
-    """
+    """Refuse a value that is not a `kind`."""
     if not isinstance(value, kind):
         module = kind.__module__.split(".")[0]
         raise TypeError(f"{name} = {value!r}: must be a {module}.{kind.__name__}")
 
 
 def require_callable(name: str, value: Any) -> None:
-    """Refuse a value that cannot be called.
-
-    Raises:
-        TypeError: `value` is not callable.
-    """
+    """Refuse a value that cannot be called."""
     if not callable(value):
         raise TypeError(f"{name} = {reprlib.repr(value)}: must be a function")
 
 
 def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """The integer `value`: Python's, NumPy's or an array of shape ().
-
-    Raises:
-        TypeError: it is not an integer.
-        ValueError: it is less than `least`, or more than `most`.
-    """
+    """The integer `value`: Python's, NumPy's or an array of shape ()."""
     wanted = f"must be an integer of at least {least}"
     if most is not None:
         wanted += f" and at most {most}"
@@ -116,12 +88,7 @@ def integer(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def real_array(name: str, values: Any) -> NDArray[Any]:
-    """Real numbers as an array; an array is returned as it is, not copied.
-
-    Raises:
-        TypeError: they are not real numbers.
-        ValueError: the rows differ in length.
-    """
+    """Real numbers as an array; an array is returned as it is, not copied."""
     try:
         array = np.asarray(values)
     except ValueError:
@@ -132,12 +99,7 @@ def real_array(name: str, values: Any) -> NDArray[Any]:
 
 
 def as_instance(kind: type[Any], name: str, value: Any, default: Any) -> Any:
-    """`value`, an instance of the dataclass `kind` or a mapping of its fields; None: the default.
-
-    Raises:
-        TypeError: it is neither, or a field is missing or of the wrong type.
-        ValueError: there is no such field, or its value is out of range.
-    """
+    """`value` as the dataclass `kind`, or from a mapping of its fields; the default for None."""
     if value is None or isinstance(value, kind):
         return default if value is None else value
     if not isinstance(value, Mapping):
@@ -159,13 +121,9 @@ class MissingExtraError(ImportError):
 
 @contextmanager
 def extra(name: str) -> Iterator[None]:
-    """Imports of packages that come with an extra.
+    """Imports of packages that come with an extra: its name in pyproject.toml, such as "learn".
 
-    Args:
-        name: of the extra in pyproject.toml, such as "learn".
-
-    Raises:
-        MissingExtraError: a package is missing; the message names it and its installation.
+    Where one is missing, a `MissingExtraError` names it and its installation.
     """
     try:
         yield

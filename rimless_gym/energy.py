@@ -86,19 +86,12 @@ def balance(energies: Mapping[str, Any]) -> list[Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Ledger:
-    """Where the energy of an interval went (J), with its duration (s) and distance (m).
+    """Where the energy of an interval went (J); `CHANNELS` describes each entry.
 
     Attributes:
         time: duration (s).
         distance: net travel of the hub along the ground (m), downhill positive.
-        electrical: integral of V i; the battery can be recharged.
-        electrical_positive: integral of max(V i, 0); the battery cannot be recharged.
         losses: energies lost in smooth motion, named as in `rimless_gym.equations.LOSSES`.
-        collision: loss in touchdowns (signed under the non-physical impact laws).
-        shaft: integral of |T psi'|, the thesis's measure.
-        mechanical_change: change of kinetic and potential energy, foot descent included.
-        idle: idle power times duration.
-        push: work of pushes on the hub.
     """
 
     time: float

@@ -78,12 +78,7 @@ Machine: TypeAlias = WheelParams | str | Mapping[str, Any]
 
 
 def as_params(params: Machine) -> WheelParams:
-    """The machine given in any of the forms of `Machine`.
-
-    Raises:
-        TypeError: it has the wrong type.
-        ValueError: there is no preset or field of that name, or a value is out of its range.
-    """
+    """The machine given in any of the forms of `Machine`."""
     if isinstance(params, WheelParams):
         return params
     if isinstance(params, str):

@@ -50,10 +50,6 @@ def violations(params: WheelParams, extremes: Extremes) -> tuple[str, ...]:
     A foot must be pressed down, no more: that optimal gaits keep a margin
     (`trajopt.gaits.problem.MIN_NORMAL_FORCE`) is a choice of their design, not a limit of the
     ground.
-
-    Args:
-        params: the machine.
-        extremes: of its walk.
     """
     broken = {
         "lifts": not extremes.min_normal_force > 0.0,

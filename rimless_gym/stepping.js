@@ -4,8 +4,6 @@
 // found on the quintic through a step's ends and then by Newton's method on the step's length.
 // Every equation, guard and reset map that it calls is printed from Python, and so is the tableau.
 
-const SINGLE = 0;
-const DOUBLE = 1;
 const STATES = 4; // phi, theta, phi', theta'; the losses follow them in a step's vector
 const LOCATED = 1e-13; // rad: how near to its guard a located touchdown is
 const TOLERANCE = { absolute: 1e-13, relative: 1e-12 };
@@ -18,8 +16,22 @@ const atRest = (p) => ({
   phi: p.a, theta: Math.atan2(p.gx, p.gy), dphi: 0, dtheta: 0, mode: DOUBLE, foot: 0,
 });
 
-const rates = (mode, y, u, p) =>
-  (mode === DOUBLE ? motion_double : motion_single)(y[0], y[1], y[2], y[3], u, p);
+// The constants of a machine, an object with the fields of WheelParams.
+const constants = (machine) => {
+  const mount = machine.motor_mount === 'wheel' ? 1 : 0;
+  return constants_of(machine, mount, IMPACT_LAWS.indexOf(machine.impact_law), sin, cos);
+};
+
+// The rates of the state, and the powers of the LOSSES, in this order.
+function rates(mode, y, u, p) {
+  const [phi, theta, dphi, dtheta] = y;
+  const [ddphi, ddtheta] = mode === DOUBLE
+    ? [0, double_stance(phi, theta, dphi, dtheta, u, p)]
+    : single_stance(phi, theta, dphi, dtheta, u, p);
+  const [dpsi, ddpsi] = [relative_rate(dphi, dtheta, p), relative_rate(ddphi, ddtheta, p)];
+  const powers = losses(dphi, dpsi, ddpsi, u, p);
+  return [dphi, dtheta, ddphi, ddtheta, ...LOSSES.map((name) => powers[name])];
+}
 
 // One DOP853 step of length h from y, whose rates are known.
 function attempt(mode, from, h, u, p) {
@@ -306,3 +318,8 @@ function advance(state, u, duration, p, pull = 0) {
   });
   return { state: { phi, theta, dphi, dtheta, mode, foot }, totals };
 }
+
+return {
+  constants, advance, atRest, rates, observation, after_touchdown, relative_rate, motor_voltage,
+  hub_position, CONTROL_PERIOD, LOSSES, OK, SINGLE, DOUBLE,
+};

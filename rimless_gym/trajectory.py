@@ -149,10 +149,6 @@ def validated_start(
     """A start (phi, theta, phi', theta') as an array (4,), and the index of its stance mode.
 
     Errors call it `name`.
-
-    Raises:
-        TypeError: it does not consist of real numbers.
-        ValueError: it is not four finite numbers, or not a state of that mode.
     """
     x = real_array(name, x0).astype(np.float64)
     if x.shape != (4,) or not np.all(np.isfinite(x)):

@@ -1,4 +1,7 @@
-"""Arguments of the environments' constructors and of `reset(options=...)`, checked once."""
+"""Arguments of the environments' constructors and of `reset(options=...)`, checked once.
+
+Wrong types raise a `TypeError`, values out of their range a `ValueError`.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +37,8 @@ from rimless_gym.trajectory import validated_start
 if TYPE_CHECKING:
     from rimless_gym.envs.batch import Batch
 
-#: What an action may be: a voltage, or the motor's current.
-ACTIONS = ("voltage", "current")
+#: What an action may be, and whether that is the motor's current rather than a voltage.
+ACTIONS = {"voltage": False, "current": True}
 
 #: Most ticks of 10 ms in a control interval.
 MOST_TICKS = 10
@@ -50,11 +53,6 @@ class Control:
         actions: what an action commands, one of `ACTIONS`.
         speeds: least and greatest speed (m/s) between which each episode draws the one that is
             commanded; None where none is.
-
-    Raises:
-        TypeError: a value has the wrong type.
-        ValueError: the period is no such multiple, the actions are unknown, or the speeds are not
-            in order or out of their range.
     """
 
     period: float = CONTROL_PERIOD
@@ -70,7 +68,7 @@ class Control:
                 f"from {CONTROL_PERIOD:g} to {MOST_TICKS * CONTROL_PERIOD:g}"
             )
         if self.actions not in ACTIONS:
-            raise ValueError(f"actions = {self.actions!r}: choose from {ACTIONS}")
+            raise ValueError(f"actions = {self.actions!r}: choose from {tuple(ACTIONS)}")
         object.__setattr__(self, "period", ticks * CONTROL_PERIOD)
         if self.speeds is not None:
             least, greatest = as_speeds("speeds", self.speeds, 2).tolist()
@@ -86,7 +84,7 @@ class Control:
     @property
     def by_current(self) -> bool:
         """Whether an action is the motor's current."""
-        return self.actions == "current"
+        return ACTIONS[self.actions]
 
     @property
     def width(self) -> int:
@@ -113,12 +111,7 @@ USUAL = Control()
 
 
 def as_speeds(name: str, speeds: Any, n: int) -> NDArray[np.float64]:
-    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,).
-
-    Raises:
-        TypeError: they are not real numbers.
-        ValueError: there is not one for each, or one is out of its range.
-    """
+    """Speeds that may be commanded (m/s), one for all or one each, as a new array (N,)."""
     given = real_array(name, speeds)
     if given.shape not in ((), (n,)):
         raise ValueError(f"{name} = {speeds!r}: give one number, or {n}, not {given.shape}")
@@ -134,10 +127,6 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
     """The task, given as such or as a mapping of the fields that differ from the present one's.
 
     None stands for the present one.
-
-    Raises:
-        TypeError: it has the wrong type.
-        ValueError: a field is unknown or its value out of range.
     """
     if isinstance(task, Mapping):
         task = dataclasses.asdict(present) | dict(task)
@@ -146,23 +135,13 @@ def as_task(task: Any, present: Task = USUAL_TASK) -> Task:
 
 
 def as_starts(starts: Starts | Mapping[str, Any] | None) -> Starts:
-    """Shares, given as such or as a mapping of their fields; None for the usual ones.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: a share is unknown or out of range.
-    """
+    """Shares, given as such or as a mapping of their fields; None for the usual ones."""
     checked: Starts = as_instance(Starts, "starts", starts, USUAL_STARTS)
     return checked
 
 
 def as_params_list(params: Any, n: int) -> list[WheelParams]:
-    """`params`, one for all rows or one per row, as a list of N.
-
-    Raises:
-        TypeError: a machine has the wrong type.
-        ValueError: there is not one machine per row, or one is invalid or cannot be stepped.
-    """
+    """`params`, one for all rows or one per row, as a list of N."""
     many = isinstance(params, (list, tuple))
     each = [as_params(one) for one in params] if many else [as_params(params)] * n
     _require_one_per_row("params", each, n)
@@ -172,11 +151,7 @@ def as_params_list(params: Any, n: int) -> list[WheelParams]:
 
 
 def require_render_mode(render_mode: Any, render_modes: Sequence[str]) -> None:
-    """Refuse a render mode that an environment does not have.
-
-    Raises:
-        ValueError: it is neither one of them nor None.
-    """
+    """Refuse a render mode that an environment does not have."""
     if render_mode is not None and render_mode not in render_modes:
         raise ValueError(f"render_mode = {render_mode!r}: choose from {render_modes} or None")
 
@@ -210,11 +185,6 @@ def read_options(
     """What the options for `rows` of a batch change, for `Batch.change`, and how episodes begin.
 
     The options are checked, and the batch is not changed.
-
-    Raises:
-        TypeError: a value has the wrong type.
-        ValueError: an option is unknown or its value out of range, or starts, ranges or
-            disturbances, which hold for all rows, are given for some.
     """
     options = options or {}
     names = OPTION_NAMES if batch.control.speeds is None else (*OPTION_NAMES, "speed")
@@ -265,12 +235,7 @@ def _require_one_per_row(name: str, values: Sequence[Any], n: int) -> None:
 
 
 def masked_rows(mask: Any, n: int, name: str = "reset_mask") -> NDArray[np.int64]:
-    """Indices of the rows, out of N, that the mask `name` marks; of all without a mask.
-
-    Raises:
-        TypeError: it is not an array of bool.
-        ValueError: it has the wrong shape, or marks no row.
-    """
+    """Indices of the rows, out of N, that the mask `name` marks; of all without a mask."""
     if mask is None:
         return np.arange(n)
     if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_):
@@ -290,10 +255,7 @@ def _states(states: Any, modes: Any, params: Sequence[WheelParams]) -> NDArray[n
     named = [modes] * n if isinstance(modes, str) else list(modes)
     _require_one_per_row("state", each, n)
     _require_one_per_row("mode", named, n)
-    if many or not isinstance(modes, str):
-        return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
-    starts = {one: _start(one, states, modes) for one in dict.fromkeys(params)}
-    return np.array([starts[one] for one in params])
+    return np.array([_start(*one) for one in zip(params, each, named, strict=True)])
 
 
 def _start(params: WheelParams, x: ArrayLike, mode: str) -> NDArray[np.float64]:

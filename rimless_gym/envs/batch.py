@@ -82,10 +82,6 @@ class Batch:
         memory: what is remembered of each row; see `rimless_gym.envs.layout`.
         numbers: current values of the parameters that are numbers, (len(NUMBERS), N).
         ended: whether a row's episode is over, or none has begun; bool (N,).
-
-    Raises:
-        TypeError: ranges, disturbances or starts have the wrong type.
-        ValueError: they have unknown fields, or a machine cannot be stepped at an end of a range.
     """
 
     def __init__(
@@ -124,11 +120,7 @@ class Batch:
         return bool(self.memory[MEMORY.phi].any())  # phi is never 0 on the ground
 
     def require_begun(self) -> None:
-        """Refuse to go on before the first reset.
-
-        Raises:
-            RuntimeError: no row has begun an episode.
-        """
+        """Refuse to go on before the first reset."""
         if not self.begun:
             raise RuntimeError("no episode has begun: call reset() first")
 
@@ -179,11 +171,7 @@ class Batch:
         self.tasks = list(tasks)
 
     def require_no_target(self, tasks: Sequence[Task]) -> None:
-        """Refuse tasks with a target speed where speeds are commanded.
-
-        Raises:
-            ValueError: there is one.
-        """
+        """Refuse tasks with a target speed where speeds are commanded."""
         targets = [task.target_speed for task in tasks if task.target_speed != math.inf]
         if targets and self.control.speeds is not None:
             raise ValueError(
@@ -230,11 +218,7 @@ class Batch:
         observations: NDArray[np.float32],
         start: EpisodeStart = DRAWN_START,
     ) -> None:
-        """Begin the episodes of `rows`; their first observations go into `observations`, flat.
-
-        Raises:
-            RuntimeError: a row found no start, or drew a machine that cannot be stepped.
-        """
+        """Begin the episodes of `rows`; their first observations go into `observations`, flat."""
         self.ended[rows] = True
         self.streams[rows] = keys
         if self.ranges.bounds:
@@ -378,9 +362,6 @@ def require_snapshot(
     """Refuse a state that `get_state` of an `owner` with these settings cannot have returned.
 
     What compiled code reads is checked in full: shapes, types, and that numbers are finite.
-
-    Raises:
-        ValueError: its parts, number of rows or control differ, or an array is not as it must be.
     """
     remedy = f"give what get_state() of a {owner} returned"
     if not isinstance(state, dict) or state.keys() != set(parts):
@@ -418,11 +399,7 @@ def require_snapshot(
 
 
 def restore(generators: Sequence[np.random.Generator], states: Sequence[dict[str, Any]]) -> None:
-    """Put each generator into its state, all or none.
-
-    Raises:
-        ValueError: one of them is not a state of these generators.
-    """
+    """Put each generator into its state, all or none."""
     before = [dict(one.bit_generator.state) for one in generators]
     try:
         for one, state in zip(generators, states, strict=True):

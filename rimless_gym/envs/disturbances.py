@@ -150,13 +150,7 @@ class Ranges:
         """Refuse ranges from which a machine may be drawn that is not valid.
 
         Tried are all fields at their low ends and all at their high ends, and each of these with
-        one field at its other end.
-
-        Args:
-            machines: those whose other parameters are not drawn.
-
-        Raises:
-            ValueError: see `WheelParams` and `require_steppable`.
+        one field at its other end. The machines' other parameters are not drawn.
         """
         for params in dict.fromkeys(machines) if self.bounds else ():
             for end in (0, 1):
@@ -167,12 +161,7 @@ class Ranges:
 
 
 def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
-    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: see `Ranges`.
-    """
+    """Ranges from a mapping of bounds, or from {"bounds": such a mapping}; None means no ranges."""
     if isinstance(ranges, Ranges):
         return ranges
     if not isinstance(ranges, Mapping | None):
@@ -183,12 +172,7 @@ def as_ranges(ranges: Ranges | Mapping[str, Any] | None) -> Ranges:
 
 
 def as_disturbances(disturbances: Disturbances | Mapping[str, Any] | None) -> Disturbances:
-    """Disturbances, given as such or as a mapping of their fields; None means none.
-
-    Raises:
-        TypeError: it is neither.
-        ValueError: a field is unknown or its value out of range.
-    """
+    """Disturbances, given as such or as a mapping of their fields; None means none."""
     return as_instance(Disturbances, "disturbances", disturbances, Disturbances())
 
 
@@ -246,7 +230,6 @@ def normal(streams, i):
 
 
 # What compiled code does with them, before and after a control interval
-
 
 #: The numbers of a `Disturbances`: probability of a push in an interval; least and greatest impulse
 #: of a push (N s) and delay from action to voltage (intervals); and standard deviations of the

@@ -355,11 +355,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return step_result(self._results, self._observation.copy(), self._ended, truncated)
 
     def _end(self) -> bool:
-        """End the episode if the motion failed; returns whether the time is up.
-
-        Raises:
-            RuntimeError: the motion left the model's range.
-        """
+        """End the episode if the motion failed; returns whether the time is up."""
         flags = Flags(*flags_of(self._buffer)[: len(FLAG), 0].tolist())
         self._ended = bool(flags.failure)
         if flags.failure and not flags.terminated:
@@ -442,12 +438,7 @@ class RimlessWheelEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def _as_number(action: Any) -> float:
-    """The number in an action that is not the usual array (1,) of floats.
-
-    Raises:
-        TypeError: it is not a real number.
-        ValueError: it is NaN, or the action is not of shape (1,) or ().
-    """
+    """The number in an action that is not the usual array (1,) of floats."""
     array = real_array("action", action)
     if array.shape not in ((1,), ()):
         raise ValueError(f"action = {action!r}: must have shape (1,), not {array.shape}")

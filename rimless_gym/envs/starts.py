@@ -147,9 +147,6 @@ def draw_start(
 
     It takes one 64-bit number from `rng`. An environment with this generator and these `starts`
     starts in the same state.
-
-    Raises:
-        RuntimeError: 1000 draws found none (such a machine hardly presses on the ground).
     """
     streams = np.array([rng.bit_generator.random_raw()], dtype=np.uint64)
     state = np.zeros(STATE_SIZE)

@@ -347,10 +347,6 @@ class RimlessWheelVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray
 
         A generator without a seed gets one from the system's entropy. Seeds are checked before
         anything changes.
-
-        Raises:
-            TypeError: a seed is not an integer.
-            ValueError: there is not one seed per row, or one is negative.
         """
         seeds = _one_seed_per_row(seed, self.num_envs)
         chosen = np.arange(self.num_envs)

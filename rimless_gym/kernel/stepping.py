@@ -52,12 +52,7 @@ MAX_POLE = 1e4
 
 
 def hybrid_states(x: ArrayLike, mode: ArrayLike) -> NDArray[np.float64]:
-    """Hybrid states (N, STATE_SIZE) on their first foot.
-
-    Args:
-        x: states (phi, theta, phi', theta'), (N, 4).
-        mode: stance modes, (N,), or one for all states.
-    """
+    """Hybrid states (N, STATE_SIZE) on their first foot: x (N, 4), in modes (N,) or one for all."""
     states = np.zeros((len(np.asarray(x)), STATE_SIZE))
     states[:, :MODE], states[:, MODE] = x, mode
     return states
@@ -191,11 +186,7 @@ def advance_batch(constants, poles, states, voltages, first, last, duration, pul
 
 
 def require_steppable(params: WheelParams) -> None:
-    """Refuse machines that need too many steps in a control interval.
-
-    Raises:
-        ValueError: the motor, dry friction or air drag damps faster than `MAX_POLE`.
-    """
+    """Refuse machines that need too many steps in a control interval."""
     if not params.motor_pole <= MAX_POLE:
         raise ValueError(
             f"the motor damps psi' at {params.motor_pole:.3g}/s, faster than the {MAX_POLE:.3g}/s "
@@ -221,11 +212,7 @@ def require_steppable(params: WheelParams) -> None:
 def machine_arrays(
     machines: Sequence[WheelParams],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,).
-
-    Raises:
-        ValueError: see `require_steppable`.
-    """
+    """What the kernel needs of the machines: constants (N_CONSTANTS, N) and motor poles (N,)."""
     for params in machines:
         require_steppable(params)
     constants = np.stack([params.constants_array for params in machines], axis=1)
@@ -268,9 +255,6 @@ def advance(
 
     Returns:
         Rows of `rimless_gym.energy.ROW` per state, (N, len(ROW)).
-
-    Raises:
-        ValueError: see `require_steppable`.
     """
     columns, out = np.ascontiguousarray(states.T), np.empty((len(ROW), len(states)))
     volts = np.ascontiguousarray(voltages, dtype=np.float64)

@@ -40,8 +40,8 @@ PAPER = (217, 223, 231)
 #: On it: lines and empty bars, and text beside the main thing.
 RULE, MUTED = (186, 196, 208), (84, 97, 115)
 
-#: Walkers in one picture: the first, the optimum's ghost, others. Everybody distinguishes blue
-#: from vermilion; all are named in the picture.
+#: Walkers in one picture: the first, the optimum's ghost, others. Colour-blind people too
+#: distinguish blue from vermilion; all are named in the picture.
 FIRST, OPTIMUM, OTHERS = (196, 62, 22), (0, 92, 171), ((116, 52, 138), (120, 88, 0))
 
 _SUPERSAMPLING = 3
@@ -83,14 +83,10 @@ USUAL = Paint(LEG, LEG_LIGHT, STANCE, STANCE_LIGHT, ROD, ROD_DARK, ROD_LIGHT)
 class Sheet:
     """A surface of one colour.
 
-    Args:
-        size: width and height in pixels of the finished picture.
-        background: colour to begin with.
-
     Attributes:
+        size: width and height in pixels of the finished picture.
         width, height: size of the surface in its own pixels, larger than that of the picture.
         surface: to draw on.
-        size: of the finished picture.
     """
 
     def __init__(self, size: tuple[int, int], background: Colour) -> None:
@@ -102,11 +98,7 @@ class Sheet:
     def text(
         self, text: str, place: tuple[float, float], height: float, colour: Colour, anchor: str
     ) -> pygame.Rect:
-        """Text at `place`, in pixels of the surface; `anchor` names its point that goes there.
-
-        Returns:
-            Where it is.
-        """
+        """Text at `place`, in pixels of the surface; `anchor` names its point that goes there."""
         image = _text(text, round(height), colour)
         return self.surface.blit(image, image.get_rect(**{anchor: place}))
 
@@ -130,14 +122,8 @@ def _text(text: str, height: int, colour: Colour) -> pygame.Surface:
 class Canvas(Sheet):
     """A surface whose scale shows the whole machine, pendulum stretched out, at the ground.
 
-    Args:
-        params: gives the lengths to fit in and the slope.
-        x: position along the ground (m) in the middle of the picture.
-        size: width and height in pixels of the finished picture.
-        background: colour to begin with.
-
     Attributes:
-        x: as given.
+        x: position along the ground (m) in the middle of the picture.
         horizon: distance (pixels) from the upper edge down to the ground, in the middle.
         scale: pixels per metre.
         ends: first and last position along the ground (m) that the picture may show.

@@ -22,14 +22,9 @@ RATE_FACTOR = 10
 
 
 class Window:
-    """A window that shows frames at a steady rate; the only thing here that needs a display.
+    """A window of `size` pixels that shows frames at a steady rate; only this needs a display.
 
-    Args:
-        size: width and height in pixels.
-        fps: frames per second that `show` keeps to by waiting.
-
-    Attributes:
-        is_open: False once the user or `close` has closed the window.
+    `is_open` is False once the user or `close` has closed it.
     """
 
     def __init__(self, size: tuple[int, int], fps: float) -> None:
@@ -90,9 +85,6 @@ def save_gif(
         colours: size of the palette, at most 255.
         samples: frames with all colours, for the palette; default: some of `frames`, which are then
             all in memory at once.
-
-    Raises:
-        ValueError: there are no frames, or more per second than browsers show.
     """
     if not 0 < fps <= 50:
         raise ValueError(
@@ -128,10 +120,6 @@ def save_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
         frames: uint8 arrays of shape (height, width, 3), all of one shape.
         path: of the file.
         fps: frames per second.
-
-    Raises:
-        MissingExtraError: the extra `video` is not installed, or brings no ffmpeg here.
-        OSError: the file cannot be written.
     """
     pictures = iter(frames)
     first = next(pictures, None)

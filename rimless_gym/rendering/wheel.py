@@ -75,29 +75,8 @@ class Scene:
         return hub, hub + params.pendulum_length * along, hub + params.constants.reach * along
 
 
-def draw(
-    params: WheelParams,
-    scene: Scene,
-    *,
-    size: tuple[int, int] = (600, 400),
-) -> Frame:
-    """The picture of a scene.
-
-    Args:
-        params: the machine; its lengths set the scale, its slope tilts the ground.
-        scene: what to show.
-        size: width and height in pixels.
-
-    Returns:
-        Pixels, uint8 of shape (height, width, 3).
-
-    Raises:
-        ValueError: an angle or position is not finite, or the size is not positive.
-    """
-    if not all(map(math.isfinite, (scene.phi, scene.theta, scene.foot_x))):
-        raise ValueError(f"cannot draw {scene}: phi, theta and foot_x must be finite")
-    if min(size) <= 0:
-        raise ValueError(f"size = {size}: width and height must be greater than 0")
+def draw(params: WheelParams, scene: Scene, *, size: tuple[int, int] = (600, 400)) -> Frame:
+    """The picture of a scene, uint8 of shape (height, width, 3); the slope tilts the ground."""
     canvas = Canvas(params, scene.hub(params)[0], size, SKY)
     draw_hills(canvas)
     draw_track(canvas, params, scene)
@@ -203,15 +182,10 @@ def draw_captions(sheet: Sheet, params: WheelParams, scene: Scene) -> None:
 def draw_voltage(
     sheet: Sheet, params: WheelParams, volts: float, line: float, trough: Colour, colour: Colour
 ) -> None:
-    """The voltage as a bar in the upper right corner.
+    """The voltage as a bar in the upper right corner, full at the machine's limit, and as text.
 
-    Args:
-        sheet: to draw on.
-        params: the machine; beyond its limit the bar is full.
-        volts: the voltage (V), also written below.
-        line: height of a line of text, in pixels of the sheet.
-        trough: colour of the empty bar.
-        colour: of the text.
+    `line` is the height of a line of text, in pixels of the sheet; `trough` is the empty bar's
+    colour, `colour` the text's.
     """
     half, thick = sheet.width / 9, line / 3.2
     middle, top = sheet.width - 0.6 * line - half, 0.6 * line

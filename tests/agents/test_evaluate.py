@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from agents import load_policy
 from agents.conditions import Conditions
 from agents.evaluate import (
     PROTOCOL,
@@ -15,13 +16,16 @@ from agents.evaluate import (
     Evaluation,
     Protocol,
     bootstrap_interval,
+    commands_within,
     evaluate,
+    evaluate_commanded,
     interquartile_mean,
 )
 from agents.outcomes import OUTCOMES, steps_per_period
-from agents.policies import controller_policy
+from agents.policies import controller_policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym.envs.speed import TASK
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
@@ -29,6 +33,9 @@ SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
 
 # One start, all of whose walk is measured.
 WHOLE = Protocol(starts=1, seed=0, duration=0.6, window=0.6, alive=0.6)
+
+# At commanded speeds.
+COMMANDED = Protocol(starts=16, duration=16.0, window=8.0, alive=4.0)
 
 # A ground on which no foot slips: what walks for a moment does so by slipping, most of the time.
 STICKY = THESIS_PHYSICAL.replace(friction=1e6)
@@ -293,3 +300,77 @@ def test_the_bootstrap_interval_covers_the_true_mean_about_as_often_as_it_says()
     # two tasks far apart: resampling across them would scatter the mean by their distance
     values = np.column_stack([np.zeros(8), np.full(8, 100.0)])
     assert bootstrap_interval(values) == (50.0, 50.0)
+
+
+def leaning(states, seen):
+    """Lean further forward, the faster it should go; both are steady voltages that roll on."""
+    return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
+
+
+def share(walks, *outcomes):
+    return sum(walks.failures.get(outcome, 0) for outcome in outcomes) / COMMANDED.starts
+
+
+def test_a_policy_that_stands_does_not_walk_at_any_speed():
+    for walks in evaluate_commanded(rest, protocol=COMMANDED):
+        assert walks.walking_share == 0.0
+        assert np.isnan(walks.cot)
+        assert np.isnan(walks.speed)
+        assert walks.failures == {"stops": COMMANDED.starts}
+
+
+def test_a_policy_is_evaluated_at_each_command_by_itself_and_sees_it():
+    commands = []
+
+    def looking(states, seen):
+        commands.append(set(seen[:, 6].tolist()))
+        assert seen.shape[1] == 8
+        return leaning(states, seen)
+
+    slow, fast = evaluate_commanded(looking, (0.35, 0.6), protocol=COMMANDED)
+    assert {len(each) for each in commands} == {1}
+    assert np.allclose(sorted(set.union(*commands)), [-0.5, 0.75])
+    assert share(slow, "falls", "stops") < 0.7
+    assert share(fast, "falls", "stops") < 0.8
+    assert slow.speed < fast.speed
+    assert slow.cot > 0.5
+
+
+def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():
+    act = load_policy("imitation").act
+    short = Protocol(starts=8, duration=16.0, window=8.0, alive=4.0)
+    blind = learned_policy(lambda seen: act(seen[:, :6]))
+    at_home = evaluate(learned_policy(act), protocol=short)
+    slow, fast = evaluate_commanded(blind, (0.35, 0.6), protocol=short)
+    assert at_home.walking_share == slow.walking_share == fast.walking_share == 1.0
+    assert slow.speed == fast.speed == pytest.approx(0.56, abs=0.02)
+    assert slow.cot > 1.2 * at_home.cot  # it was made for a voltage that is held for 10 ms
+
+
+def test_rewards_are_those_of_the_task_with_a_command():
+    (usual,) = evaluate_commanded(rest, [0.5], protocol=COMMANDED)
+    (same,) = evaluate_commanded(rest, [0.5], protocol=COMMANDED, task=TASK)
+    (slow,) = evaluate_commanded(leaning, [0.5], protocol=COMMANDED)
+    (plain,) = evaluate_commanded(leaning, [0.5], protocol=COMMANDED, task=Task())
+    assert usual.objective == same.objective
+    assert slow.objective > plain.objective
+
+
+@pytest.mark.parametrize("commands", [(), (0.5, -0.1), (3.0,), ((0.5,),)])
+def test_speeds_that_cannot_be_commanded_are_refused(commands):
+    with pytest.raises(ValueError, match=r"commands|speed"):
+        evaluate_commanded(rest, commands, protocol=COMMANDED)
+
+
+def test_a_speed_is_commanded_only_where_it_is_observed():
+    walks = Rollout(Conditions(BUILDABLE), rest, draw_starts(BUILDABLE, 2, 0), 5)
+    with pytest.raises(ValueError, match="none is commanded"):
+        walks.command(0.5)
+    with pytest.raises(ValueError, match="speed"):
+        Rollout(Conditions(BUILDABLE), rest, draw_starts(BUILDABLE, 2, 0), 5, command=0.5)
+
+
+def test_a_policy_is_evaluated_at_round_speeds_of_the_range_that_it_was_trained_for():
+    assert commands_within(0.51, 0.63) == [0.52, 0.54, 0.56, 0.58, 0.6, 0.62]
+    assert commands_within(0.4, 0.44) == [0.4, 0.42, 0.44]
+    assert commands_within(0.501, 0.502) == [0.501, 0.502]

@@ -44,7 +44,7 @@ def test_the_page_loads_nothing(text: str) -> None:
 
 
 def test_the_page_holds_the_printed_physics_and_no_equation_of_its_own(text: str) -> None:
-    assert simulator(BUILDABLE) in text
+    assert simulator() in text
     for path in STATIC.glob("*.js"):
         assert not re.search(r"p\.(Je1|Je2|Je3|S1|S2|gx|gy|F0)\b", path.read_text()), path
 
@@ -73,7 +73,7 @@ def test_the_network_in_the_page_is_the_policy(text: str) -> None:
     program = "\n".join(
         [
             data[0],
-            simulator(BUILDABLE),
+            simulator(),
             (STATIC / "numbers.js").read_text(),
             (STATIC / "network.js").read_text(),
             "const p = wheel.constants(DATA.machine);",

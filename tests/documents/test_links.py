@@ -40,7 +40,7 @@ def test_a_page_that_no_contents_list_is_missed():
 
 
 def test_an_environments_docstring_is_its_page_below_the_pages_own_headings():
-    page = "## It\n\n```{class-page} rimless_gym.RimlessWheelEnv\n```\n\nafter\n"
+    page = "## It\n\n<!-- class-page rimless_gym.RimlessWheelEnv -->\n\nafter\n"
     text = with_docstrings(page)
     assert text.startswith("## It\n\nAn actuated rimless wheel")
     assert "\n### Description\n" in text

@@ -15,7 +15,7 @@ from rimless_gym import reference as compiled
 from rimless_gym.energy import ROW
 from rimless_gym.envs.layout import observe
 from rimless_gym.equations import DOUBLE, LOSSES, SINGLE
-from rimless_gym.javascript import Graph, function_text, simulator
+from rimless_gym.javascript import simulator
 from rimless_gym.kernel.stepping import MODE, STATE_SIZE, advance, hybrid_states
 from rimless_gym.params import WheelParams
 
@@ -33,19 +33,10 @@ MACHINES = {
 def in_node(program: str, given: Any) -> Any:
     """What a program prints that has the simulator and `given`."""
     assert NODE is not None
-    text = f"{simulator(BUILDABLE)}\nconst given = {json.dumps(given)};\n{program}"
+    text = f"{simulator()}\nconst given = {json.dumps(given)};\n{program}"
     done = subprocess.run([NODE, "-"], input=text, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-# -- tracing and printing ----------------------------------------------------------------------
-
-
-def traced(function: Any, *names: str) -> str:
-    graph = Graph()
-    inputs = [graph.symbol("input", name) for name in names]
-    return function_text("f", names, graph.trace(function, *inputs))
 
 
 # -- physics -----------------------------------------------------------------------------------

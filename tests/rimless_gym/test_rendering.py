@@ -75,13 +75,6 @@ def test_the_hub_moves_continuously_across_a_touchdown():
     assert before == pytest.approx(after, abs=1e-12)
 
 
-def test_invalid_scenes_and_sizes_are_refused():
-    with pytest.raises(ValueError, match="must be finite"):
-        draw(THESIS_PHYSICAL, Scene(phi=math.nan, theta=0.0))
-    with pytest.raises(ValueError, match=r"size = \(0, 400\): width and height"):
-        draw(THESIS_PHYSICAL, STANDING, size=(0, 400))
-
-
 def test_drawing_needs_no_display_and_prints_nothing():
     code = (
         "import rimless_gym.rendering.wheel as r, rimless_gym as g, pygame;"

@@ -1,7 +1,7 @@
 """What Sphinx needs to build the site from pages that code-hosting sites show too.
 
 An environment's class docstring is its documentation page, written in Markdown as Gymnasium's
-are: a block `class-page` puts it into a page.
+are: a comment `class-page` stands where the site has it, below a link to the class's file.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-#: A block that stands for the docstring of `module.Class`.
-_CLASS_PAGE = re.compile(r"^```{class-page} (\S+)\n```$", re.MULTILINE)
+#: A comment that stands for the docstring of `module.Class`.
+_CLASS_PAGE = re.compile(r"^<!-- class-page (\S+) -->$", re.MULTILINE)
 
 #: How Sphinx prints an alias of a type in a union.
 _ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
@@ -25,7 +25,7 @@ _HEADING = "## "
 
 
 def with_docstrings(page: str) -> str:
-    """A page with the classes' docstrings in place of its `class-page` blocks."""
+    """A page with the classes' docstrings in place of its `class-page` comments."""
     return _CLASS_PAGE.sub(_docstring, page)
 
 

@@ -73,12 +73,8 @@ TABLE_4_3 = Table(
     voltage=20.0,
     duration=(0.1, 100.0),
 )
-TABLE_4_4 = Table(
-    rate=((0.0, pi), WIDE, (0.0, 0.0)),
-    swing=symmetric(8 * pi, 8 * pi, 3 * pi),
-    pendulum=2 * pi,
-    voltage=20.0,
-    duration=(0.1, 100.0),
+TABLE_4_4 = dataclasses.replace(
+    TABLE_4_3, rate=((0.0, pi), WIDE, (0.0, 0.0)), swing=symmetric(8 * pi, 8 * pi, 3 * pi)
 )
 TABLE_4_5 = Table(
     rate=((0.5, 2.5), (-5.0, 10.0), (LEAST_TOUCHDOWN_RATE, 10.0)),
