@@ -102,11 +102,7 @@ class Conditions:
 
 
 def require_usual(algo: str, conditions: Conditions) -> None:
-    """For learners that walk in compiled code of their own.
-
-    Raises:
-        ValueError: there are ranges or disturbances, a commanded speed, or another control period.
-    """
+    """Refuse what learners that walk in compiled code of their own do not have."""
     if conditions.ranges.bounds or conditions.disturbances != Disturbances():
         raise ValueError(
             f"algo = {algo!r}: walks on the nominal machine without disturbances; leave out "

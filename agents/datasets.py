@@ -112,11 +112,6 @@ def standard() -> tuple[str, ...]:
 def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[str]:
     """The policies whose datasets are still missing.
 
-    Args:
-        folder: of the datasets.
-        names: of the policies.
-        config: what their datasets hold.
-
     Raises:
         ValueError: two policies would have one identifier, or a dataset of other walks has it.
         CheckpointError: there is no such policy.
@@ -135,15 +130,7 @@ def missing(folder: Path, names: Sequence[str], config: DatasetConfig) -> list[s
 
 
 def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str, Any]]:
-    """Walk, and write the dataset of a policy.
-
-    Args:
-        folder: of the datasets.
-        name: of a baseline, a law or a policy, or a policy's file.
-        config: what the dataset holds.
-
-    Returns:
-        The dataset's identifier and its figures.
+    """Walk, and write the dataset of a policy; return its identifier and its figures.
 
     Raises:
         NoGaitError: a law has no gait to hold.
@@ -174,14 +161,7 @@ def write(folder: Path, name: str, config: DatasetConfig) -> tuple[str, dict[str
 
 @dataclasses.dataclass(frozen=True)
 class DatasetWalks:
-    """Episodes of a dataset.
-
-    Attributes:
-        made: the policy, in words.
-        conditions: machine and control.
-        steps: after which episodes are truncated.
-        episodes: that were walked.
-    """
+    """Episodes, truncated after so many steps; `made` names the policy in words."""
 
     made: str
     conditions: Conditions
@@ -190,11 +170,7 @@ class DatasetWalks:
 
 
 def walks_of(name: str, config: DatasetConfig) -> DatasetWalks:
-    """Episodes of a policy from the environment's own starts; episode i is reset with `seed + i`.
-
-    Raises:
-        CheckpointError, NoGaitError: see `agents.policy_files.named_policy`.
-    """
+    """Episodes from the environment's own starts; episode i is reset with `seed + i`."""
 
     def gait_for(params: WheelParams) -> Solution:
         return periodic_gait(params, config.speed, hold=CONTROL_PERIOD, progress=True)
@@ -214,14 +190,10 @@ def optimal_walks(
 ) -> DatasetWalks:
     """An episode on each of some optimal gaits, its voltages repeated stride after stride.
 
-    Args:
-        params: the machine.
-        folder: of solved gaits.
-        seed: of the first episode; what is drawn from it changes nothing.
-        speeds: of the gaits (m/s).
+    What is drawn from the seed changes nothing.
 
     Raises:
-        NoGaitError: none was found.
+        NoGaitError: no gait was found.
     """
     front = cot_front(params, speeds, [1], hold=CONTROL_PERIOD, folder=folder, progress=True)
     conditions = Conditions(params)
@@ -232,18 +204,13 @@ def optimal_walks(
             conditions.envs(1, max_episode_steps=OPTIMAL_STEPS),
             _open_loop(gait),
             seed + i,
-            options=_start_of(gait),
+            options={"state": gait.state(gait.first_tick).tolist()},
             keep=STORED,
         )
     ]
     listed = ", ".join(f"{gait.speed:.3f}" for gait in front.envelope)
     made = f"optimal gaits at {listed} m/s, their voltages held for 10 ms and repeated in open loop"
     return DatasetWalks(made, conditions, OPTIMAL_STEPS, walked)
-
-
-def _start_of(gait: Solution) -> dict[str, list[float]]:
-    """Options of `reset` with which an episode begins on a held gait, at its first tick."""
-    return {"state": gait.state(gait.first_tick).tolist()}
 
 
 def _open_loop(gait: Solution) -> Policy:
@@ -274,18 +241,7 @@ def _recipe_of(folder: Path, id_: str) -> object:
 def write_dataset(
     folder: Path, id_: str, walks: DatasetWalks, recipe: Mapping[str, Any], card: str
 ) -> None:
-    """Write a dataset and its card; it appears in the folder when it is complete.
-
-    Args:
-        folder: Minari's root, `MINARI_DATASETS_PATH`.
-        id_: the dataset's identifier.
-        walks: that it holds.
-        recipe: plain JSON values of what it is made.
-        card: its text.
-
-    Raises:
-        OSError: the disk is full, or the folder cannot be written.
-    """
+    """Write a dataset and its card; it appears in the folder when it is complete."""
     unfinished = folder / ".unfinished" / id_
     shutil.rmtree(unfinished, ignore_errors=True)
     (unfinished / "data").mkdir(parents=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,7 +69,7 @@ def expert_policy(
     if progress:
         tqdm.write(f"designing {expert} and its start-up controller (up to a minute)", sys.stderr)
     if conditions.commanded:
-        return gain_schedule(expert, conditions, [EXPERT_STEPS], cache, progress)
+        return gain_schedule(expert, conditions, cache, progress)
     gait = periodic_gait(params, EXPERT_SPEED, EXPERT_STEPS, hold=period, progress=progress)
     return controller_policy(params, laws.design(expert, gait, cache))
 
@@ -98,13 +97,7 @@ def fitting_policy(path: str, conditions: Conditions) -> Checkpoint:
 
 
 class ScheduledLaw(NamedTuple):
-    """A policy that holds a gait.
-
-    Attributes:
-        speed: of the gait (m/s).
-        policy: that holds it, and reaches it from everywhere.
-        orbit: of the gait.
-    """
+    """A policy that holds a gait of some speed (m/s), whose orbit it reaches from everywhere."""
 
     speed: float
     policy: Policy
@@ -113,11 +106,7 @@ class ScheduledLaw(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class GainSchedule:
-    """A policy that follows commanded speeds.
-
-    Attributes:
-        laws: one or more, by rising speed.
-    """
+    """A policy that follows commanded speeds, by one or more laws of rising speed."""
 
     laws: tuple[ScheduledLaw, ...]
 
@@ -151,30 +140,22 @@ class GainSchedule:
 def gain_schedule(
     name: str,
     conditions: Conditions,
-    steps: Sequence[int],
     cache: Path | None = None,
     progress: bool = False,
 ) -> GainSchedule:
     """Feedback laws about the most efficient held gaits of all speeds that may be commanded.
 
-    Args:
-        name: of the law.
-        conditions: parameters and control, with commanded speeds.
-        steps: numbers of steps per stride to consider.
-        cache: folder of gaits and plans that other schedules use too; None: none.
-        progress: whether to show progress bars.
+    Other schedules use the folder `cache` of gaits and plans too.
 
     Raises:
-        ValueError: there is no such law, or no speed is commanded.
         NoGaitError: there is no gait at any of the speeds.
     """
-    if conditions.control.speeds is None:
-        raise ValueError("conditions: no speed is commanded; give speeds")
+    assert conditions.control.speeds is not None
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     period, params = conditions.control.period, conditions.params
     speeds = held_speeds(params, *conditions.control.speeds, period)
-    front = cot_front(params, speeds, steps, hold=period, folder=cache, progress=progress)
+    front = cot_front(params, speeds, [EXPERT_STEPS], hold=period, folder=cache, progress=progress)
     scheduled = []
     for gait in tqdm(front.envelope, desc="laws", unit="law", disable=not progress, leave=False):
         law = laws.holding(name, gait)

@@ -58,9 +58,6 @@ class GroupFilm:
     Attributes:
         size: as given.
         ends: when the last of them has ended (s).
-
-    Raises:
-        ValueError: there are too many walks, or of several machines.
     """
 
     def __init__(self, walks: Sequence[Recording], size: tuple[int, int] = SIZE) -> None:
@@ -106,10 +103,9 @@ class GroupFilm:
 
 
 def ghost(gait: Solution, first: Recording) -> Recording:
-    """The optimum, in step with a walk: it joins with the touchdown from which that has figures.
+    """The optimum, in step with a walk: it joins at the touchdown from which that has figures.
 
-    It begins `AHEAD` steps ahead, so that both are visible. Where the walk never has figures, it
-    begins with it.
+    It begins `AHEAD` steps ahead, so that both are visible; with the walk if that has no figures.
     """
     joins = first.measured_from or Touchdown(0.0, 1, 0)
     return record_gait(GHOST, gait, first.ends, joins.time, joins.foot + AHEAD)
@@ -134,10 +130,9 @@ def drawn(walk: Recording, time: float) -> float:
 
 
 def spending(walk: Recording, time: float) -> dict[str, float]:
-    """Where that energy went (J), by term of the ledger in words; the sum of all is what was drawn.
+    """Where that energy went (J), by term of the ledger; the sum of all is what was drawn.
 
-    The battery cannot be recharged, so that what the motor gives back is lost: "not recharged".
-    What pushes give counts as negative.
+    "not recharged" is what the motor gives back. What pushes give counts as negative.
     """
     sums = walk.spent(time)
     spent = {name: sums[name] for name in ("idle", *LOSSES, "collision")}

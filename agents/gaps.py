@@ -27,14 +27,7 @@ FRONT_STEPS = (1, 2, 3)
 def gap_to_optimum(
     params: WheelParams, cot: float, speed: float, progress: bool = False
 ) -> float | None:
-    """The gap of a walk, with gaits that are solved now; None without a walk or a gait.
-
-    Args:
-        params: the machine.
-        cot: of the walk; NaN where there is none.
-        speed: of the walk (m/s); NaN where there is none.
-        progress: whether to show progress bars.
-    """
+    """The gap of a walk at a speed (m/s), with gaits solved now; None without a walk or a gait."""
     with TemporaryDirectory() as folder:
         around = ticks_around(params, speed)
         gaits = [best_held(params, n, Path(folder), progress) for n in around]
@@ -61,15 +54,8 @@ def gap_to_continuous_optimum(evaluation: Evaluation, conditions: Conditions) ->
     """The gap of a policy to the shipped gaits, whose voltage may change at any time.
 
     Linear interpolation between them is right to about 1 %. The environment's own optimum is about
-    0.5 % above them.
-
-    Args:
-        evaluation: of the policy.
-        conditions: in which it walked.
-
-    Returns:
-        NaN if it walks from no start or at a speed that the gaits do not reach, if no gaits of its
-        machine are shipped or machines are drawn from ranges, or if speeds are commanded.
+    0.5 % above them. It is NaN where the policy does not walk, at speeds that the gaits do not
+    reach, for machines without shipped gaits, and with ranges or commanded speeds.
     """
     if math.isnan(evaluation.speed) or conditions.commanded or conditions.ranges.bounds:
         return math.nan
@@ -98,13 +84,8 @@ def best_held(
 ) -> Solution | None:
     """The best gait whose steps last so many control intervals; None if there is none.
 
-    It has as many steps per stride as the best one with a continuous voltage.
-
-    Args:
-        params: the machine.
-        ticks: control intervals of a step.
-        folder: of solved gaits, which are loaded if they are there.
-        progress: whether to show progress bars.
+    It has as many steps per stride as the best one with a continuous voltage. Gaits that are in the
+    folder are loaded.
     """
     if not 2 <= ticks <= MOST_TICKS // max(FRONT_STEPS):
         return None

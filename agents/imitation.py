@@ -18,7 +18,7 @@ from tqdm import tqdm
 from agents.conditions import Conditions
 from agents.policies import Act, Policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym.checks import extra, integer, positive, real
+from rimless_gym.checks import as_instance, extra, integer, positive, real
 from trajopt.feedback.law import Floats
 
 with extra("learn"):
@@ -75,22 +75,6 @@ class Cloning:
     log_std: float = -4.5
     held_out: float = 0.1
 
-    @classmethod
-    def of(cls, values: Cloning | Mapping[str, Any] | None) -> Cloning:
-        """From some of the fields; the others are the defaults.
-
-        Raises:
-            TypeError: a number is of the wrong kind.
-            ValueError: a number is out of its range, or a name is unknown.
-        """
-        if isinstance(values, Cloning):
-            return values
-        known = [field.name for field in dataclasses.fields(cls)]
-        for name in values or {}:
-            if name not in known:
-                raise ValueError(f"cloning: {name!r} is not known; choose from {known}")
-        return cls(**(values or {}))
-
     def __post_init__(self) -> None:
         integer("expert_starts", self.expert_starts, 2)  # one to learn from, one held out
         for name in ("rounds", "starts", "gait_starts", "batch_size"):
@@ -104,14 +88,19 @@ class Cloning:
             raise ValueError(f"held_out = {self.held_out}: must be greater than 0, at most 0.5")
 
 
+def as_cloning(cloning: Cloning | Mapping[str, Any] | None) -> Cloning:
+    """How to clone, given as such or as a mapping of some fields; None: as usual."""
+    checked: Cloning = as_instance(Cloning, "cloning", cloning, Cloning())
+    return checked
+
+
 @dataclasses.dataclass(frozen=True)
 class CloneReport:
     """How a cloning went.
 
     Attributes:
         samples: labelled observations, all rounds together.
-        errors: after each round, the root-mean-square error on walks held out so far, in units
-            of the voltage limit.
+        errors: root-mean-square error on walks held out (voltage limits), after each round.
     """
 
     samples: int
@@ -119,13 +108,7 @@ class CloneReport:
 
 
 def clone(actor: Actor, teaching: Teaching, progress: bool = False) -> CloneReport:
-    """Train an actor to act as an expert does. Its model is changed in place, but not its critic.
-
-    Args:
-        actor: of a model whose observations and actions are those of RimlessWheel-v0.
-        teaching: the expert, and how it teaches.
-        progress: whether to show a progress bar.
-    """
+    """Train an actor to act as an expert does, in place; the model's critic stays as it is."""
     config = teaching.config
     rng = np.random.default_rng((teaching.seed, 1))
     total = (config.rounds + 1) * config.gradient_steps
@@ -241,11 +224,7 @@ class Teaching:
     ) -> tuple[LabelledWalks, LabelledWalks]:
         """States of the clone's walks with the expert's actions: from anywhere, and near the gait.
 
-        Args:
-            k: number of the round, 1 or more.
-            first: the walks of the first round, whose second half is near the gait.
-            act: the clone.
-            rng: chooses starts near the gait, and the states that are labelled.
+        Those near the gait begin in the second half of the walks of the `first` round.
         """
         config, clone = self.config, learned_policy(act)
         gait = first.states[first.when >= self._n_intervals // 2]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -54,9 +54,8 @@ def learner_class(name: str) -> type[Learner]:
     """
     if name not in LEARNERS:
         raise ValueError(f"algo = {name!r}: choose from {sorted(LEARNERS)}")
-    module, _, kind = LEARNERS[name].partition(":")
     with extra("learn"):
-        learner: type[Learner] = getattr(import_module(module), kind)
+        learner: type[Learner] = pkgutil.resolve_name(LEARNERS[name])
     return learner
 
 
@@ -203,12 +202,8 @@ class Learner(ABC):
     def load(cls, parts: PolicyParts, conditions: Conditions, task: Task) -> Act:
         """The policy that a learner of this class took apart, without a training.
 
-        It may raise anything if the parts do not fit together.
-
-        Args:
-            parts: of the policy. The record has entries of `agents.policy_files` too.
-            conditions: parameters and control in which it was trained.
-            task: the reward that it was trained for.
+        It may raise anything if the parts do not fit together. Their record has entries of
+        `agents.policy_files` too; conditions and task are those of the training.
         """
         raise NotImplementedError(f"{cls.__name__}.load: its policies are not kept in files")
 
@@ -228,13 +223,7 @@ class Learner(ABC):
         raise NotImplementedError(f"{type(self).__name__}.restore: it has no state")
 
     def imitate(self, expert: Policy, cloning: Cloning, progress: bool) -> CloneReport:
-        """Make the policy act as `expert` does.
-
-        Args:
-            expert: to be imitated.
-            cloning: how to clone it.
-            progress: whether to show a progress bar.
-        """
+        """Make the policy act as `expert` does."""
         raise NotImplementedError(f"{type(self).__name__}.imitate: it cannot imitate")
 
     def close(self) -> None:  # noqa: B027  most learners have nothing to close
@@ -242,11 +231,7 @@ class Learner(ABC):
 
 
 def require_known(changes: Mapping[str, Any], names: list[str]) -> None:
-    """Refuse hyperparameters that a learner does not have, and numbers that are not finite.
-
-    Raises:
-        ValueError: there is one.
-    """
+    """Refuse hyperparameters that a learner does not have, and numbers that are not finite."""
     for name, value in changes.items():
         if name not in names:
             raise ValueError(f"hyperparameters: {name!r} is not known; choose from {names}")

@@ -19,7 +19,6 @@ from rimless_gym.javascript import simulator
 from rimless_gym.params import WheelParams
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.solution import Solution
-from trajopt.store import write_text
 
 #: The page's own program, in order; the simulator comes before it.
 SCRIPTS = (
@@ -50,7 +49,8 @@ def page(policy: str | Path = "imitation") -> str:
 
     Raises:
         CheckpointError: the policy cannot be read.
-        ValueError: it is of a kind that a page cannot run, or its machine has no shipped front.
+        ValueError: it is of a kind that a page cannot run.
+        NoFrontError: its machine has no shipped front.
     """
     checkpoint = load_policy(policy)
     data = {
@@ -73,18 +73,6 @@ def page(policy: str | Path = "imitation") -> str:
     for name, part in parts.items():
         text = text.replace(f"{{{{ {name} }}}}", part)
     return text
-
-
-def write_page(path: str | Path, policy: str | Path = "imitation") -> Path:
-    """Write the page to a file and return its path; see `page` for what it raises.
-
-    A file that was there is replaced as a whole.
-    """
-    path = Path(path)
-    text = page(policy)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
-    return path
 
 
 def _static(name: str) -> str:
@@ -151,16 +139,11 @@ def _collision(
 
 
 def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
-    """The layers of a policy's network as JSON values; tanh follows all but the last.
-
-    Raises:
-        ValueError: it is not a network of tanh layers that sets the voltage every 10 ms, as PPO
-            of this package trains.
-    """
+    """The layers of a policy's network as JSON values; tanh follows all but the last."""
     kwargs, weights = policy.record.get("policy_kwargs", {}), policy.parts.weights
     plain = policy.conditions.control == USUAL and kwargs.get("activation_fn", "Tanh") == "Tanh"
     hidden = sorted(
-        (name.removesuffix(".weight") for name in weights if _is_hidden(name)),
+        {name.rpartition(".")[0] for name in weights if name.startswith(_HIDDEN)},
         key=lambda name: int(name.removeprefix(_HIDDEN)),
     )
     if not (policy.algo == "ppo" and plain and hidden):
@@ -177,10 +160,6 @@ def network_data(policy: Checkpoint) -> list[dict[str, Any]]:
         }
         for name in (*hidden, _LAST)
     ]
-
-
-def _is_hidden(name: str) -> bool:
-    return name.startswith(_HIDDEN) and name.endswith(".weight")
 
 
 def packed(array: NDArray[Any]) -> str:

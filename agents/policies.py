@@ -79,15 +79,7 @@ def controller_policy(params: Machine, controller: Controller) -> Policy:
 
 
 def seeing_policy(params: Machine, act: Act) -> Policy:
-    """A learner's policy that sees the true state where sensors are noisy, to be imitated.
-
-    Args:
-        params: the machine, as the environment takes it.
-        act: the policy.
-
-    Raises:
-        TypeError, ValueError: there is no such machine.
-    """
+    """A learner's policy that sees the true state where sensors are noisy, to be imitated."""
     machine = as_params(params)
 
     def policy(states: Floats, observations: NDArray[np.float32]) -> Floats:

@@ -119,20 +119,13 @@ def layout(commanded: bool) -> list[str]:
 
 
 def save_policy(path: str | Path, training: Training, learner: Learner, **notes: Any) -> Path:
-    """Write a learner's policy with its record; the file is complete or left as it was.
+    """Write a learner's policy with its record and plain JSON `notes`; return the path.
 
-    Args:
-        path: of the file, .zip.
-        training: in which it was learned.
-        learner: whose policy to write.
-        notes: plain JSON values to record beside these.
-
-    Returns:
-        The path.
+    The file is complete, or left as it was.
 
     Raises:
         ValueError: the policy cannot be described by plain values.
-        OSError: the file cannot be written; one that was there is unchanged.
+        OSError: the file cannot be written.
     """
     versions = {name: version(name) for name in ("torch", "stable-baselines3", "gymnasium")}
     made_by, parts = provenance(), learner.parts()
@@ -322,7 +315,7 @@ def named_policy(
     seed: int = 0,
     trust_pickle: bool = False,
 ) -> NamedPolicy:
-    """A baseline, a feedback law, a policy that comes with the package, or one in a file.
+    """A baseline, a feedback law, a policy that comes with the package, or one in a file, by name.
 
     Args:
         name: of the baseline, the law or the policy, or the file's path.

@@ -138,14 +138,7 @@ class Recording:
 
 
 def record(name: str, walk: Iterable[Interval], params: WheelParams, period: float) -> Recording:
-    """A recording of the first of some walks.
-
-    Args:
-        name: of its policy.
-        walk: its control intervals, one or more.
-        params: the machine.
-        period: length of an interval (s).
-    """
+    """A recording of the first of some walks, whose intervals last `period` (s)."""
     intervals = list(walk)
     states = np.stack([*(each.states[0] for each in intervals), intervals[-1].after[0]])
     volts = params.voltage_limit * np.array([float(each.actions[0]) for each in intervals])
@@ -162,12 +155,9 @@ def record(name: str, walk: Iterable[Interval], params: WheelParams, period: flo
 
 
 def record_policy(policy: NamedPolicy, seconds: float, command: float | None = None) -> Recording:
-    """A recording of a walk from rest.
+    """A recording of a walk from rest until it falls, `seconds` long to the nearest interval.
 
-    Args:
-        policy: that walks.
-        seconds: of walking, to the nearest interval and at least one, if it does not fall before.
-        command: the commanded speed (m/s), if any.
+    The commanded speed, if any, is in m/s.
     """
     n_intervals = max(1, round(seconds / policy.period))
     start = at_rest(policy.params)[None]
@@ -178,16 +168,10 @@ def record_policy(policy: NamedPolicy, seconds: float, command: float | None = N
 def record_gait(
     name: str, gait: Solution, seconds: float, begins: float = 0.0, legs: int = 0
 ) -> Recording:
-    """A held gait as it was solved, stride after stride, in the environment's time.
+    """A held gait as it was solved, stride after stride, until `seconds`.
 
-    Its energies are those of a stride in the environment.
-
-    Args:
-        name: of the gait.
-        gait: the gait, solved with `hold`.
-        seconds: time at which it ends.
-        begins: time of the touchdown with which its first stride begins (s).
-        legs: foot on which it begins, counted in legs.
+    Its first stride begins at the time `begins` (s) on foot `legs`, counted in legs. Its energies
+    are those of a stride in the environment.
     """
     hold = _period(gait)
     first = math.ceil(begins / hold - 1e-6)

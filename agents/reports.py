@@ -94,9 +94,7 @@ def _missing(value: Any) -> bool:
 def table(columns: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> str:
     """A table as HTML; a value that is None, NaN or infinite is a dash, and is sorted to the end.
 
-    Args:
-        columns: the first one names a row.
-        rows: one mapping per row.
+    The first column names a row.
     """
     head = "".join(map(_heading, columns))
     body = "\n".join(_row(columns, row) for row in rows)
@@ -142,11 +140,8 @@ def paragraph(text: str) -> str:
 def document(title: str, lead: str, parts: Sequence[str], page: str | None = None) -> str:
     """A report as one HTML file that loads nothing.
 
-    Args:
-        title: its heading.
-        lead: the sentences under it.
-        parts: HTML, as the functions of this module return it.
-        page: path of the page of `rimless page`, relative to the report; None: there is none.
+    `parts` are HTML, `lead` the sentences under the title. `page` is the path of the page of
+    `rimless page` relative to the report; None: there is none.
     """
     static = files("agents") / "static"
     style = "\n".join(

@@ -52,15 +52,10 @@ def adapted_weight(
     multiple: float = MULTIPLE,
     margin: float = math.inf,
 ) -> float:
-    """The next weight of distance.
+    """The next weight of distance; it never rises, and never falls below `floor`, the true weight.
 
-    Args:
-        weight: the last one; it never rises.
-        walking: how the policy walks, without exploration.
-        floor: the true weight, below which it never falls.
-        least_share: of starts that must walk before it falls.
-        multiple: of the cost of transport, which the weight becomes.
-        margin: the most that the weight exceeds the cost of transport.
+    It becomes `multiple` times the policy's cost of transport without exploration, at most `margin`
+    more than that, once `least_share` of the starts walk.
     """
     if walking.share < least_share or not math.isfinite(walking.cot):
         return weight

@@ -112,9 +112,7 @@ class Rollout:
         self.machines: tuple[WheelParams, ...] = self._envs.params
 
     def command(self, speed: float | Floats) -> None:
-        """Command another speed (m/s), one to all walks or one to each of the N.
-
-        Policies observe it after the next interval.
+        """Command another speed (m/s), one or one to each walk; it is observed an interval later.
 
         Raises:
             ValueError: no speed is observed in these walks, or it is out of its range.
@@ -156,12 +154,7 @@ class Rollout:
 
 
 def measured(observations: NDArray[np.float32], leg_angle: float) -> Floats:
-    """phi, theta, phi', theta' (N, 4) from observations; theta lies within a turn of 0.
-
-    Args:
-        observations: of the environment, (N, 6) or (N, 8).
-        leg_angle: between neighbouring legs (rad).
-    """
+    """phi, theta, phi', theta' (N, 4) from observations (N, 6 or 8); theta is in [-pi, pi]."""
     seen = observations.astype(np.float64)
     return np.stack(
         [
@@ -182,8 +175,7 @@ class Episode:
         seed, options: of `reset`; options are None where it was given none.
         observations: the first one and those of all steps, float32 (T + 1, width).
         actions: float32 (T, 1).
-        rewards: (T,).
-        terminations, truncations: bool (T,); the last of one of them is True.
+        rewards, terminations, truncations: (T,); the last termination or truncation is True.
         infos: entries of `info` that were asked for, first those of the reset, (T + 1,) each.
     """
 

@@ -23,7 +23,7 @@ from agents.conditions import Conditions
 from agents.evaluate import TRAINING_PROTOCOL, Evaluation, Protocol, evaluate
 from agents.experts import EXPERT, expert_policy, fitting_policy
 from agents.gaps import gap_to_continuous_optimum
-from agents.imitation import Cloning
+from agents.imitation import Cloning, as_cloning
 from agents.learner import (
     BEST,
     CLONE,
@@ -150,7 +150,7 @@ class TrainingConfig:
         words, usual = self.init, dataclasses.asdict(Cloning())
         if isinstance(self.expert, str) and self.expert != EXPERT:
             words += f" of {self.expert if self.expert in laws.names() else origin(self.expert)}"
-        cloning = dataclasses.asdict(Cloning.of(self.cloning))
+        cloning = dataclasses.asdict(as_cloning(self.cloning))
         changed = {k: v for k, v in cloning.items() if v != usual[k]}
         return words + (f" with {json.dumps(changed)}" if changed else "")
 
@@ -269,12 +269,7 @@ def _new_learner(config: TrainingConfig, training: Training) -> Learner:
 class Trainer:
     """One run of a training; the `agents.learner.Callback` of its learner.
 
-    Args:
-        config: what to train.
-        training: the same, checked.
-        learner: that begins; if the folder has a state, the training goes on from there.
-        out: folder.
-        progress: whether to show a progress bar.
+    If the folder has a state, the training goes on from there.
 
     Attributes:
         log: for the learner's figures.
@@ -314,7 +309,7 @@ class Trainer:
 
     def imitate(self, expert: Policy) -> None:
         """Clone the expert."""
-        cloning = Cloning.of(self._config.cloning)
+        cloning = as_cloning(self._config.cloning)
         report = self._learner.imitate(expert, cloning, self._progress)
         self._save_policy(CLONE, cloning=dataclasses.asdict(report))
 

@@ -88,11 +88,7 @@ def cached(part: str | None = None, *, nogil: bool = False) -> Callable[[F], Any
 
 
 class CachedFunction(CPUDispatcher):
-    """A function that numba compiles and stores on disk.
-
-    Attributes:
-        part: what is compiled and how long it takes, announced before; None to announce nothing.
-    """
+    """A function that numba compiles and stores on disk; `part` is announced before."""
 
     part: str | None = None
     _cache: Any
@@ -113,13 +109,9 @@ class CachedFunction(CPUDispatcher):
 
 
 class _MachineCode(FunctionCache):
-    """numba's cache of one function, in files that belong to one state of the sources.
+    """numba's cache of one function, in files that belong to one state of the sources."""
 
-    Attributes:
-        turn: holds the lock between processes while the function is compiled.
-    """
-
-    turn: contextlib.ExitStack
+    turn: contextlib.ExitStack  # holds the lock between processes while it is compiled
 
     def __init__(self, function: Any, part: str | None) -> None:
         super().__init__(function)

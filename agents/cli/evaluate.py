@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 
 from agents.cli.options import (
-    Count,
     Fields,
     Flag,
+    MaybeCount,
     MaybePath,
+    MaybePositive,
     MaybePositives,
     MaybePreset,
     Names,
-    Positive,
     machine,
-    of_option,
 )
 
 if TYPE_CHECKING:
@@ -46,8 +45,8 @@ def evaluate(
     policies: Names = (),
     *,
     gait: MaybePath = None,
-    speed: Positive = 0.5,
-    steps: Count = 1,
+    speed: MaybePositive = None,
+    steps: MaybeCount = None,
     commands: MaybePositives = (),
     gap: Flag = False,
     no_gap: Flag = False,
@@ -70,8 +69,8 @@ def evaluate(
         policies: a policy's file (.zip), a policy that comes with the package, or a feedback law;
             `rimless list` names them
         gait: file of the gait that laws hold (.npz)
-        speed: of the gait that laws hold (m/s)
-        steps: per stride, of the gait that laws hold
+        speed: of the gait that laws hold (m/s); by default 0.5
+        steps: per stride, of the gait that laws hold; by default 1
         commands: speeds for policies that are commanded one (m/s); empty: every 0.02 m/s in the
             range that they were trained for
         gap: print the gap to the optimum also where no gaits of the machine are shipped; it takes
@@ -90,7 +89,6 @@ def evaluate(
     from agents.conditions import Conditions
     from agents.evaluate import evaluate as measured
     from rimless_gym.envs.arguments import as_speeds
-    from rimless_gym.envs.disturbances import as_disturbances, as_ranges
     from trajopt.provenance import provenance
 
     if not policies:
@@ -98,21 +96,19 @@ def evaluate(
     if gap and no_gap:
         raise ValueError("--gap and --no-gap exclude each other")
     params_ = machine(preset, params) if preset or params else None
-    with of_option("--ranges"):
-        drawn = as_ranges(ranges)
-    with of_option("--disturbances"):
-        disturbed = as_disturbances(disturbances)
 
     def gait_for(params: WheelParams) -> Any:
         from trajopt import Solution, periodic_gait
 
         if gait is not None:
             return Solution.load(gait)
-        return periodic_gait(params, speed, steps, progress=True)
+        return periodic_gait(params, speed or 0.5, steps or 1, progress=True)
 
     named: list[NamedPolicy] = []  # all of them, before the first is measured
     for name in policies:
         named += _at_commands(name, gait_for, params_, commands, trust_pickle)
+    if (gait or speed or steps) and all(w.gait is None for w in named):
+        raise ValueError("--gait, --speed, --steps: are for feedback laws, and none is named")
     commanded = any(w.command is not None for w in named)
     if seeds and commanded:
         raise ValueError("--seeds: policies that are commanded a speed are not summarised")
@@ -120,8 +116,7 @@ def evaluate(
         raise ValueError("--commands: none of these policies is commanded a speed")
     if commands:
         as_speeds("--commands", commands, len(commands))
-    for w in named:
-        Conditions.of(w.params, drawn, disturbed)
+    conditions = [Conditions.of(w.params, ranges, disturbances) for w in named]
     rows = []
     for w in named:
         result = measured(
@@ -131,18 +126,16 @@ def evaluate(
             command=w.command,
             control_period=w.period,
             progress=True,
-            ranges=drawn,
-            disturbances=disturbed,
+            ranges=ranges,
+            disturbances=disturbances,
         )
         rows.append(_row(w, result, gap, no_gap))
     names = [w.name for w in named]
     summary = over_seeds(rows) if seeds else {}
     if json_:
-        conditions = Conditions.of(named[0].params, drawn, disturbed).to_dict()
-        for own in ("params", "speeds", "control_period"):  # each policy has its own
-            del conditions[own]
+        shared = {name: conditions[0].to_dict()[name] for name in ("ranges", "disturbances")}
         results = dict(zip(names, rows, strict=True))
-        report = {"policies": results, "over_seeds": summary, **conditions, **provenance()}
+        report = {"policies": results, "over_seeds": summary, **shared, **provenance()}
         print(json.dumps(report, indent=1))
     else:
         print(table(names, rows, summary))
@@ -152,12 +145,8 @@ def evaluate(
 def _at_commands(
     name: str, gait_for: Any, params: WheelParams | None, commands: Sequence[float], trust: bool
 ) -> list[NamedPolicy]:
-    """A law or policy; where it is commanded a speed, at each of several.
-
-    Raises:
-        ValueError: there is no such law or policy, or it or the gait is for another machine.
-    """
-    from agents.commanded import commands_within
+    """A law or policy; where it is commanded a speed, at each of several."""
+    from agents.evaluate import commands_within
     from agents.policy_files import named_policy
 
     named = named_policy(name, gait_for, params, trust_pickle=trust)

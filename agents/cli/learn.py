@@ -17,7 +17,6 @@ from agents.cli.options import (
     Range,
     Whole,
     machine,
-    of_option,
     require_folder,
 )
 
@@ -64,44 +63,29 @@ def train(
         settings: hyperparameters that differ from the learner's own: gamma=0.995
         cloning: how to imitate, fields of agents.imitation.Cloning: gait_labels=80000
     """
-    from agents.conditions import Conditions
-    from agents.imitation import Cloning
     from agents.learner import learner_class
     from agents.training import TrainingConfig
     from agents.training import train as trained
-    from rimless_gym.envs.arguments import as_task
-    from rimless_gym.envs.disturbances import as_disturbances, as_ranges
 
-    params_, learner = machine(preset, params), learner_class(algo)
-    with of_option("--ranges"):
-        drawn = as_ranges(ranges)
-    with of_option("--disturbances"):
-        disturbed = as_disturbances(disturbances)
-    with of_option("--settings"):
-        chosen = learner.settings(init, settings or {})
-    with of_option("--cloning"):
-        imitation = None if cloning is None else Cloning.of(cloning)
-    conditions = Conditions.of(params_, drawn, disturbed, speeds, control_period)
-    with of_option("--task"):
-        reward = as_task(task, conditions.default_task)
-    require_folder(out)
     config = TrainingConfig(
         algo,
         init,
         seed,
         timesteps,
-        params_,
-        reward,
-        drawn,
-        disturbed,
+        machine(preset, params),
+        task,
+        ranges,
+        disturbances,
         speeds,
         control_period,
-        hyperparameters=chosen,
+        hyperparameters=settings or {},
         expert=expert,
-        cloning=imitation,
+        cloning=cloning,
     )
+    config.training()  # what is refused here makes no folder
+    require_folder(out)
     trained(config, out)
-    best = out / learner.recommended
+    best = out / learner_class(algo).recommended
     print(f"best policy: {best}; measure it with `rimless evaluate {best}`")
     return 0
 

@@ -132,11 +132,7 @@ def _parsed(
     words: Sequence[str],
     program: str | None,
 ) -> Callable[[], int]:
-    """The call that the arguments describe.
-
-    Raises:
-        SystemExit: help was printed, 0, or the arguments are refused, 2.
-    """
+    """The call that the arguments describe; SystemExit: help was printed, or they are refused."""
     settings: dict[str, Any] = {
         "args": words,
         "prog": program,

@@ -10,8 +10,7 @@ import json
 import math
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -129,6 +128,7 @@ Flag = Annotated[bool, NO_DEFAULT]
 Whole = Annotated[int, one("INT", whole(0))]
 Count = Annotated[int, one("INT", whole(1))]
 Positive = Annotated[float, one("NUMBER", positive)]
+MaybeCount = Annotated[int | None, one("INT", whole(1)), NO_DEFAULT]
 MaybeWhole = Annotated[int | None, one("INT", whole(0)), NO_DEFAULT]
 MaybePositive = Annotated[float | None, one("NUMBER", positive), NO_DEFAULT]
 MaybePath = Annotated[Path | None, one("PATH", Path), NO_DEFAULT]
@@ -151,47 +151,22 @@ Preset = Literal["BUILDABLE", "PROTOTYPE", "THESIS_NOMINAL", "THESIS_PHYSICAL"]
 MaybePreset = Annotated[Preset | None, one("NAME", str), NO_DEFAULT]
 
 
-@contextmanager
-def of_option(name: str) -> Iterator[None]:
-    """Name the option in the message about a value that is refused."""
-    try:
-        yield
-    except (TypeError, ValueError) as error:
-        said = str(error).removeprefix(f"{name.strip('-')}: ")
-        raise ValueError(f"{name}: {said}") from error
-
-
 def machine(preset: str | None, params: dict[str, Any] | None) -> WheelParams:
-    """The machine that options choose: a preset, by default the environment's, with changes.
-
-    Raises:
-        ValueError: there is no such preset, or a field is unknown or out of its range.
-    """
+    """The machine that options choose: a preset, by default the environment's, with changes."""
     from rimless_gym import presets
 
-    chosen = presets.preset(preset or "BUILDABLE")
-    with of_option("--params"):
-        return chosen.replace(**(params or {}))
+    return presets.preset(preset or "BUILDABLE").replace(**(params or {}))
 
 
 def require_folder(folder: Path) -> None:
-    """Make a folder where it is missing; refuse one in which no file can be made.
-
-    Raises:
-        OSError: it is a file, or cannot be written.
-    """
+    """Make a folder where it is missing; refuse one in which no file can be made."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         pass
 
 
 def require_file(path: Path) -> None:
-    """Make a file's folder; refuse a file that cannot be written, before the work is done.
-
-    Raises:
-        ValueError: it is a folder.
-        OSError: it cannot be written.
-    """
+    """Make a file's folder; refuse a file that cannot be written, before the work is done."""
     if path.is_dir():
         raise ValueError(f"{path}: is a folder; give the name of a file")
     require_folder(path.parent)

@@ -26,11 +26,12 @@ def page(*, out: Path = Path("runs/page.html"), policy: str = "imitation") -> in
         out: file to write
         policy: a policy's file, or one that comes with the package
     """
-    from agents.page import write_page
+    from agents.page import page as page_of
+    from trajopt.store import write_text
 
     require_file(out)
-    written = write_page(out, policy)
-    print(f"{written}: {written.stat().st_size / 1000:.0f} kB; open it in any browser")
+    write_text(out, page_of(policy))
+    print(f"{out}: {out.stat().st_size / 1000:.0f} kB; open it in any browser")
     return 0
 
 

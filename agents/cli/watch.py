@@ -127,11 +127,7 @@ def _film(
     size: tuple[int, int],
     trust_pickle: bool,
 ) -> GroupFilm:
-    """The walks of the names.
-
-    Raises:
-        ValueError: there is no such gait, law or policy, or they are of several machines.
-    """
+    """The walks of the names."""
     from agents.film import GroupFilm, ghost
     from agents.policy_files import named_policy
     from agents.recording import Recording, record_gait, record_policy
@@ -174,13 +170,7 @@ def _film(
 
 
 def _held(gait: Solution) -> Solution:
-    """The gait if its voltage is held; otherwise the held gait nearest to it.
-
-    Only that can be stepped in the environment. Its speed may differ a little.
-
-    Raises:
-        NoGaitError: there is none.
-    """
+    """The gait if its voltage is held; otherwise the held gait that is nearest to it."""
     from rimless_gym.hybrid import CONTROL_PERIOD
     from trajopt import periodic_gait
 

@@ -19,14 +19,14 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.comparison.figures import walk_from_rest, write_figures
+from agents.comparison.figures import write_figures
 from agents.comparison.methods import LearnedMethod, Method, Result, learning_curve, methods
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import Row, by_speed, format_table
 from agents.film import GroupFilm, ghost, times
-from agents.policy_files import load_policy
-from agents.recording import record
-from rimless_gym.hybrid import CONTROL_PERIOD
+from agents.learner import CLONE, IMITATION
+from agents.policy_files import NamedPolicy, load_policy
+from agents.recording import record_policy
 from rimless_gym.rendering.display import save_gif
 from trajopt.pool import run
 from trajopt.provenance import provenance
@@ -75,7 +75,7 @@ def compare(
         learned = [method for method in compared if isinstance(method, LearnedMethod)]
         curves = {each.curve: learning_curve(each, results) for each in learned if each.curve}
         write_figures(setting, rows, curves)
-        _animate(setting, next(each for each in learned if each.walk))
+        _animate(setting)
     return rows
 
 
@@ -131,15 +131,15 @@ def _compute(setting: Setting, alone: bool, method: Method) -> float:
     return time.perf_counter() - began
 
 
-def _animate(setting: Setting, learned: LearnedMethod) -> None:
-    """Animate a walk of a learned policy beside the optimum."""
-    policy = load_policy(learned.main_file(setting.out)).policy
-    walk = walk_from_rest(setting.params, policy, ANIMATED)
-    recording = record(learned.name, walk, setting.params, CONTROL_PERIOD)
+def _animate(setting: Setting) -> None:
+    """Animate a walk of the clone beside the optimum."""
+    clone = load_policy(setting.out / IMITATION / CLONE)
+    policy = NamedPolicy(IMITATION, clone.policy, clone.conditions)
+    recording = record_policy(policy, ANIMATED)
     gait = setting.held_gait(setting.study.speed)
     race = GroupFilm([recording, ghost(gait, recording)])
     frames = [race.frame(moment) for moment in times(race.ends, FPS)]
-    save_gif(frames, setting.out / f"{learned.name}.gif", FPS)
+    save_gif(frames, setting.out / f"{IMITATION}.gif", FPS)
 
 
 def _print(setting: Setting, text: str) -> None:

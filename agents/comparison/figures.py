@@ -17,13 +17,9 @@ from matplotlib.ticker import LogLocator
 
 from agents.comparison.study import Setting
 from agents.comparison.table import COLUMNS, FRONT_POLICY, NOTES, Row, distinct
-from agents.conditions import Conditions
-from agents.page import write_page
-from agents.policies import Policy
+from agents.learner import CLONE, IMITATION
+from agents.page import page
 from agents.reports import COLOURS, STYLE, document, embedded, paragraph, section, table
-from agents.rollout import Rollout, at_rest
-from rimless_gym.hybrid import CONTROL_PERIOD
-from rimless_gym.params import WheelParams
 from rimless_gym.presets import machine_name
 from trajopt.gaits.fronts import CotFront, NoFrontError
 from trajopt.store import write_text
@@ -57,10 +53,7 @@ def write_figures(
 ) -> None:
     """Write the plots, report.html, and page.html where the machine has one, into the folder.
 
-    Args:
-        setting: of the comparison, whose results are complete.
-        rows: of its table.
-        curves: milestones of trainings, by their names.
+    `curves` are the milestones of trainings, by their names.
     """
     out = setting.out
     with matplotlib.rc_context(STYLE):
@@ -84,20 +77,19 @@ def write_figures(
 
 
 def _page(folder: Path) -> str | None:
-    """The page with the study's own clone, beside the report."""
+    """Write the page with the study's own clone, beside the report; return the file's name."""
     try:
-        return write_page(folder / "page.html", folder / "imitation" / "clone.zip").name
+        text = page(folder / IMITATION / CLONE)
     except NoFrontError:
         return None
+    write_text(folder / "page.html", text)
+    return "page.html"
 
 
 def speed_figure(front: CotFront, held: CotFront, rows: Iterable[Row]) -> Figure:
     """Cost of transport over speed of all that walk, and the gaps of those near to the optimum.
 
-    Args:
-        front: of optimal gaits with a continuous voltage.
-        held: of gaits whose voltage is held, against which gaps are measured.
-        rows: of the table. Optimal gaits on the fronts are left out.
+    Gaps are those to the front of held gaits. Gaits on the fronts themselves are left out.
     """
     figure, (above, below) = plt.subplots(
         2, 1, figsize=(9.0, 8.8), sharex=True, layout="constrained"
@@ -162,10 +154,6 @@ def learning_figure(curves: Mapping[str, Curve], front: CotFront) -> Figure:
     """The gap and the share of starts that walk, over control intervals and over minutes.
 
     A walk beyond the front's speeds is compared with the nearer end of the front.
-
-    Args:
-        curves: milestones of trainings, by their names.
-        front: that gaps are measured against.
     """
     figure, panels = plt.subplots(
         2, 2, figsize=(10.4, 6.4), sharex="col", sharey="row", layout="constrained"
@@ -197,9 +185,3 @@ def milestone_gap(milestone: Mapping[str, Any], front: CotFront) -> float:
     speeds = [gait.speed for gait in front.envelope]
     speed = min(max(milestone["speed"], speeds[0]), speeds[-1])
     return 100.0 * (float(milestone["cot"]) / float(front(speed)) - 1.0)
-
-
-def walk_from_rest(params: WheelParams, policy: Policy, seconds: float) -> Rollout:
-    """One walk of a policy."""
-    n_intervals = round(seconds / CONTROL_PERIOD)
-    return Rollout(Conditions(params), policy, at_rest(params)[None], n_intervals)

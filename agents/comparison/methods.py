@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from agents.commanded import evaluate_commanded
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
+from agents.evaluate import evaluate_commanded
 from agents.experts import EXPERT
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title
@@ -63,8 +63,8 @@ def methods(study: Study) -> tuple[Method, ...]:
     others = [name for name in laws.names() if name not in (*laws.SLOW, EXPERT)]
     return (
         OptimalGait("searched", None, searched_gait),
-        FrontMethod(held=False),
-        FrontMethod(held=True),
+        FrontMethod("front"),
+        FrontMethod("held_front", ("front",), held=True),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
         *_holding(study),
@@ -83,7 +83,6 @@ def methods(study: Study) -> tuple[Method, ...]:
             {"evolution from scratch": BEST},
             algo="evolution",
             budget="evolution_timesteps",
-            walk="evolution",
             curve="evolution from scratch",
         ),
         LearnedMethod(
@@ -109,7 +108,6 @@ def _holding(study: Study) -> Iterator[Method]:
             {"imitation": CLONE},
             after=(law,),
             speed=speed,
-            walk="imitation" if main else None,
         )
         if main or study.further_timesteps:
             best = {"fine-tuned, best kept": BEST}
@@ -120,7 +118,6 @@ def _holding(study: Study) -> Iterator[Method]:
                 after=(clone,),
                 speed=speed,
                 budget="timesteps" if main else "further_timesteps",
-                walk="fine-tuned" if main else None,
                 curve="fine-tuned" if main else None,
             )
 
@@ -211,29 +208,18 @@ class FrontMethod:
     """A front of optimal gaits. Its rows are those of the best gaits at the study's speeds.
 
     Attributes:
+        name, after: see `Method`.
         held: False: the voltage is continuous. True: it is held for the environment's 10 ms, at the
             speeds and with the steps of the best gaits of the other front.
     """
 
-    held: bool
-
-    @property
-    def name(self) -> str:
-        """See `Method`."""
-        return "held_front" if self.held else "front"
-
-    @property
-    def after(self) -> tuple[str, ...]:
-        """See `Method`."""
-        return ("front",) if self.held else ()
+    name: str
+    after: tuple[str, ...] = ()
+    held: bool = False
 
     def compute(self, setting: Setting) -> Result:
         """Solve the gaits of the front that are not in the folder yet."""
-        study = setting.study
-        if self.held:
-            front = _held_front(setting)
-        else:
-            front = _front(setting, study.front_speeds, study.front_steps, None)
+        front = _held_front(setting) if self.held else _free_front(setting)
         return {
             "files": [front_file(s.steps, s.speed, s.hold) for s in front.solutions],
             "gaits": [gait_result(s) | {"steps": s.steps} for s in front.solutions],
@@ -251,6 +237,15 @@ class FrontMethod:
         return rows
 
 
+def _free_front(setting: Setting) -> CotFront:
+    study = setting.study
+    return cot_front(
+        *(study.params, study.front_speeds, study.front_steps),
+        folder=setting.out,
+        progress=setting.progress,
+    )
+
+
 def _held_front(setting: Setting) -> CotFront:
     best = setting.front.envelope
     solutions: list[Solution] = []
@@ -258,7 +253,12 @@ def _held_front(setting: Setting) -> CotFront:
     for steps in sorted({gait.steps for gait in best}):
         speeds = [gait.speed for gait in best if gait.steps == steps]
         try:
-            front = _front(setting, speeds, [steps], CONTROL_PERIOD)
+            front = cot_front(
+                *(setting.params, speeds, [steps]),
+                hold=CONTROL_PERIOD,
+                folder=setting.out,
+                progress=setting.progress,
+            )
         except NoGaitError as error:
             missing += [(steps, speed, str(error)) for speed in speeds]
             continue
@@ -267,13 +267,6 @@ def _held_front(setting: Setting) -> CotFront:
     if not solutions:
         raise NoGaitError("\n".join(reason for _, _, reason in missing))
     return CotFront(tuple(solutions), tuple(missing))
-
-
-def _front(
-    setting: Setting, speeds: Sequence[float], steps: Sequence[int], hold: float | None
-) -> CotFront:
-    folder, progress = setting.out, setting.progress
-    return cot_front(setting.params, speeds, steps, hold=hold, folder=folder, progress=progress)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -309,12 +302,10 @@ class LearnedMethod:
     Attributes:
         name, after: see `Method`; the name is that of the folder of its training, too.
         init: "scratch", "imitation", or a policy's file in the study's folder.
-        shown: title of a row -> the policy's file in the training's folder; the first is the main
-            one.
+        shown: title of a row -> the policy's file in the training's folder.
         algo: the learner.
         speed: the study's speed that it walks at (m/s); None: it chooses its speed itself.
         budget: the field of the study that has its control intervals; None: it is not trained.
-        walk: name of its main policy in the plots of walks; None: it is not in them.
         curve: its name in the plot of learning curves; None: it is not in it.
         teacher: a policy's file in the study's folder that is imitated; None: the best law is.
     """
@@ -326,7 +317,6 @@ class LearnedMethod:
     algo: str = "ppo"
     speed: float | None = None
     budget: str | None = None
-    walk: str | None = None
     curve: str | None = None
     teacher: str | None = None
 
@@ -367,20 +357,11 @@ class LearnedMethod:
         gait = setting.held_gait(setting.study.speed if self.speed is None else self.speed)
         return laws.design(EXPERT, gait, setting.out)
 
-    def main_file(self, out: Path) -> Path:
-        """The file of its main policy in a study's folder."""
-        return out / self.name / next(iter(self.shown.values()))
-
 
 def learning_curve(
     learned: LearnedMethod, results: Mapping[str, Result]
 ) -> list[dict[str, float | None]]:
-    """The milestones of a training. Their minutes include those of the trainings it began from.
-
-    Args:
-        learned: the method.
-        results: of all methods, by name.
-    """
+    """The milestones of a training. Their minutes include those of the trainings it began from."""
     before = [results[name]["curve"] for name in learned.after if "curve" in results[name]]
     minutes = sum(curve[-1]["minutes"] for curve in before)
     curve: list[dict[str, Any]] = results[learned.name]["curve"]
@@ -392,8 +373,7 @@ class ShippedMethod:
     """A policy that comes with the package.
 
     Attributes:
-        file: of the policy.
-        title: of its rows.
+        file, title: of the policy, and of its rows.
         commands: speeds at which it walks (m/s); none: it chooses its speed itself.
         after: see `Method`.
     """

@@ -111,13 +111,7 @@ class Study:
 
 
 class Setting:
-    """What the methods of a comparison share.
-
-    Args:
-        study: what to compare.
-        out: folder of the study.
-        progress: whether to show progress bars.
-    """
+    """What the methods of a comparison share: what to compare, its folder, and progress bars."""
 
     def __init__(self, study: Study, out: Path, progress: bool = False) -> None:
         self.study, self.out, self.progress = study, out, progress

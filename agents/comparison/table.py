@@ -140,12 +140,9 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def headline(rows: Sequence[Row], study_speed: float, over_seeds: Mapping[str, str]) -> str:
-    """A Markdown table of the rows in `HEADLINE`.
+    """A Markdown table of the rows in `HEADLINE` at the study's speed (m/s).
 
-    Args:
-        rows: of the comparison.
-        study_speed: of the study (m/s); rows that belong to its other speeds are left out.
-        over_seeds: title of a row -> what is known of such policies over many seeds.
+    `over_seeds` is what is known of such policies over many seeds, by title.
     """
     head = (
         *("", "cost of transport", "over the optimum at its speed", "speed (m/s)"),

@@ -22,12 +22,7 @@ from trajopt.feedback.law import Floats
 
 
 class Evolution(Learner):
-    """Screens random policies, and evolves the best of every family of gaits.
-
-    Raises:
-        TypeError: the training's settings are not `EvolutionSettings`.
-        ValueError: there are ranges or disturbances, a commanded speed, or another control period.
-    """
+    """Screens random policies, and evolves the best of every family of gaits."""
 
     default_settings = EvolutionSettings()
 

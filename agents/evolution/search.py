@@ -21,7 +21,6 @@ the same place.
 from __future__ import annotations
 
 import dataclasses
-import enum
 from collections.abc import Generator
 from typing import NamedTuple, TypeAlias, TypeVar
 
@@ -56,6 +55,11 @@ COUNTED_MULTIPLE = 2.0
 
 #: Random weights are spread log-uniformly between these sizes; some of them are 0.
 LEAST_WEIGHT, GREATEST_WEIGHT, PRESENT = 0.1, 0.5, 0.8
+
+
+#: How policies are sorted, other than by one family of gaits: by the sense in which the pendulum
+#: goes round at the end, -1, 1, or 0 if it does not; or by every family in which one of them walks.
+SENSES, FAMILIES = "senses", "families"
 
 
 class NothingWalksError(ValueError):
@@ -132,15 +136,6 @@ class EvolutionSettings(LearnerSettings):
                 positive(field.name, getattr(self, field.name))
 
 
-class Groups(enum.Enum):
-    """How policies are told apart, other than by one family of gaits."""
-
-    #: By the sense in which the pendulum goes round at the end: -1, 1, or 0 if it does not.
-    SENSES = "senses"
-    #: By every family in which one of them walks.
-    FAMILIES = "families"
-
-
 class Request(NamedTuple):
     """Walks that a search needs.
 
@@ -149,7 +144,7 @@ class Request(NamedTuple):
         starts: how many.
         seed: of the starts.
         duration: of the walks.
-        groups: the family whose gait is rewarded, or how policies are told apart.
+        groups: the family whose gait is rewarded, or `SENSES` or `FAMILIES`.
         counted: share of the starts that counts: each policy's best ones.
         distance_weight: in the reward.
         best: the best policy so far, (SIZE,); zeros do nothing.
@@ -159,7 +154,7 @@ class Request(NamedTuple):
     starts: int
     seed: tuple[int, ...]
     duration: Duration
-    groups: int | Groups
+    groups: int | str
     counted: float
     distance_weight: float
     best: Floats
@@ -201,14 +196,12 @@ def answered(request: Request, simulator: PolicySimulator, objective: WalkReward
     return Answer(groups.astype(np.float64), scores, gait)
 
 
-def _groups(
-    groups: int | Groups, walks: PolicyWalks
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _groups(groups: int | str, walks: PolicyWalks) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The groups (G,) into which policies are sorted, and which belong to each of them, (G, P)."""
-    if groups is Groups.SENSES:
+    if groups is SENSES:
         each = np.array([0, -1, 1])
         return each, np.array([(senses(walks) == sense).any(axis=1) for sense in each])
-    if groups is Groups.FAMILIES:
+    if groups is FAMILIES:
         each = families(walks)
         belongs = [members(walks, family).any(axis=1) for family in each]
         return each, np.array(belongs, dtype=bool).reshape(len(each), len(walks.steps))
@@ -218,13 +211,7 @@ def _groups(
 def search(
     settings: EvolutionSettings, seed: int, floor: float, start: Floats | None
 ) -> Search[None]:
-    """The whole search; it never ends.
-
-    Args:
-        settings: how to search.
-        seed: of everything random.
-        floor: least reward weight of distance.
-        start: weights (SIZE,) to go on from instead of screening and racing.
+    """The whole search; it never ends. `start` (SIZE,) takes the place of screening and racing.
 
     Raises:
         NothingWalksError: no random policy walks, or none of them still walks after the trial.
@@ -243,13 +230,10 @@ def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
 
     Fewest revolutions of the pendulum first. A policy counts by its best start: hardly one walks
     from all of them.
-
-    Raises:
-        NothingWalksError: no random policy walks.
     """
     drawn = random_policies(settings.screened, np.random.default_rng((seed, 1)))
 
-    def request(weights: Floats, intervals: int, groups: Groups) -> Request:
+    def request(weights: Floats, intervals: int, groups: str) -> Request:
         return Request(
             weights=weights,
             starts=settings.screen_starts,
@@ -261,9 +245,9 @@ def screen(settings: EvolutionSettings, seed: int) -> Search[dict[int, Floats]]:
             best=np.zeros(SIZE),
         )
 
-    glanced = yield request(drawn, settings.glance, Groups.SENSES)
+    glanced = yield request(drawn, settings.glance, SENSES)
     drawn = drawn[np.unique(np.concatenate([*_best(glanced, settings.retained).values()]))]
-    screened = yield request(drawn, settings.screen_intervals, Groups.FAMILIES)
+    screened = yield request(drawn, settings.screen_intervals, FAMILIES)
     if not len(screened.groups):
         raise NothingWalksError(
             f"none of {settings.screened} random policies walks with these parameters: try another "
@@ -292,7 +276,8 @@ def _best(answer: Answer, most: int) -> dict[int, Floats]:
 def _race(settings: EvolutionSettings, seed: int, floor: float) -> Search[EvolvingPolicy]:
     """Screen and race."""
     screened = yield from screen(settings, seed)
-    schedule, checked = racing(settings), settings.checked_starts
+    schedule = (Generation(settings.starts, Duration.second_half(settings.intervals)),)
+    checked = settings.checked_starts
     ranked: list[EvolvingPolicy] = []
     leader: EvolvingPolicy | None = None
     for family, policies in screened.items():
@@ -327,7 +312,7 @@ def _family_of(settings: EvolutionSettings, seed: int, start: Floats) -> Search[
         starts=settings.checked_starts,
         seed=(seed, 2),
         duration=Duration.second_half(settings.intervals),
-        groups=Groups.FAMILIES,
+        groups=FAMILIES,
         counted=1.0,
         distance_weight=settings.first_weight,
         best=start,
@@ -338,20 +323,10 @@ def _family_of(settings: EvolutionSettings, seed: int, start: Floats) -> Search[
 
 
 class Generation(NamedTuple):
-    """How the policies of a generation walk.
-
-    Attributes:
-        starts: of each policy.
-        duration: of each walk.
-    """
+    """How the policies of a generation walk: starts of each policy, and duration of each walk."""
 
     starts: int
     duration: Duration
-
-
-def racing(settings: EvolutionSettings) -> tuple[Generation, ...]:
-    """Short walks, all alike."""
-    return (Generation(settings.starts, Duration.second_half(settings.intervals)),)
 
 
 def refining(settings: EvolutionSettings) -> tuple[Generation, ...]:
@@ -369,14 +344,8 @@ def refining(settings: EvolutionSettings) -> tuple[Generation, ...]:
 class EvolvingPolicy:
     """A policy that evolves: CMA-ES, with an adaptive reward weight, and more and more starts.
 
-    Args:
-        settings: how.
-        family: of its gait.
-        weights: of the first policy, (SIZE,).
-        seed: of the evolution.
-        floor: least reward weight of distance.
-
     Attributes:
+        family: of its gait.
         best: the best of the mean policies that were checked; the first one before that.
         gait: how it walked.
     """
@@ -417,13 +386,10 @@ class EvolvingPolicy:
         checked_starts: int,
         leader: EvolvingPolicy | None,
     ) -> Search[None]:
-        """Evolve for some generations, or for ever.
+        """Evolve for some generations, or for ever, with the walks of `schedule` in turn.
 
-        Args:
-            generations: None: for ever.
-            schedule: how the policies of a generation walk, one after the other.
-            checked_starts: from which the mean policy is checked, in walks as long as the first's.
-            leader: whose best policy is the best so far, as long as this one's is not.
+        The mean policy is checked from `checked_starts`, in walks as long as the first's. The
+        leader's best policy is the best so far, as long as this one's is not.
         """
         least = self._settings.least_counted
         check = Generation(checked_starts, schedule[0].duration)

@@ -7,8 +7,8 @@ import dataclasses
 import functools
 import inspect
 import math
+import pkgutil
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -88,13 +88,9 @@ class Hyperparameters(LearnerSettings):
 def hyperparameters(
     algorithm: type, file: str, init: str, changes: Mapping[str, Any] = NO_CHANGES
 ) -> Hyperparameters:
-    """The entry of a file for a training from scratch, or from a policy.
+    """The entry of a file in `agents/hyperparams` for a training from scratch, or from a policy.
 
-    Args:
-        algorithm: of stable-baselines3.
-        file: its name in `agents/hyperparams`.
-        init: what the training begins from.
-        changes: values that take the place of those in the file, or come beside them.
+    `changes` take the place of values in the file, or come beside them.
 
     Raises:
         TypeError: a number is of the wrong kind.
@@ -138,11 +134,7 @@ def hyperparameters(
 
 
 def policy_kwargs(described: Mapping[str, Any]) -> dict[str, Any]:
-    """The `policy_kwargs` of an algorithm, with an activation in place of its name.
-
-    Raises:
-        KeyError: there is no such activation.
-    """
+    """The `policy_kwargs` of an algorithm, with an activation in place of its name."""
     kwargs = dict(described)
     if "activation_fn" in kwargs:
         kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]
@@ -161,9 +153,8 @@ def _listed(values: dict[str, Any], key: str) -> dict[str, dict[str, Any]]:
 
 def _imported(path: str) -> Any:
     """The class of a path."""
-    module, _, name = path.rpartition(".")
     try:
-        return getattr(import_module(module), name)
+        return pkgutil.resolve_name(path)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"vec_env_wrapper: {path!r}: {error}") from error
 

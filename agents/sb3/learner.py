@@ -111,10 +111,6 @@ class Sb3Learner(learner.Learner):
         algorithm: of stable-baselines3.
         hyperparameter_file: name of its file in `agents/hyperparams`.
         model: that learns.
-
-    Raises:
-        TypeError: the training's settings are not `Hyperparameters`.
-        ValueError: stable-baselines3 refuses a hyperparameter.
     """
 
     algorithm: ClassVar[Any]
@@ -137,7 +133,7 @@ class Sb3Learner(learner.Learner):
         )
         self._adaptive: AdaptiveRewardWeight | None = None
         if settings.schedule is not None:
-            self._adaptive = AdaptiveRewardWeight(settings.schedule)
+            self._adaptive = AdaptiveRewardWeight(**vars(settings.schedule))
         self.model = self._new_model({} if start is None else start.record)
         if start is not None:
             put_weights(self.model, start.weights)
@@ -287,10 +283,6 @@ class LogWalking(BaseCallback):
     """Logs the noisy walking of training: `walk/*`, of which `walk/return` is the reward for 20 s.
 
     Of an action that is held for several control intervals, the last one is logged.
-
-    Args:
-        params: the wheel's parameters, by whose weight costs of transport are divided.
-        env: that is learned in, innermost.
     """
 
     def __init__(self, params: WheelParams, env: Sb3VecEnv) -> None:
@@ -346,13 +338,9 @@ class Forward(BaseCallback):
 
 
 class FreezeActor(BaseCallback):
-    """Keeps the actor as it is until the critic has learned what it is worth.
+    """Keeps the actor as it is for some time steps, until the critic has learned what it is worth.
 
     The exploration noise stays as it is for good.
-
-    Args:
-        actor: of the model that learns.
-        until: time steps before which the actor does not change.
     """
 
     def __init__(self, actor: Actor, until: int) -> None:
@@ -367,11 +355,7 @@ class FreezeActor(BaseCallback):
 
 
 def architecture(model: Any) -> dict[str, Any]:
-    """The `policy_kwargs` of a model as JSON values, the activation by its name.
-
-    Raises:
-        ValueError: it has an activation without a name here.
-    """
+    """The `policy_kwargs` of a model as JSON values, the activation by its name."""
     names = {kind: name for name, kind in ACTIVATIONS.items()}
     kwargs = dict(model.policy_kwargs)
     kwargs.pop("use_sde", None)  # SAC adds it by itself
@@ -388,19 +372,14 @@ def weights_of(model: Any) -> dict[str, NDArray[Any]]:
 
 
 def put_weights(model: Any, weights: Mapping[str, NDArray[Any]]) -> None:
-    """Give a model's networks the weights that `weights_of` named.
-
-    Raises:
-        RuntimeError: they do not fit its networks.
-    """
+    """Give a model's networks the weights that `weights_of` named."""
     model.policy.load_state_dict({name: torch.from_numpy(w) for name, w in weights.items()})
 
 
 def model_state(model: Any) -> dict[str, Any]:
     """The state of a learning model in a `training_env`, between two roll-outs.
 
-    It is made of policy, optimisers, counters, replay buffer, environments and every random
-    generator, so that a resumed training does exactly what it would have done without a break.
+    With it a resumed training does exactly what it would have done without a break.
     """
     _, variables = model._get_torch_save_params()
     monitor, replay = wrapped(model.env, VecMonitor), getattr(model, "replay_buffer", None)
@@ -468,9 +447,6 @@ def unpickled(path: Path, params: WheelParams) -> tuple[str, Seeing, Conditions]
     """The learner, the policy and the conditions of a file of plain stable-baselines3.
 
     Such files are pickles: reading one runs whatever code it has.
-
-    Raises:
-        ValueError: it is of none of our learners, or of another environment.
     """
     causes = []
     for name, kind in (("ppo", Ppo), ("sac", Sac)):

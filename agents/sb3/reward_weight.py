@@ -107,27 +107,20 @@ class AdaptiveRewardWeight(BaseCallback):
     decides in every control period there, even where `HeldActions` hold its actions in training.
 
     Args:
-        schedule: how; default: a `WeightSchedule` of `settings`.
-        settings: fields of `WeightSchedule`, as rl-zoo3 passes them.
+        settings: fields of `WeightSchedule` that differ from its own.
 
     Attributes:
         schedule: how.
         weight: that is in use; None before a training has begun.
 
     Raises:
-        TypeError: there are both, or a setting is unknown or of the wrong kind.
+        TypeError: a setting is unknown or of the wrong kind.
         ValueError: a setting is out of range.
     """
 
-    def __init__(self, schedule: WeightSchedule | None = None, **settings: Any) -> None:
+    def __init__(self, **settings: Any) -> None:
         super().__init__()
-        if not isinstance(schedule, WeightSchedule | None):
-            raise TypeError(
-                f"schedule = {schedule!r}: must be a WeightSchedule; or name its fields"
-            )
-        if schedule is not None and settings:
-            raise TypeError(f"schedule and {list(settings)}: give one of them")
-        self.schedule = schedule or WeightSchedule(**settings)
+        self.schedule = WeightSchedule(**settings)
         self.weight: float | None = None
         self._due = self.schedule.every
         self._envs: VecEnv | None = None
@@ -214,10 +207,8 @@ def clean_walking(
 ) -> CleanWalking:
     """How a policy walks from starts of its own, in the second half of so many intervals.
 
-    Args:
-        act: observations (N, 6 or 8) -> actions (N, 1).
-        envs: whose rows reset themselves in the step that ends an episode.
-        intervals: length of the walks; an episode that ends before has fallen.
+    Its actions are (N, 1). The rows of `envs` reset themselves in the step that ends an episode; a
+    wheel whose episode ends before has fallen.
     """
     seen, _ = envs.reset(seed=0)
     params = envs.params

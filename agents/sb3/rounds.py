@@ -71,9 +71,8 @@ WITHIN_SPREAD = 68.27
 def score(gait: CleanWalking) -> float:
     """Distance per energy, times the share of starts that walk.
 
-    A share counts for less than in `agents.reward_weight.economy`, because falls and rests are
-    mended later. With that score the slowest gaits whose pendulum goes round would win: they walk
-    from nearly all starts, but only lean in the end.
+    A share counts for less than in `agents.reward_weight.economy`: falls and rests are mended
+    later, and the slowest gaits, which only lean in the end, walk from nearly all starts.
     """
     return gait.share / gait.cot
 
@@ -150,9 +149,6 @@ class Products(BaseFeaturesExtractor):
     a hundred times as much as in others, and a gradient sees only the first. `whiten` mixes them so
     that all directions count alike. For a linear policy with constant noise, gradients then are
     the natural ones (Kakade, A natural policy gradient, 2001).
-
-    Args:
-        space: of the observations, six numbers each.
     """
 
     mixing: torch.Tensor
@@ -201,9 +197,6 @@ class NormalizeByPhase(BaseCallback):
     if it has started up but takes no step forward in a roll-out, which should last longer than a
     step. A time step counts by its first control interval. For on-policy algorithms that do not
     normalise advantages themselves.
-
-    Args:
-        env: in which the phases are counted.
     """
 
     def __init__(self, env: StartUpPhase) -> None:
@@ -249,12 +242,9 @@ class Improve(BaseCallback):
     geometrically and the learning rate linearly, until the end of the round.
 
     Args:
-        actor: of the model that learns.
-        rules: of the round.
-        rate: of learning, at first.
+        actor, rules, rate: of the model that learns, of the round, and of learning at first.
         steps: time steps at which the round begins, its actor begins to learn, and it ends.
-        env: what scales the rewards.
-        adaptive: the weight of distance.
+        env, adaptive: what scales the rewards, and the weight of distance.
     """
 
     def __init__(
@@ -294,10 +284,6 @@ class KeepBest(BaseCallback):
 
     From update to update a policy walks from a few more or a few less starts, and costs a little
     more or less. So the last one is rarely the best. It logs `checks/share` and `checks/cot`.
-
-    Args:
-        gait_of: how the policy with some weights walks.
-        every: time steps between two checks.
 
     Attributes:
         weights: of the policy with the greatest `economy` so far; None before any has walked.

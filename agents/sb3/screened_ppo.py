@@ -81,13 +81,7 @@ RACING_SHARE = 0.5
 
 
 class ScreenedPpo(Sb3Learner):
-    """Screens random policies, and improves some of every family, then the best of them, by PPO.
-
-    Raises:
-        TypeError: the training's settings are not `Hyperparameters`.
-        ValueError: there are ranges or disturbances, a commanded speed, or another control period;
-            or the settings have no adaptive weight, or normalise all advantages together.
-    """
+    """Screens random policies, and improves some of every family, then the best of them, by PPO."""
 
     algorithm = PPO
     recommended = LAST  # the best of many checks from many starts
@@ -224,7 +218,7 @@ class ScreenedPpo(Sb3Learner):
             first_weight=min(self._schedule.first_weight, weight),
             least_share=share if self._race.decided else min(share, RACING_SHARE),
         )
-        adaptive = AdaptiveRewardWeight(schedule)
+        adaptive = AdaptiveRewardWeight(**vars(schedule))
         adaptive.restore({"weight": None, "due": self._begun + self._schedule.every})
         return adaptive
 

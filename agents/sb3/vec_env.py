@@ -132,17 +132,9 @@ class Sb3VecEnv(VecEnv):
     def begin(
         self, rows: NDArray[np.bool_], options: dict[str, Any] | None = None
     ) -> NDArray[np.float32]:
-        """Begin new episodes of some rows, whatever became of those under way.
+        """Begin new episodes of some rows (N,), whatever became of those under way.
 
-        Args:
-            rows: which ones, (N,).
-            options: of the native environment's reset, for these rows.
-
-        Returns:
-            Observations (N, 6 or 8) of all rows.
-
-        Raises:
-            ValueError: an option is unknown or its value out of range.
+        Returns observations (N, 6 or 8) of all rows.
         """
         seen, columns = self.env.reset(options={**(options or {}), "reset_mask": rows})
         for i in np.flatnonzero(rows).tolist():
@@ -214,21 +206,13 @@ class Sb3VecEnv(VecEnv):
         return [value[i] if each else value for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refused: a row has no attributes of its own.
-
-        Raises:
-            NotImplementedError: always, with the remedy.
-        """
+        """Refused: a row has no attributes of its own."""
         raise NotImplementedError("rows share one environment; use set_options")
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Call `get_wrapper_attr` or `set_task`.
-
-        Raises:
-            NotImplementedError: a row has no such method of its own.
-        """
+        """Call `get_wrapper_attr` or `set_task`; a row has no other method of its own."""
         if method_name == "get_wrapper_attr":
             return self.get_attr(args[0], indices)
         if method_name == "set_task":

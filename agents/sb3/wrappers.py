@@ -33,16 +33,8 @@ def training_env(
 ) -> VecEnvWrapper:
     """`n_envs` environments side by side; what monitors them receives the environment's rewards.
 
-    Args:
-        n_envs: how many.
-        conditions: parameters and control.
-        task: the reward.
-        seed: of the first episodes.
-        wrappers: around the monitored environments, from the inside out.
-        episode_steps: control intervals of the longest episode; None: as the environment has them.
-
-    Raises:
-        TypeError, ValueError: as the wrappers say.
+    `wrappers` are around the monitored ones, from the inside out. The longest episode has
+    `episode_steps` control intervals; None: as the environment has them.
     """
     limit = {} if episode_steps is None else {"max_episode_steps": episode_steps}
     native = Sb3VecEnv(
@@ -56,11 +48,7 @@ def training_env(
 
 
 def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
-    """The outermost of some environments and their wrappers that is of a kind.
-
-    Raises:
-        TypeError: there is none.
-    """
+    """The outermost of some environments and their wrappers that is of a kind."""
     layer = env
     while not isinstance(layer, kind):
         if not isinstance(layer, VecEnvWrapper):
@@ -70,17 +58,9 @@ def wrapped(env: Any, kind: type[_Kind]) -> _Kind:
 
 
 class ScaledReward(VecEnvWrapper):
-    """Multiplies rewards by a factor.
+    """Multiplies rewards by a factor; what monitors `venv` below receives them in metres.
 
     They are metres per 10 ms, a few thousandths; learners like them nearer to 1.
-
-    Args:
-        venv: environments; what monitors them below receives the rewards in metres.
-        scale: factor on the rewards.
-
-    Raises:
-        TypeError: the scale is not a number.
-        ValueError: it is not greater than 0.
     """
 
     def __init__(self, venv: VecEnv, scale: float = 1.0) -> None:
@@ -110,11 +90,7 @@ class HeldActions(VecEnvWrapper):
 
     Args:
         venv: environments.
-        intervals: for which an action is held.
-
-    Raises:
-        TypeError: the number of intervals is not an integer.
-        ValueError: it is less than 1.
+        intervals: for which an action is held, 1 or more.
     """
 
     def __init__(self, venv: VecEnv, intervals: int = 1) -> None:
@@ -168,10 +144,6 @@ class StartUpPhase(VecEnvWrapper):
         monitor: `venv`.
         native: the environments that it monitors.
         steps: of each row since this was made, (N,); those backward count as -1.
-
-    Raises:
-        TypeError: a number is of the wrong kind.
-        ValueError: a number is out of its range.
     """
 
     def __init__(
@@ -214,14 +186,8 @@ def begin_out_of_step(
     """Walk for the time of an episode, in which one row after the other begins anew.
 
     Otherwise all rows of a `training_env` would start up together, and again a time limit later: a
-    roll-out would contain nothing else, and the next ones none of it.
-
-    Args:
-        env: as `training_env` makes it.
-        act: observations (N, 6 or 8) -> actions (N,).
-
-    Returns:
-        Observations (N, 6 or 8) of rows of all ages.
+    roll-out would contain nothing else, and the next ones none of it. Returns the observations
+    (N, 6 or 8) of rows of all ages.
     """
     seen = np.asarray(env.reset())
     native, monitor = wrapped(env, Sb3VecEnv), wrapped(env, VecMonitor)

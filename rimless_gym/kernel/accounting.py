@@ -54,7 +54,6 @@ from rimless_gym.trigonometry import MAX_TURN
 #: this share of what the motion adds to it.
 DIP = 0.02
 
-
 _ground_reaction, _pendulum_clearance = turned.ground_reaction, turned.pendulum_clearance
 _mechanical_energy, _hub_position = turned.mechanical_energy, turned.hub_position
 

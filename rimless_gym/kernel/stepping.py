@@ -52,12 +52,7 @@ MAX_POLE = 1e4
 
 
 def hybrid_states(x: ArrayLike, mode: ArrayLike) -> NDArray[np.float64]:
-    """Hybrid states (N, STATE_SIZE) on their first foot.
-
-    Args:
-        x: states (phi, theta, phi', theta'), (N, 4).
-        mode: stance modes, (N,), or one for all states.
-    """
+    """Hybrid states (N, STATE_SIZE) on their first foot: x (N, 4), in modes (N,) or one for all."""
     states = np.zeros((len(np.asarray(x)), STATE_SIZE))
     states[:, :MODE], states[:, MODE] = x, mode
     return states

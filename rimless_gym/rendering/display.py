@@ -24,8 +24,7 @@ RATE_FACTOR = 10
 class Window:
     """A window of `size` pixels that shows frames at a steady rate; only this needs a display.
 
-    Attributes:
-        is_open: False once the user or `close` has closed the window.
+    `is_open` is False once the user or `close` has closed it.
     """
 
     def __init__(self, size: tuple[int, int], fps: float) -> None:

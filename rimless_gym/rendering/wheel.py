@@ -76,16 +76,7 @@ class Scene:
 
 
 def draw(params: WheelParams, scene: Scene, *, size: tuple[int, int] = (600, 400)) -> Frame:
-    """The picture of a scene.
-
-    Args:
-        params: the machine; its lengths set the scale, its slope tilts the ground.
-        scene: what to show.
-        size: width and height in pixels.
-
-    Returns:
-        Pixels, uint8 of shape (height, width, 3).
-    """
+    """The picture of a scene, uint8 of shape (height, width, 3); the slope tilts the ground."""
     canvas = Canvas(params, scene.hub(params)[0], size, SKY)
     draw_hills(canvas)
     draw_track(canvas, params, scene)

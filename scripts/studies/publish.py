@@ -121,7 +121,7 @@ def publish_study(study: Path) -> None:
 def _card_of(study: Path, results: Mapping[str, Any], name: str) -> str:
     """The card of a policy of the study."""
     source, config = POLICIES[name], results["study"]
-    training = json.loads((study / source).with_name("train.json").read_text())
+    training = json.loads((study / source).with_name("train.json").read_text())["inputs"]
     title, study_speed = next(
         (title, method.speed)
         for method in methods(Study(**config))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from agents import load_policy
 from agents.conditions import Conditions
 from agents.evaluate import (
     PROTOCOL,
@@ -15,13 +16,16 @@ from agents.evaluate import (
     Evaluation,
     Protocol,
     bootstrap_interval,
+    commands_within,
     evaluate,
+    evaluate_commanded,
     interquartile_mean,
 )
 from agents.outcomes import OUTCOMES, steps_per_period
-from agents.policies import controller_policy
+from agents.policies import controller_policy, learned_policy
 from agents.rollout import Rollout, draw_starts
-from rimless_gym import PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym import BUILDABLE, PROTOTYPE, THESIS_PHYSICAL, Task
+from rimless_gym.envs.speed import TASK
 from rimless_gym.kernel.stepping import DPHI, MODE, PHI, STATE_SIZE, THETA
 
 # So short that some starts still walk on their first momentum.
@@ -29,6 +33,9 @@ SMALL = Protocol(starts=24, seed=3, duration=1.5, window=1.2, alive=1.2)
 
 # One start, all of whose walk is measured.
 WHOLE = Protocol(starts=1, seed=0, duration=0.6, window=0.6, alive=0.6)
+
+# At commanded speeds.
+COMMANDED = Protocol(starts=16, duration=16.0, window=8.0, alive=4.0)
 
 # A ground on which no foot slips: what walks for a moment does so by slipping, most of the time.
 STICKY = THESIS_PHYSICAL.replace(friction=1e6)
@@ -77,14 +84,14 @@ def test_starts_machines_and_disturbances_follow_the_seed_of_the_protocol():
     result = evaluate(push, STICKY, SMALL, **rough)
     starts = draw_starts(STICKY, SMALL.starts, SMALL.seed)
     conditions = Conditions.of(STICKY, rough["ranges"], rough["disturbances"])
-    distance = np.zeros(SMALL.starts)
+    least = np.full(SMALL.starts, np.inf)
     walks = Rollout(conditions, push, starts, 150, SMALL.seed)
     for k, interval in enumerate(walks):
         if k >= 30:
-            distance[interval.running] += interval.info["distance"]
+            i = interval.running
+            least[i] = np.minimum(least[i], interval.info["min_normal_force"])
     assert result.walking.any()
-    speeds = distance[result.walking] / SMALL.window
-    np.testing.assert_allclose(result.speeds[result.walking], speeds, rtol=1e-12)
+    assert result.min_normal_force == least[~np.isin(result.outcomes, ("falls", "stops"))].min()
     assert len({machine.pendulum_mass for machine in walks.machines}) == SMALL.starts
     assert result.to_dict() == evaluate(push, STICKY, SMALL, **rough).to_dict()
     other = dataclasses.replace(SMALL, seed=4)
@@ -113,32 +120,34 @@ def test_a_policy_of_zeros_rests_and_its_evaluation_is_plain_json():
     assert set(values) == {field.name for field in dataclasses.fields(Evaluation)}
 
 
-def test_figures_are_ratios_of_sums_over_the_measured_window():
-    result = evaluate(push, STICKY, SMALL)
-    assert 0 < result.walking.sum() < SMALL.starts
-    walking = np.flatnonzero(result.walking)
-    energy = distance = time = regenerated = 0.0
-    least = np.inf
-    starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
-    for index, interval in enumerate(Rollout(Conditions(STICKY), push, starts, 150)):
-        if index < 30:
-            continue
-        some = np.isin(interval.running, walking)
-        rows = {name: values[some] for name, values in interval.info.items()}
-        energy += rows["electrical_positive"].sum()
-        regenerated += rows["electrical"].sum()
-        distance += rows["distance"].sum()
-        time += rows["elapsed"].sum()
-        least = min(least, rows["min_normal_force"].min())
-    weight = THESIS_PHYSICAL.weight
-    assert result.cot == pytest.approx(energy / (weight * distance), rel=1e-12)
-    assert result.cot_with_regeneration == pytest.approx(regenerated / (weight * distance))
-    assert result.speed == pytest.approx(distance / time, rel=1e-12)
+def test_figures_are_ratios_of_sums_over_the_whole_steps_of_the_window():
+    by = Protocol(starts=4, duration=16.0, window=4.0, alive=2.0)
+    policy = learned_policy(load_policy("evolution").act)
+    result = evaluate(policy, protocol=by)
+    assert result.walking.all()
+    walks = Rollout(Conditions(), policy, draw_starts(BUILDABLE, by.starts, by.seed), 1600, by.seed)
+    window = [interval.info for interval in walks][1200:]
+    weight, times, least = BUILDABLE.weight, [], np.inf
+    for i in range(by.starts):
+        landed = [k for k, info in enumerate(window) if info["steps"][i] > 0]
+        first, last = landed[0], landed[-1]
+        begin, end = (0.01 * k + window[k]["touchdown_time"][i] for k in (first, last))
+        energies = [info["electrical_positive"][i] + info["idle"][i] for info in window]
+        distance = (len(landed) - 1) * BUILDABLE.step_length
+        assert result.speeds[i] == pytest.approx(distance / (end - begin), rel=1e-4)
+        energy = result.cots[i] * weight * distance
+        assert sum(energies[first + 1 : last]) < energy < sum(energies[first : last + 1])
+        times.append(end - begin)
+        least = min(least, *(info["min_normal_force"][i] for info in window))
+    assert result.ledger.time == pytest.approx(sum(times), rel=1e-12)
+    assert result.speed == result.ledger.distance / result.ledger.time
+    assert result.cot == pytest.approx(result.ledger.cost_of_transport(BUILDABLE), rel=1e-12)
+    assert result.ledger.residual == pytest.approx(0.0, abs=1e-9)
     assert result.min_normal_force == least
     assert result.min_normal_force_over_weight == least / weight
-    with_idle = evaluate(push, STICKY.replace(idle_power=2.0), SMALL)
-    assert with_idle.speed == result.speed
-    assert with_idle.cot - result.cot == pytest.approx(2.0 / (weight * result.speed))
+    more = evaluate(policy, BUILDABLE.replace(idle_power=BUILDABLE.idle_power + 2.0), by)
+    assert more.speed == result.speed
+    assert more.cot - result.cot == pytest.approx(2.0 / (weight * result.speed))
 
 
 def test_cost_of_transport_uses_the_weights_of_the_drawn_machines():
@@ -293,3 +302,77 @@ def test_the_bootstrap_interval_covers_the_true_mean_about_as_often_as_it_says()
     # two tasks far apart: resampling across them would scatter the mean by their distance
     values = np.column_stack([np.zeros(8), np.full(8, 100.0)])
     assert bootstrap_interval(values) == (50.0, 50.0)
+
+
+def leaning(states, seen):
+    """Lean further forward, the faster it should go; both are steady voltages that roll on."""
+    return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
+
+
+def share(walks, *outcomes):
+    return sum(walks.failures.get(outcome, 0) for outcome in outcomes) / COMMANDED.starts
+
+
+def test_a_policy_that_stands_does_not_walk_at_any_speed():
+    for walks in evaluate_commanded(rest, protocol=COMMANDED):
+        assert walks.walking_share == 0.0
+        assert np.isnan(walks.cot)
+        assert np.isnan(walks.speed)
+        assert walks.failures == {"stops": COMMANDED.starts}
+
+
+def test_a_policy_is_evaluated_at_each_command_by_itself_and_sees_it():
+    commands = []
+
+    def looking(states, seen):
+        commands.append(set(seen[:, 6].tolist()))
+        assert seen.shape[1] == 8
+        return leaning(states, seen)
+
+    slow, fast = evaluate_commanded(looking, (0.35, 0.6), protocol=COMMANDED)
+    assert {len(each) for each in commands} == {1}
+    assert np.allclose(sorted(set.union(*commands)), [-0.5, 0.75])
+    assert share(slow, "falls", "stops") < 0.7
+    assert share(fast, "falls", "stops") < 0.8
+    assert slow.speed < fast.speed
+    assert slow.cot > 0.5
+
+
+def test_the_clone_of_an_optimal_gaits_law_walks_at_no_other_speed_than_its_own():
+    act = load_policy("imitation").act
+    short = Protocol(starts=8, duration=16.0, window=8.0, alive=4.0)
+    blind = learned_policy(lambda seen: act(seen[:, :6]))
+    at_home = evaluate(learned_policy(act), protocol=short)
+    slow, fast = evaluate_commanded(blind, (0.35, 0.6), protocol=short)
+    assert at_home.walking_share == slow.walking_share == fast.walking_share == 1.0
+    assert slow.speed == fast.speed == pytest.approx(0.56, abs=0.02)
+    assert slow.cot > 1.2 * at_home.cot  # it was made for a voltage that is held for 10 ms
+
+
+def test_rewards_are_those_of_the_task_with_a_command():
+    (usual,) = evaluate_commanded(rest, [0.5], protocol=COMMANDED)
+    (same,) = evaluate_commanded(rest, [0.5], protocol=COMMANDED, task=TASK)
+    (slow,) = evaluate_commanded(leaning, [0.5], protocol=COMMANDED)
+    (plain,) = evaluate_commanded(leaning, [0.5], protocol=COMMANDED, task=Task())
+    assert usual.objective == same.objective
+    assert slow.objective > plain.objective
+
+
+@pytest.mark.parametrize("commands", [(), (0.5, -0.1), (3.0,), ((0.5,),)])
+def test_speeds_that_cannot_be_commanded_are_refused(commands):
+    with pytest.raises(ValueError, match=r"commands|speed"):
+        evaluate_commanded(rest, commands, protocol=COMMANDED)
+
+
+def test_a_speed_is_commanded_only_where_it_is_observed():
+    walks = Rollout(Conditions(BUILDABLE), rest, draw_starts(BUILDABLE, 2, 0), 5)
+    with pytest.raises(ValueError, match="none is commanded"):
+        walks.command(0.5)
+    with pytest.raises(ValueError, match="speed"):
+        Rollout(Conditions(BUILDABLE), rest, draw_starts(BUILDABLE, 2, 0), 5, command=0.5)
+
+
+def test_a_policy_is_evaluated_at_round_speeds_of_the_range_that_it_was_trained_for():
+    assert commands_within(0.51, 0.63) == [0.52, 0.54, 0.56, 0.58, 0.6, 0.62]
+    assert commands_within(0.4, 0.44) == [0.4, 0.42, 0.44]
+    assert commands_within(0.501, 0.502) == [0.501, 0.502]

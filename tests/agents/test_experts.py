@@ -62,7 +62,7 @@ def test_at_rest_on_two_feet_nothing_is_on_a_gait():
 @pytest.mark.slow
 def test_the_laws_of_a_gain_schedule_walk_at_the_commanded_speed():
     conditions = Conditions.of(BUILDABLE, None, None, (0.56, 0.57), 0.01)
-    schedule = gain_schedule("lqr", conditions, [1])
+    schedule = gain_schedule("lqr", conditions)
     assert len(schedule.speeds) == 1
     starts = draw_starts(BUILDABLE, 6, 0)
     distance = np.zeros(6)

@@ -51,7 +51,7 @@ def test_the_same_seed_gives_the_same_policy_and_the_default_is_seed_0(tmp_path)
         for name, seed in (("a", {}), ("b", {"seed": np.int64(0)}), ("c", {"seed": 1}))
     )
     np.testing.assert_array_equal(weights(default.last), weights(zero.last))
-    assert json.loads((tmp_path / "a" / "train.json").read_text())["seed"] == 0
+    assert json.loads((tmp_path / "a" / "train.json").read_text())["inputs"]["seed"] == 0
     assert not np.array_equal(weights(default.last), weights(other.last))
 
 

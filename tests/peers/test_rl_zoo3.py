@@ -13,7 +13,7 @@ pytestmark = pytest.mark.peers
 pytest.importorskip("rl_zoo3")
 
 ARGUMENTS = ["--gym-packages", "rimless_gym", "--env", "RimlessWheel-v0", "--device", "cpu"]
-JUDGE = ROOT / "tests" / "peers" / "rl_zoo3_judged.py"
+EVALUATED = ROOT / "tests" / "peers" / "rl_zoo3_evaluated.py"
 STEPS = {"ppo": 1, "sac": 5200}  # a rollout of PPO; a little past SAC's learning_starts
 
 #: rl-zoo3's command line, in which ExperimentManager's default class of vectors is ours.
@@ -42,18 +42,18 @@ def train(folder: Path, program: list[str], algo: str, *more: str) -> tuple[str,
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
 @pytest.mark.parametrize("program", [OWN, OURS], ids=["own", "ours"])
-def test_it_trains_with_our_hyperparameters_what_we_can_judge(tmp_path, program, algo):
-    told, out = train(tmp_path, program, algo)
+def test_it_trains_with_our_hyperparameters_what_we_can_evaluate(tmp_path, program, algo):
+    output, out = train(tmp_path, program, algo)
     policy = out / "RimlessWheel-v0.zip"
     assert policy.is_file()
     entry = yaml.safe_load(hyperparameters(algo).read_text())["RimlessWheel-v0"]
-    assert f"Using {entry['n_envs']} environments" in told
+    assert f"Using {entry['n_envs']} environments" in output
     episodes = [
         line for file in out.glob("*.monitor.csv") for line in file.read_text().splitlines()[2:]
     ]
     assert len(list(out.glob("*.monitor.csv"))) == entry["n_envs"]
     assert episodes
-    assert "% walk" in printed([str(JUDGE), algo, str(policy)], ROOT)
+    assert "% walk" in printed([str(EVALUATED), algo, str(policy)], ROOT)
 
 
 @pytest.mark.parametrize("program", [OWN, OURS], ids=["own", "ours"])

@@ -29,29 +29,29 @@ function newRace() {
   const { machine } = drive;
   drive.you = new Walker(machine, (state, p) => heldVoltage() ?? coasting(state, p));
   drive.policy = new Walker(machine, (state, p) => policyVoltage(state, p, machine));
-  Object.assign(drive, { phase: 'ready', left: RACE, seenFalls: 0, said: RACE });
+  Object.assign(drive, { phase: 'ready', left: RACE, seenFalls: 0, messageAt: RACE });
   byId('start').textContent = 'Start';
   byId('share').disabled = true;
   byId('copied').textContent = '';
-  say('');
+  showMessage('');
 }
 
 function start() {
   newRace();
   drive.phase = 'racing';
   byId('start').textContent = 'Start again';
-  say('Go!');
+  showMessage('Go!');
   byId('lever').focus({ preventScroll: true });
 }
 
 function finish() {
   drive.phase = 'done';
   byId('share').disabled = false;
-  say(verdict());
+  showMessage(result());
 }
 
-const say = (text) => {
-  if (byId('verdict').textContent !== text) byId('verdict').textContent = text;
+const showMessage = (text) => {
+  if (byId('message').textContent !== text) byId('message').textContent = text;
 };
 
 const altered = () => Object.keys(DATA.machine).some((name) => drive.machine[name] !== DATA.machine[name]);
@@ -73,9 +73,9 @@ function followDrive(seconds) {
   drive.left -= step;
   if (you.falls > drive.seenFalls) {
     drive.seenFalls = you.falls;
-    say('The foot lifted off: you fell. Up again!');
-    drive.said = drive.left;
-  } else if (drive.said - drive.left > 2) say('');
+    showMessage('The foot lifted off: you fell. Up again!');
+    drive.messageAt = drive.left;
+  } else if (drive.messageAt - drive.left > 2) showMessage('');
   if (drive.left <= 1e-9) finish();
 }
 
@@ -92,12 +92,12 @@ function drawDrive() {
   const { width, height } = scene.getBoundingClientRect();
   drawAway(scene.getContext('2d'), width, height, policy.shown.x - you.shown.x, halfView(scene, you.p), phase === 'ready');
   drawStrips(byId('drive-strips'), watched.samples, machine.voltage_limit, 12);
-  byId('verdict').setAttribute('aria-live', phase === 'ready' ? 'off' : 'polite');
+  byId('message').setAttribute('aria-live', phase === 'ready' ? 'off' : 'polite');
   byId('whose').textContent = phase === 'ready' ? "The policy's" : 'Your';
   byId('clock').textContent = `${fixed(Math.max(drive.left, 0), 1)} s`;
   if (phase === 'ready') {
     const { speed, cot } = policy.recent(KEPT);
-    say(policy.time < KEPT ? 'The policy tries your machine …' : `The policy on this machine: ${fixed(speed, 2)} m/s, cost ${costText(cot)}${ofFalls(policy.falls)}`);
+    showMessage(policy.time < KEPT ? 'The policy tries your machine …' : `The policy on this machine: ${fixed(speed, 2)} m/s, cost ${costText(cot)}${ofFalls(policy.falls)}`);
   }
   showScores();
   showLever();
@@ -137,7 +137,7 @@ function setUpDrive() {
   const [lever, gear] = [byId('lever'), byId('gear')];
   let visible = false;
   new IntersectionObserver(([entry]) => { visible = entry.isIntersecting; }, { threshold: 0.3 })
-    .observe(byId('arena'));
+    .observe(byId('race'));
   addEventListener('keydown', (event) => {
     drive.held.strong = event.shiftKey;
     const mine = event.key === 'ArrowLeft' || event.key === 'ArrowRight';

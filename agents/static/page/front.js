@@ -188,10 +188,6 @@ function frontSamples() {
   return samples;
 }
 
-function trailOf(places, from, count = 45) {
-  return places.slice(-count).map((pose) => bobOf(pose, from));
-}
-
 function drawFront() {
   const { gait, ghost, time, begun } = front;
   const now = gaitAt(gait, time - begun);

@@ -1,6 +1,6 @@
 // Scores: yours, the policy's and the optimum's, and your score as text to pass on.
 
-function verdict() {
+function result() {
   const { cot } = drive.you.overall;
   const rival = drive.policy.overall.cot;
   if (!Number.isFinite(cot)) return 'No distance, no cost of transport. Pump the pendulum like a swing!';

@@ -4,30 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
 from agents import Sb3VecEnv
-from agents.commanded import COMMANDS, SLIPS, Stretch, evaluate_commanded, walk_through
-from agents.evaluate import Evaluation, Protocol, evaluate
+from agents.conditions import Conditions
+from agents.evaluate import COMMANDS, Evaluation, Protocol, evaluate, evaluate_commanded
 from agents.experts import EXPERT
-from agents.imitation import Cloning
 from agents.learner import BEST, IMITATION, SCRATCH, learner_class
-from agents.outcomes import FALLS
-from agents.policies import learned_policy
+from agents.outcomes import FALLS, WALKS, Window, outcomes
+from agents.policies import Policy, learned_policy
 from agents.policy_files import load_policy
+from agents.rollout import Rollout, draw_starts
 from agents.sb3.learner import NetworkPolicy
 from agents.training import TrainingConfig, train
 from rimless_gym.checks import extra
 from rimless_gym.envs.speed import PERIOD, SPEEDS
-from rimless_gym.hybrid import CONTROL_PERIOD
+from rimless_gym.hybrid import CONTROL_PERIOD, OK
 from rimless_gym.presets import BUILDABLE
 
 with extra("learn"):
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
+
+#: The outcomes of walks whose foot slips, in stance or as it touches down.
+SLIPS = ("slips", "slips_at_touchdown")
 
 #: Folder of the laws' gaits and plans, in that of the study: all seeds use them.
 CACHE = "plans"
@@ -44,14 +50,11 @@ class WalkFigures:
     speed: float  # of those that walk (m/s); NaN if none does
 
     @classmethod
-    def of(cls, walks: Evaluation | Stretch) -> WalkFigures:
-        """The figures of an evaluation, or of the part of a walk under one command."""
-        if isinstance(walks, Stretch):
-            falls, slips = walks.fallen_share, walks.slipping_share
-        else:
-            starts = len(walks.outcomes)
-            falls = walks.failures.get(FALLS, 0) / starts
-            slips = sum(walks.failures.get(verdict, 0) for verdict in SLIPS) / starts
+    def of(cls, walks: Evaluation) -> WalkFigures:
+        """The figures of an evaluation."""
+        starts = len(walks.outcomes)
+        falls = walks.failures.get(FALLS, 0) / starts
+        slips = sum(walks.failures.get(outcome, 0) for outcome in SLIPS) / starts
         return cls(walks.walking_share, falls, slips, walks.cot, walks.speed)
 
 
@@ -142,7 +145,7 @@ class Trained:
             expert = EXPERT
             if self.expert is not None:
                 expert = str(others[self.expert.row.name] / self.expert.file)
-            config = dataclasses.replace(config, expert=expert, cloning=Cloning.of(self.cloning))
+            config = dataclasses.replace(config, expert=expert, cloning=self.cloning)
         trained = train(config, folder, cache=cache, progress=False)
         return SeedResult(self.evaluate(folder, by), trained.timesteps, trained.curve[-1].minutes)
 
@@ -177,9 +180,9 @@ class Following(Trained):
         policy, period = load_policy(folder / file, BUILDABLE).policy, CONTROL_PERIOD
         walks = evaluate_commanded(policy, self.commands, BUILDABLE, by, control_period=period)
         policies = _at_commands(self.commands, walks)
-        stretches = walk_through(policy, self.changes, BUILDABLE, by, control_period=period)
-        for before, stretch in itertools.pairwise(stretches):
-            policies[f"{stretch.command:g} m/s after {before.command:g}"] = WalkFigures.of(stretch)
+        stretches = walk_through(policy, self.changes, by, control_period=period)
+        for (before, _), (command, figures) in itertools.pairwise(stretches):
+            policies[f"{command:g} m/s after {before:g}"] = figures
         return policies
 
 
@@ -234,3 +237,58 @@ def _at_commands(commands: tuple[float, ...], walks: tuple[Evaluation, ...]) -> 
     """The figures of the same policy at several commands."""
     each = zip(commands, walks, strict=True)
     return {f"{command:g} m/s": WalkFigures.of(evaluation) for command, evaluation in each}
+
+
+def walk_through(
+    policy: Policy,
+    commands: Sequence[float],
+    by: Protocol,
+    *,
+    seconds: float = 10.0,
+    control_period: float = PERIOD,
+) -> list[tuple[float, WalkFigures]]:
+    """How a policy walks on while the command changes: (command, figures) of each.
+
+    A command is measured in the second half of the time that it lasts. Falls are those that have
+    happened then or before.
+
+    Args:
+        policy: is given observations (N, 8).
+        commands: the speeds (m/s), one after the other.
+        by: whose starts it walks from.
+        seconds: for which each command lasts; the first lasts twice as long, to get going.
+        control_period: for which an action is held (s).
+    """
+    conditions = Conditions.of(BUILDABLE, None, None, SPEEDS, control_period)
+    each = round(seconds / control_period)
+    starts = draw_starts(BUILDABLE, by.starts, by.seed)
+    n_intervals = (len(commands) + 1) * each
+    walks = Rollout(conditions, policy, starts, n_intervals, by.seed, command=commands[0])
+    fallen, stretches = np.zeros(len(starts), dtype=bool), list[tuple[float, WalkFigures]]()
+    for k, interval in enumerate(walks):
+        fallen[interval.running] = interval.info["failure"] != OK
+        stretch, into = divmod(k - each, each)
+        if stretch < 0:
+            continue
+        if into == each // 2:
+            window, steps = Window(walks.machines), np.zeros(len(starts))
+        if into >= each // 2:
+            window.add(interval)
+            steps[interval.running] += interval.info["steps"]
+        if into == each - 1:
+            figures = _figures(outcomes(fallen, steps > 0, window), window)
+            stretches.append((commands[stretch], figures))
+            if stretch + 1 < len(commands):
+                walks.command(commands[stretch + 1])
+    all_fell = WalkFigures(0.0, 1.0, 0.0, math.nan, math.nan)
+    return stretches + [(command, all_fell) for command in commands[len(stretches) :]]
+
+
+def _figures(results: Sequence[str], window: Window) -> WalkFigures:
+    walking = np.array([each == WALKS for each in results])
+    speed = cot = math.nan
+    if walking.any():
+        ledger, weighted = window.total(walking, window.machines[0])
+        speed, cot = ledger.distance / ledger.time, weighted.cost_of_transport(window.machines[0])
+    fallen, slipping = (float(np.isin(results, kinds).mean()) for kinds in ((FALLS,), SLIPS))
+    return WalkFigures(float(walking.mean()), fallen, slipping, cot, speed)

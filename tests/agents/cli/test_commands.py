@@ -83,12 +83,9 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("brief")
-def test_policies_and_laws_are_measured_in_one_table(
-    capsys: pytest.CaptureFixture[str], shipped: Solution, tmp_path: Path
-) -> None:
-    shipped.save(tmp_path / "gait.npz")
+def test_policies_are_measured_in_one_table(capsys: pytest.CaptureFixture[str]) -> None:
     names = ["evolution", "imitation"]
-    arguments = ["evaluate", *names, "--gait", str(tmp_path / "gait.npz"), "--no-gap"]
+    arguments = ["evaluate", *names, "--no-gap"]
     assert main([*arguments, "--json", "--disturbances", "actuator_delay=1"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert list(report["policies"]) == names

@@ -87,7 +87,7 @@ def test_the_report_has_every_row_also_where_nothing_walks(
     def no_page(*arguments: object) -> None:
         raise NoFrontError("none")
 
-    monkeypatch.setattr(figures, "write_page", no_page)
+    monkeypatch.setattr(figures, "page", no_page)
     setting = Setting(Study(), tmp_path)
     setting.front = setting.held_front = front
     curves = {"PPO": [STANDING, milestone(intervals=9, minutes=2.0)], "evolution": [STANDING]}

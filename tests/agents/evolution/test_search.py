@@ -10,11 +10,12 @@ import pytest
 
 from agents.evaluate import SHORT_PROTOCOL, evaluate
 from agents.evolution.search import (
+    FAMILIES,
+    SENSES,
     Answer,
     EvolutionSettings,
     EvolvingPolicy,
     Generation,
-    Groups,
     NothingWalksError,
     search,
 )
@@ -32,7 +33,7 @@ WANTED = np.linspace(-0.5, 0.5, SIZE)
 def pretended(request):
     """Family -1 is efficient if the weights are near `WANTED`, family 0 never is."""
     off = ((request.weights - WANTED) ** 2).sum(axis=1)
-    apart = {Groups.SENSES: [0, 1], Groups.FAMILIES: [0, -1]}
+    apart = {SENSES: [0, 1], FAMILIES: [0, -1]}
     known = apart.get(request.groups, [request.groups])
     scores = np.array([-off if group else -5.0 - off for group in known])
     cot = float(0.05 + off[0]) if known[0] else 0.9
@@ -58,7 +59,7 @@ def test_every_family_races_and_the_most_efficient_is_refined(whole_search):
     assert len(glance.weights) == 40
     assert SETTINGS.retained <= len(walk.weights) <= 2 * SETTINGS.retained
     assert glance.duration.intervals < walk.duration.intervals
-    assert (glance.groups, walk.groups) == (Groups.SENSES, Groups.FAMILIES)
+    assert (glance.groups, walk.groups) == (SENSES, FAMILIES)
     families = [request.groups for request in rest]
     assert families[0] == 0
     assert set(families) == {0, -1}

@@ -5,6 +5,7 @@ import functools
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from agents.evaluate import Protocol
@@ -24,9 +25,11 @@ from scripts.studies.learning.trials import (
     StudyRow,
     Trained,
     WalkFigures,
+    walk_through,
 )
 from trajopt.store import Store
 
+SIXTEEN = Protocol(starts=16)
 BRIEF = Protocol(starts=4, seed=1, duration=1.0, window=0.5, alive=0.5)
 NAN = math.nan
 
@@ -199,3 +202,33 @@ def test_plain_stable_baselines3_is_evaluated_at_every_command(tmp_path):
     result = trial.run(0, tmp_path, {}, BRIEF)
     assert list(result.policies) == ["0.5 m/s"]
     assert result.steps >= 64
+
+
+def leaning(states, seen):
+    """Lean further forward, the faster it should go; both are steady voltages that roll on."""
+    return np.where(seen[:, 6] > 0.5, 0.7, 0.6)
+
+
+def test_a_walk_goes_on_while_the_command_changes():
+    seen_commands = []
+
+    def looking(states, seen):
+        seen_commands.append(seen[0, 6])
+        return leaning(states, seen)
+
+    (_, fast), (_, slow) = walk_through(looking, (0.6, 0.35), SIXTEEN, seconds=8.0)
+    each = round(8.0 / 0.04)
+    assert np.allclose(seen_commands, [0.75] * (2 * each + 1) + [-0.5] * (each - 1))
+    assert fast.speed > slow.speed > 0.5
+    assert fast.share >= slow.share > 0.2
+    assert 0.0 < fast.falls <= slow.falls < 0.8
+
+
+def test_all_commands_have_figures_where_all_walks_fall():
+    def toppling(states, seen):
+        return np.where(np.arange(len(seen)) % 2, -1.0, 1.0) * np.sign(seen[:, 1] + 0.3)
+
+    stretches = walk_through(toppling, (0.5, 0.6, 0.4), SIXTEEN, seconds=2.0)
+    assert [command for command, _ in stretches] == [0.5, 0.6, 0.4]
+    assert [figures.falls for _, figures in stretches] == [1.0] * 3
+    assert all(np.isnan(figures.cot) for _, figures in stretches)

@@ -58,7 +58,7 @@ def study(tmp_path: Path) -> Path:
     for name, source in publish.POLICIES.items():
         (folder / source).parent.mkdir(parents=True)
         shutil.copy(PRETRAINED[name], folder / source)
-        (folder / source).with_name("train.json").write_text('{"init": "scratch"}')
+        (folder / source).with_name("train.json").write_text('{"inputs": {"init": "scratch"}}')
     for picture in publish.PICTURES:
         (folder / picture).write_text(f"picture {picture}")
     (folder / "table.md").write_text("| new table |\n")

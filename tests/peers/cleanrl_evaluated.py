@@ -1,6 +1,6 @@
-"""Trains with a script of CleanRL and judges the policy: python cleanrl_judged.py NAME ARGUMENTS.
+"""Trains with a script of CleanRL and evaluates the policy: cleanrl_evaluated.py NAME ARGUMENTS.
 
-The policy is judged at each commanded speed as those of docs/learning.md are.
+It is evaluated at each commanded speed as those of docs/learning.md are.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import torch
 from cleanrl_shims import run
 from gymnasium.wrappers import NormalizeObservation
 
-from agents.commanded import COMMANDS, evaluate_commanded
+from agents.evaluate import COMMANDS, evaluate_commanded
 from agents.policies import Act, learned_policy
 
 

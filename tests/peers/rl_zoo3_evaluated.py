@@ -1,6 +1,6 @@
-"""Judges a policy that rl-zoo3 trained on `RimlessWheel-v0`: python rl_zoo3_judged.py ALGO FILE.
+"""Evaluates a policy that rl-zoo3 trained on `RimlessWheel-v0`: rl_zoo3_evaluated.py ALGO FILE.
 
-It is judged by the protocol of all tables of docs/learning.md, where it decides every 10 ms.
+It is evaluated by the protocol of all tables of docs/learning.md, where it decides every 10 ms.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if __name__ == "__main__":
     def actions(observations: Any) -> Any:
         return model.predict(observations, deterministic=True)[0][:, 0].astype(float)
 
-    found = evaluate(learned_policy(actions), progress=True)
+    walks = evaluate(learned_policy(actions), progress=True)
     print(
-        f"{100 * found.walking_share:.0f} % walk, CoT {found.cot:.4f} at {found.speed:.3f} m/s; "
-        f"the others: {found.failures}"
+        f"{100 * walks.walking_share:.0f} % walk, CoT {walks.cot:.4f} at {walks.speed:.3f} m/s; "
+        f"the others: {walks.failures}"
     )
