@@ -24,6 +24,7 @@ def gait() -> Solution:
     return periodic_gait(BUILDABLE, SPEED, 1, double_stance=True, guess=fast)
 
 
+@pytest.mark.slow
 def test_a_gait_stops_and_lifts_off_and_is_verified(gait: Solution) -> None:
     assert gait.verification.passed, gait.report()
     assert gait.double_stance and gait.steps == 1
@@ -31,6 +32,7 @@ def test_a_gait_stops_and_lifts_off_and_is_verified(gait: Solution) -> None:
     assert "on two feet" in gait.report()
 
 
+@pytest.mark.slow
 def test_the_simulator_passes_through_the_same_modes(gait: Solution) -> None:
     run = simulated_stride(BUILDABLE, gait.phases, [1e-6])
     assert [(e.kind, e.mode) for e in run.events] == [
@@ -40,14 +42,16 @@ def test_the_simulator_passes_through_the_same_modes(gait: Solution) -> None:
     assert [e.time for e in run.events] == pytest.approx(gait.phase_times[1:], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_foot_moves_at_the_touchdown_and_not_at_the_lift_off(gait: Solution) -> None:
     lands, lifts = gait.phase_times[1:]
     times = [0.5 * lands, 0.5 * (lands + lifts), lifts + 0.5 * lands]
     assert gait.foot(times).tolist() == [0, 1, 1]
     standing = gait.state(0.5 * (lands + lifts))
-    assert standing[[0, 2]].tolist() == [BUILDABLE.constants.a, 0.0]
+    assert standing[[0, 2]] == pytest.approx([BUILDABLE.constants.a, 0.0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_what_stands_follows_from_the_file(gait: Solution, tmp_path: Path) -> None:
     gait.save(tmp_path / "gait.npz")
     again = Solution.load(tmp_path / "gait.npz")
@@ -62,6 +66,7 @@ def test_the_problem_has_a_phase_on_two_feet_after_the_last_step() -> None:
     assert problem.duration == pytest.approx(3 * BUILDABLE.step_length / 0.3)
 
 
+@pytest.mark.slow
 def test_feedback_laws_refuse_a_gait_that_stops(gait: Solution) -> None:
     with pytest.raises(ValueError, match="stops on two feet"):
         laws.holding("lqr", gait)
