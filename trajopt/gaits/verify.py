@@ -247,8 +247,8 @@ def playback(
         between two phases: there a state shows whether the foot has landed. (The simulation lands a
         picosecond early or late, and the next step's voltage could make the old foot slip.) The
         state may be None. Where the wheel stops, contact (phi = b) already switches the voltage: it
-        decides whether both feet stay on the ground. A lift-off is when the voltage jumps. After the end
-        the last element's polynomial goes on.
+        decides whether both feet stay on the ground. A lift-off is when the voltage jumps. After
+        the end the last element's polynomial goes on.
     """
     begins = np.cumsum([0.0, *(p.duration for p in phases)])
     edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])

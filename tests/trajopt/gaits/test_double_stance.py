@@ -27,7 +27,8 @@ def gait() -> Solution:
 @pytest.mark.slow
 def test_a_gait_stops_and_lifts_off_and_is_verified(gait: Solution) -> None:
     assert gait.verification.passed, gait.report()
-    assert gait.double_stance and gait.steps == 1
+    assert gait.double_stance
+    assert gait.steps == 1
     assert gait.speed == pytest.approx(SPEED)
     assert "on two feet" in gait.report()
 
