@@ -61,7 +61,7 @@ def strides(
     """
     params = as_params(preset)
     gaits = [gait for gait in shipped(params) if not gait.regeneration]
-    known = [gait for gait in gaits if len(gait.phases) == gait.steps <= STEPS[-1]]
+    known = [gait for gait in gaits if gait.steps <= STEPS[-1] and not gait.double_stance]
     with Store(out / preset, {"params": params.to_dict()}) as store:
         results = SearchResults(params, store)
         fine = FineMeshes(results, partial(run_tasks, workers))
