@@ -214,7 +214,11 @@ def section(name: str, front: CotFront) -> str:
     parts = [f"## {name}", f"![The front of {name}]({figure_file(name)})", table(head, body)]
     short = {round(g.speed, 4): g.cot for g in _up_to(front, STEPS[-1]).envelope}
     windows = [
-        [f"{round(gait.speed, 4):g}", *(f"{cot:.5f}" for cot in costs), f"{least:.5f}"]
+        [
+            f"{round(gait.speed, 4):g}",
+            *("" if math.isnan(cot) else f"{cot:.5f}" for cot in costs),
+            f"{least:.5f}",
+        ]
         for gait, least in zip(front.envelope, infimum, strict=True)
         if clearly_less(gait.cot, short.get(round(gait.speed, 4), math.inf))
         for costs in [[_cot_at(_up_to(front, most), gait.speed) for most in WINDOWS]]
