@@ -62,7 +62,7 @@ def section(front: CotFront, gaits: Sequence[Solution]) -> str:
             gait.theta_turns,
             f"{gait.phases[-1].duration:.3f}",
         ]
-        for gait in gaits
+        for gait in sorted(gaits, key=lambda gait: (round(gait.speed, 4), gait.steps))
     ]
     return table(head, rows) + "\n"
 
