@@ -91,7 +91,7 @@ def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> Cer
     flow = [_flow_rows(basis, m, x, u) for m, x, u in _first_samples(basis, rng)]
     flow += [_flow_rows(basis, SINGLE, x, u) for x, u in _gaits()]
     jumps = [basis.values(y) - basis.values(x) for x, y in _jumps(20 * len(basis.powers), rng)]
-    worst = dict.fromkeys((SINGLE, DOUBLE), np.empty((4, 0)))
+    worst: dict[int, Array] = dict.fromkeys((SINGLE, DOUBLE), np.empty((4, 0)))
     for done in range(rounds):
         z, cot = least_cot(np.concatenate(flow), np.concatenate(jumps))
         for mode, near in worst.items():
@@ -99,10 +99,7 @@ def best_certificate(basis: Basis, rounds: int, rng: np.random.Generator) -> Cer
             bad = margin < 0
             worst[mode] = x[:, np.argsort(margin)[:WORST]]
             flow.append(_flow_rows(basis, mode, x[:, bad], u[bad]))
-            print(
-                f"round {done}: {cot:.5f} at the samples, least margin {margin.min():.4f} W",
-                flush=True,
-            )
+            print(f"round {done}: c = {cot:.5f}, least margin {margin.min():.4f} W", flush=True)
         for x, y in _jumps(FRESH, rng):
             gain = basis.values(y) - basis.values(x)
             least = np.argsort(gain @ z)[:WORST]
@@ -367,7 +364,8 @@ def interior_point(a: Array, b: Array, cost: Array) -> Array:
         normal = (a * (weight / slack)[:, None]).T @ a
         normal[np.diag_indices_from(normal)] += 1e-12 * np.trace(normal) / len(y)
         factors = cho_factor(normal)
-        target, ds, dw, forward, backward = -slack * weight, 0.0, 0.0, 0.0, 0.0
+        target, forward, backward = -slack * weight, 0.0, 0.0
+        ds = dw = np.zeros_like(slack)
         for centring in (False, True):
             if centring:
                 after = (slack + forward * ds) @ (weight + backward * dw)
