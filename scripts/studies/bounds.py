@@ -34,7 +34,7 @@ DPHI, DTHETA, ENERGY = (-4.0, 8.0), (-30.0, 30.0), 14.0
 
 #: States sampled per coefficient at first, and afresh in a round; those that are kept of a round;
 #: rounds of the last measurement.
-SAMPLES, FRESH, WORST, LAST = 20, 40_000, 600, 10
+SAMPLES, FRESH, WORST, LAST = 20, 40_000, 600, 4
 
 #: The linear program ends this far from its optimum (relative): inside of what it admits, fewer
 #: inequalities are violated between the samples. No coefficient exceeds `LARGEST` (J).
@@ -64,11 +64,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_command(bounds, arguments, "python -m scripts.studies bounds")
 
 
-def bounds(*, degrees: str = "3,4,5,6", rounds: int = 12, docs: Path | None = None) -> int:
+def bounds(*, degrees: str = "5", rounds: int = 9, docs: Path | None = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
-        degrees: total degrees of the storage functions.
+        degrees: total degrees of the storage functions, separated by commas.
         rounds: of adding samples where the inequality is violated.
         docs: docs/bounds.md, to write the table into.
     """
@@ -77,10 +77,18 @@ def bounds(*, degrees: str = "3,4,5,6", rounds: int = 12, docs: Path | None = No
         basis = Basis(degree)
         found = best_certificate(basis, rounds, np.random.default_rng(degree))
         rows.append(
-            [degree, len(basis.powers), *(f"{x:.5f}" for x in found[:2]), f"{found[3]:.1e}"]
+            [
+                degree,
+                rounds,
+                len(basis.powers),
+                f"{found.sampled:.5f}",
+                f"{-found.margin:.3f}",
+                f"{-found.jump:.1e}",
+                f"{found.cot:.5f}",
+            ]
         )
         print(*rows[-1], flush=True)
-    head = ["degree", "coefficients", "bound", "at the samples", "least jump (J)"]
+    head = ["degree", "rounds", "coefficients", "c at the samples", "ε (W)", "δ (J)", "bound left"]
     if docs:
         refresh(docs, marks("bounds", ("storage",)), {"storage": table(head, rows) + "\n"})
     return 0
