@@ -12,6 +12,7 @@ from rimless_gym.checks import MissingExtraError
 STUDIES = {
     "benchmark": "benchmark.run",
     "codesign": "codesign.command",
+    "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
     "figures": "documents.figures",
     "front": "fronts.command",
