@@ -80,8 +80,8 @@ def _static(name: str) -> str:
 
 
 def front_data(front: CotFront) -> list[dict[str, Any]]:
-    """The envelope of a front as JSON values, in order of speed, but for gaits that stop."""
-    return [_gait(gait) for gait in front.envelope if not gait.double_stance]
+    """The envelope of a front as JSON values, one entry per gait, in order of speed."""
+    return [_gait(gait) for gait in front.envelope]
 
 
 def _gait(gait: Solution) -> dict[str, Any]:

@@ -21,6 +21,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "stops": "fronts.stops",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }
