@@ -69,16 +69,21 @@ def count_failures(results: Sequence[str]) -> dict[str, int]:
 class Window:
     """Sums and extremes of each walk over the measured window.
 
+    Energies, distance and time count from the first to the last touchdown of a forward step in the
+    window, so that only whole steps do; they change evenly over the two intervals that these
+    touchdowns split. Rewards and extremes are those of the whole window, and so is everything of a
+    walk with fewer than two such touchdowns.
+
     Attributes:
         machines: of the walks, N of them.
-        sums: of entries of `info`, (N,) each.
         extremes: of entries of `info`, (N,) each.
     """
 
     def __init__(self, machines: Sequence[WheelParams]) -> None:
         n = len(machines)
         self.machines = machines
-        self.sums = {name: np.zeros(n) for name in _SUMMED}
+        self._sums = np.zeros((len(_SUMMED), n))
+        self._to_first, self._to_last = np.full_like(self._sums, np.nan), self._sums.copy()
         self.extremes = {
             name: np.zeros(n) if worse is np.maximum else np.full(n, np.inf)
             for name, worse in _EXTREMES.items()
@@ -87,15 +92,19 @@ class Window:
     def add(self, interval: Interval) -> None:
         """Add a control interval."""
         i, info = interval.running, interval.info
-        for name in _SUMMED:
-            self.sums[name][i] += info[name]
+        values = np.stack([info[name] for name in _SUMMED])
+        self._sums[:, i] += values
+        k = np.flatnonzero(info["steps"] > 0)
+        after = 1.0 - info["touchdown_time"][k] / info["elapsed"][k]
+        self._to_last[:, i[k]] = self._sums[:, i[k]] - after * values[:, k]
+        first = i[k][np.isnan(self._to_first[0, i[k]])]
+        self._to_first[:, first] = self._to_last[:, first]
         for name, worse in _EXTREMES.items():
             self.extremes[name][i] = worse(self.extremes[name][i], info[name])
 
     def ledgers(self) -> list[Ledger]:
         """The ledger of each walk."""
-        columns = zip(*(values.tolist() for values in self.sums.values()), strict=True)
-        return [Ledger.of(dict(zip(_SUMMED, sums, strict=True))) for sums in columns]
+        return [_ledger(sums) for sums in self._whole_steps().T]
 
     def total(self, some: NDArray[np.bool_], params: WheelParams) -> tuple[Ledger, Ledger]:
         """The summed ledger of some walks, twice.
@@ -104,14 +113,20 @@ class Window:
         `params`.
         """
         weights = np.array([machine.weight for machine in self.machines]) / params.weight
-        ledger = Ledger.of({name: float(sums[some].sum()) for name, sums in self.sums.items()})
-        carried = float((weights * self.sums["distance"])[some].sum())
+        sums = self._whole_steps()[:, some]
+        ledger = _ledger(sums.sum(axis=1))
+        carried = float((weights[some] * sums[_SUMMED.index("distance")]).sum())
         return ledger, dataclasses.replace(ledger, distance=carried)
+
+    def _whole_steps(self) -> Floats:
+        """The sums from the first to the last touchdown, (entries, N)."""
+        between = self._to_last - self._to_first
+        return np.where(between[_SUMMED.index("elapsed")] > 0.0, between, self._sums)
 
     def rewards(self, penalties: Floats) -> Floats:
         """The reward (m) of each walk (N,), with its penalty (N,) for its end at any time."""
-        running = sum(self.sums[name] for name in TERM_NAMES if name != "reward_end")
-        return np.asarray(running + penalties)
+        running = [name in TERM_NAMES and name != "reward_end" for name in _SUMMED]
+        return np.asarray(self._sums[running].sum(axis=0) + penalties)
 
     def extremes_of(self, walk: int) -> Extremes:
         """The extremes of one walk."""
@@ -121,6 +136,10 @@ class Window:
         """The worst value of some walks, in a unit for all or for each; NaN if there are none."""
         values = (self.extremes[name] / unit)[some]
         return float(_EXTREMES[name].reduce(values)) if len(values) else math.nan
+
+
+def _ledger(sums: Floats) -> Ledger:
+    return Ledger.of(dict(zip(_SUMMED, sums.tolist(), strict=True)))
 
 
 class TouchdownLog:

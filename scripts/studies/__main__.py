@@ -11,6 +11,7 @@ from rimless_gym.checks import MissingExtraError
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
     "benchmark": "benchmark.run",
+    "bounds": "bounds",
     "codesign": "codesign.command",
     "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
@@ -21,6 +22,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "stops": "fronts.stops",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }

@@ -84,14 +84,14 @@ def test_starts_machines_and_disturbances_follow_the_seed_of_the_protocol():
     result = evaluate(push, STICKY, SMALL, **rough)
     starts = draw_starts(STICKY, SMALL.starts, SMALL.seed)
     conditions = Conditions.of(STICKY, rough["ranges"], rough["disturbances"])
-    distance = np.zeros(SMALL.starts)
+    least = np.full(SMALL.starts, np.inf)
     walks = Rollout(conditions, push, starts, 150, SMALL.seed)
     for k, interval in enumerate(walks):
         if k >= 30:
-            distance[interval.running] += interval.info["distance"]
+            i = interval.running
+            least[i] = np.minimum(least[i], interval.info["min_normal_force"])
     assert result.walking.any()
-    speeds = distance[result.walking] / SMALL.window
-    np.testing.assert_allclose(result.speeds[result.walking], speeds, rtol=1e-12)
+    assert result.min_normal_force == least[~np.isin(result.outcomes, ("falls", "stops"))].min()
     assert len({machine.pendulum_mass for machine in walks.machines}) == SMALL.starts
     assert result.to_dict() == evaluate(push, STICKY, SMALL, **rough).to_dict()
     other = dataclasses.replace(SMALL, seed=4)
@@ -120,32 +120,34 @@ def test_a_policy_of_zeros_rests_and_its_evaluation_is_plain_json():
     assert set(values) == {field.name for field in dataclasses.fields(Evaluation)}
 
 
-def test_figures_are_ratios_of_sums_over_the_measured_window():
-    result = evaluate(push, STICKY, SMALL)
-    assert 0 < result.walking.sum() < SMALL.starts
-    walking = np.flatnonzero(result.walking)
-    energy = distance = time = regenerated = 0.0
-    least = np.inf
-    starts = draw_starts(THESIS_PHYSICAL, SMALL.starts, SMALL.seed)
-    for index, interval in enumerate(Rollout(Conditions(STICKY), push, starts, 150)):
-        if index < 30:
-            continue
-        some = np.isin(interval.running, walking)
-        rows = {name: values[some] for name, values in interval.info.items()}
-        energy += rows["electrical_positive"].sum()
-        regenerated += rows["electrical"].sum()
-        distance += rows["distance"].sum()
-        time += rows["elapsed"].sum()
-        least = min(least, rows["min_normal_force"].min())
-    weight = THESIS_PHYSICAL.weight
-    assert result.cot == pytest.approx(energy / (weight * distance), rel=1e-12)
-    assert result.cot_with_regeneration == pytest.approx(regenerated / (weight * distance))
-    assert result.speed == pytest.approx(distance / time, rel=1e-12)
+def test_figures_are_ratios_of_sums_over_the_whole_steps_of_the_window():
+    by = Protocol(starts=4, duration=16.0, window=4.0, alive=2.0)
+    policy = learned_policy(load_policy("evolution").act)
+    result = evaluate(policy, protocol=by)
+    assert result.walking.all()
+    walks = Rollout(Conditions(), policy, draw_starts(BUILDABLE, by.starts, by.seed), 1600, by.seed)
+    window = [interval.info for interval in walks][1200:]
+    weight, times, least = BUILDABLE.weight, [], np.inf
+    for i in range(by.starts):
+        landed = [k for k, info in enumerate(window) if info["steps"][i] > 0]
+        first, last = landed[0], landed[-1]
+        begin, end = (0.01 * k + window[k]["touchdown_time"][i] for k in (first, last))
+        energies = [info["electrical_positive"][i] + info["idle"][i] for info in window]
+        distance = (len(landed) - 1) * BUILDABLE.step_length
+        assert result.speeds[i] == pytest.approx(distance / (end - begin), rel=1e-4)
+        energy = result.cots[i] * weight * distance
+        assert sum(energies[first + 1 : last]) < energy < sum(energies[first : last + 1])
+        times.append(end - begin)
+        least = min(least, *(info["min_normal_force"][i] for info in window))
+    assert result.ledger.time == pytest.approx(sum(times), rel=1e-12)
+    assert result.speed == result.ledger.distance / result.ledger.time
+    assert result.cot == pytest.approx(result.ledger.cost_of_transport(BUILDABLE), rel=1e-12)
+    assert result.ledger.residual == pytest.approx(0.0, abs=1e-9)
     assert result.min_normal_force == least
     assert result.min_normal_force_over_weight == least / weight
-    with_idle = evaluate(push, STICKY.replace(idle_power=2.0), SMALL)
-    assert with_idle.speed == result.speed
-    assert with_idle.cot - result.cot == pytest.approx(2.0 / (weight * result.speed))
+    more = evaluate(policy, BUILDABLE.replace(idle_power=BUILDABLE.idle_power + 2.0), by)
+    assert more.speed == result.speed
+    assert more.cot - result.cot == pytest.approx(2.0 / (weight * result.speed))
 
 
 def test_cost_of_transport_uses_the_weights_of_the_drawn_machines():

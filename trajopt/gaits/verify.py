@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from rimless_gym.params import WheelParams
 from rimless_gym.reference import simulate
 from rimless_gym.rules import LIMIT_TOLERANCE, VIOLATIONS, Extremes, violations
 from rimless_gym.trajectory import Trajectory
-from trajopt.gaits.problem import MIN_NORMAL_FORCE
+from trajopt.gaits.problem import MIN_NORMAL_FORCE, stands
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.trajectory import PhaseTrajectory
 
@@ -27,7 +28,7 @@ AUDIT_TOLERANCE = 1e-6  # of the periodic energy balance (J)
 SPARE_TIMES = (1e-8, 5e-8, 2e-7, 1e-6)  # past the end of a stride, for its last touchdown (s)
 
 #: Time around a touchdown (s) within which the simulation is expected to land.
-SWITCHED = 1e-6
+SWITCHED = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,23 +112,23 @@ def deviation(run: Trajectory, phases: Sequence[PhaseTrajectory], after: Array) 
 
     Args:
         run: the simulation.
-        phases: one per step.
-        after: state after the last touchdown, shape (4,).
+        phases: each ends with a touchdown, or in double stance with a lift-off.
+        after: state after the last of these events, shape (4,).
 
     Returns:
-        Infinite if touchdowns do not match.
+        Infinite if the events do not match.
     """
-    touchdowns = run.touchdowns
-    if len(touchdowns) != len(phases) or any(e.direction < 0 for e in touchdowns):
+    expected = [("lift_off" if stands(phase) else "touchdown", 1) for phase in phases]
+    if [(event.kind, event.direction) for event in run.events] != expected:
         return math.inf
     deviations, begin = [0.0], 0.0
-    for phase, event in zip(phases, touchdowns, strict=True):
+    for phase, event in zip(phases, run.events, strict=True):
         margin = min(1e-6, 1e-3 * phase.duration)
         t = np.linspace(margin, phase.duration - margin, 200)
         deviations.append(np.abs(run.state(begin + t) - phase.state(t)).max())
         deviations.append(np.abs(event.before - phase.end).max())
         begin += phase.duration
-    deviations.append(np.abs(touchdowns[-1].after - after).max())
+    deviations.append(np.abs(run.events[-1].after - after).max())
     return float(max(deviations))
 
 
@@ -149,13 +150,13 @@ def verify(
         _surplus(params, phase.duration, run) for phase, run in zip(phases, runs, strict=True)
     )
     least_force = min(run.min_normal_force for run in runs)
-    impulses = [r.impulse_friction_demand if r.touchdowns else math.inf for r in runs]
+    impulses = [_impulse_demand(phase, run) for phase, run in zip(phases, runs, strict=True)]
     figures: dict[str, Any] = {
         "state_error": error,
         "energy_audit": abs(surplus),
         "electrical_positive": sum(run.ledger.energy for run in runs),
         "electrical": sum(run.ledger.energy_with_regeneration for run in runs),
-        "distance": len(phases) * params.step_length,
+        "distance": sum(not stands(phase) for phase in phases) * params.step_length,
         "time": sum(p.duration for p in phases),
         "min_normal_force": least_force,
         "min_normal_force_over_weight": least_force / params.weight,
@@ -177,14 +178,25 @@ def _surplus(params: WheelParams, duration: float, run: Trajectory) -> float:
     ledger = run.ledger
     slope_work = params.weight * math.sin(params.slope) * ledger.distance
     unexplained = ledger.residual + ledger.mechanical_change + slope_work
-    return unexplained - _gained_after_last_touchdown(params, duration, run)
+    return unexplained - _gained_after_last_event(params, duration, run)
 
 
-def _gained_after_last_touchdown(params: WheelParams, duration: float, run: Trajectory) -> float:
-    """Mechanical energy (J) gained in the spare time, if the stride ended on time."""
-    if not run.touchdowns or abs(run.touchdowns[-1].time - duration) > SPARE_TIMES[-1]:
+def _impulse_demand(phase: PhaseTrajectory, run: Trajectory) -> float:
+    """|Px|/Py of the touchdown that ends a phase; 0 where none does, or where the wheel stops.
+
+    A wheel that stops moves at less than a millimetre a second: the friction of the feet that carry
+    its weight takes up that impulse within nanometres.
+    """
+    if stands(phase) or run.final_mode == "double_stance":
         return 0.0
-    ends = run.x[-1], run.touchdowns[-1].after
+    return run.impulse_friction_demand if run.touchdowns else math.inf
+
+
+def _gained_after_last_event(params: WheelParams, duration: float, run: Trajectory) -> float:
+    """Mechanical energy (J) gained in the spare time, if the stride ended on time."""
+    if not run.events or abs(run.events[-1].time - duration) > SPARE_TIMES[-1]:
+        return 0.0
+    ends = run.x[-1], run.events[-1].after
     after, before = (hybrid.mechanical_energy(*map(float, x), params.constants) for x in ends)
     return float(after - before)
 
@@ -234,21 +246,29 @@ def playback(
         Times (s), and a function (t, x) -> V of t alone, but for `SWITCHED` around a touchdown
         between two phases: there a state shows whether the foot has landed. (The simulation lands a
         picosecond early or late, and the next step's voltage could make the old foot slip.) The
-        state may be None. After the end the last element's polynomial goes on.
+        state may be None. Where the wheel stops, contact (phi = b) already switches the voltage: it
+        decides whether both feet stay on the ground. A lift-off is when the voltage jumps. After
+        the end the last element's polynomial goes on.
     """
     begins = np.cumsum([0.0, *(p.duration for p in phases)])
     edges = np.concatenate([b + p.edges[:-1] for b, p in zip(begins, phases, strict=False)])
     edges = np.append(edges, begins[-1])
     polynomials = [element for phase in phases for element in _polynomials(phase)]
     first = np.cumsum([len(p.edges) - 1 for p in phases])
+    joints = zip(begins[1:-1], first[:-1], pairwise(phases), strict=True)
+    landings = [
+        (begin, int(i), phase.end[0] if stands(following) else math.inf)
+        for begin, i, (phase, following) in joints
+        if not stands(phase)
+    ]
 
     def law(t: float, x: Any) -> float:
         i = int(np.searchsorted(edges, t, side="right")) - 1
         i = min(max(i, 0), len(polynomials) - 1)
         if x is not None:
-            for begin, landed in zip(begins[1:-1], first[:-1], strict=True):
+            for begin, landed, contact in landings:
                 if abs(t - begin) < SWITCHED:
-                    i = int(landed) - (x[0] > math.pi / 2)
+                    i = landed - (x[0] > math.pi / 2 and x[0] != contact)
         s, value = (t - edges[i]) / (edges[i + 1] - edges[i]), 0.0
         for coefficient in polynomials[i]:
             value = value * s + coefficient
@@ -285,22 +305,24 @@ def simulated_stride(
     spare_times: Sequence[float],
     following: PhaseTrajectory | None = None,
 ) -> Trajectory:
-    """Simulate until there have been as many steps as there are phases.
+    """Simulate until there have been as many touchdowns and lift-offs as there are phases.
 
-    The last touchdown is at the very end, but for rounding, so a little more is simulated, under
-    the following phase's voltage.
+    The last one is at the very end, but for rounding, so a little more is simulated, under the
+    following phase's voltage.
 
     Args:
         params: the machine.
-        phases: one per step.
+        phases: each ends with a touchdown, or in double stance with a lift-off.
         spare_times: additions to the phases' duration (s), ascending. The first that is enough for
-            the last touchdown is taken; if none is, the last one.
+            the last event is taken; if none is, the last one.
         following: the phase after these; the first one of them by default.
     """
     duration = sum(p.duration for p in phases)
     breakpoints, law = playback([*phases, phases[0] if following is None else following])
+    mode = "double_stance" if stands(phases[0]) else "single_stance"
     for spare in spare_times:
-        run = simulate(params, phases[0].start, law, duration + spare, breakpoints=breakpoints)
-        if run.steps >= len(phases):
+        time = duration + spare
+        run = simulate(params, phases[0].start, law, time, mode=mode, breakpoints=breakpoints)
+        if len(run.events) >= len(phases):
             break
     return run

@@ -95,9 +95,9 @@ def chosen(done: Iterable[Polished], before: Iterable[Solution]) -> list[Solutio
         NoGaitError: there is none at all.
     """
     passed = [each.solution for each in done if each.solution is not None and not each.failure]
-    best: dict[tuple[float, int, int], Solution] = {}
+    best: dict[tuple[float, int, int, bool], Solution] = {}
     for gait in (*passed, *before):
-        place = round(gait.speed, 4), gait.steps, gait.theta_turns
+        place = round(gait.speed, 4), gait.steps, gait.theta_turns, gait.double_stance
         if place not in best or gait.cot < best[place].cot:
             best[place] = gait
     if not best:
@@ -111,8 +111,9 @@ def ship(archive: Path, name: str, gaits: Sequence[Solution]) -> None:
     files = {n: file for n, file in gait_files(archive).items() if not n.startswith(prefix)}
     with TemporaryDirectory() as temporary:
         for gait in gaits:
+            stop = "_stop" if gait.double_stance else ""
             path = Path(temporary) / (
-                f"{prefix}{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}.npz"
+                f"{prefix}{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}{stop}.npz"
             )
             gait.save(path)
             files[path.name] = path.read_bytes()
@@ -144,7 +145,8 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
             if gait.params.to_dict() not in machines:
                 machines.append(gait.params.to_dict())
             machine = machines.index(gait.params.to_dict())
-            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
+            figures = gait.steps, gait.theta_turns, gait.speed, gait.cot, gait.double_stance
+            gaits.append((name, machine, *figures))
         text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
         archive.writestr(zipfile.ZipInfo(INDEX), text)
     write_bytes(path, content.getvalue())

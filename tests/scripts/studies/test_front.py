@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving
+from scripts.studies.fronts import command, solving, stops
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -35,7 +35,7 @@ from scripts.studies.fronts.solving import (
     attempts,
 )
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.gaits.library import ARCHIVE, index
+from trajopt.gaits.library import ARCHIVE, index, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.store import Store
@@ -331,6 +331,13 @@ def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
 def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
     command.write_archive(tmp_path / "gaits.zip", command.gait_files(ARCHIVE))
     assert (tmp_path / "gaits.zip").read_bytes() == ARCHIVE.read_bytes()
+
+
+def test_shipped_gaits_that_stop_cost_less_than_the_front_as_the_page_says() -> None:
+    front = shipped_front(THESIS_PHYSICAL)
+    gaits = [gait for gait in shipped(THESIS_PHYSICAL) if gait.double_stance]
+    assert all(gait.cot < float(front(gait.speed)) for gait in gaits)
+    assert stops.section(front, gaits) in (command.DOCS / "front.md").read_text()
 
 
 @pytest.mark.slow
