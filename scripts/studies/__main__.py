@@ -13,6 +13,7 @@ STUDIES = {
     "benchmark": "benchmark.run",
     "bounds": "bounds",
     "codesign": "codesign.command",
+    "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
     "figures": "documents.figures",
     "front": "fronts.command",

@@ -11,15 +11,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from agents.cli.main import run as run_command
 from rimless_gym import BUILDABLE
-from rimless_gym.equations import equations
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE, equations
 from scripts.studies.documents.markdown import marks, refresh, table
 from trajopt.gaits.fronts import shipped_front
 from trajopt.gaits.problem import MIN_NORMAL_FORCE
@@ -64,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_command(bounds, arguments, "python -m scripts.studies bounds")
 
 
-def bounds(*, degrees: str = "5", rounds: int = 9, docs: Path | None = None) -> int:
+def bounds(*, degrees: str = "5", rounds: int = 11, docs: Path | None = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
@@ -198,7 +197,7 @@ def least_margin(basis: Basis, mode: int, x: Array, z: Array, cot: float) -> tup
 
 def _voltages(
     mode: int, x: Array, storage_rate: Callable[[Array], Array]
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[tuple[Array, Any]]:
     """Voltages of which one minimises power + storage rate, and whether each is admissible.
 
     Between the limit, 0 and coasting, E+ is quadratic or 0, storage rate and limits are linear: the

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from rimless_gym.hybrid import DOUBLE, SINGLE
+from rimless_gym.equations import DOUBLE, SINGLE
 from scripts.studies import bounds
 from scripts.studies.bounds import PARAMS, Basis, C
 
