@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from agents.cli.main import run as run_command
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
 from scripts.studies.documents.markdown import marks, refresh, table
@@ -24,11 +23,6 @@ from trajopt.gaits.solution import Solution
 #: Repetitions of the gait of least cost in a stride with one stop, and by how much longer than
 #: without it the stride lasts (s).
 REPETITIONS, LONGER = (2, 3, 4), (0.03, 0.045, 0.06)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(stops, arguments, "python -m scripts.studies stops")
 
 
 def stops(*, preset: Preset = "BUILDABLE", workers: Count | None = None) -> int:

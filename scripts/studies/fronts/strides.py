@@ -9,23 +9,19 @@ n - 1 steps and a one-step gait.
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
-from agents.cli.main import run as run_command
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
 from scripts.studies.fronts.command import WINDOWS, chosen, publish, run_tasks, ship
-from scripts.studies.fronts.results import STEPS, SearchResults, neighbours
+from scripts.studies.fronts.results import STEPS, Offer, SearchResults, neighbours, promising
 from scripts.studies.fronts.search import LAST, FineMeshes, Run
 from scripts.studies.fronts.solving import (
     Continuation,
-    Joint,
     Place,
     Polished,
     SearchGait,
@@ -42,11 +38,6 @@ SLOWEST, SPACING = 0.35, 0.025
 #: Guesses of a speed, a number of steps and a way to join: those of least estimated cost, if it is
 #: less than this times the least known. Their time may be wrong by this share.
 GUESSES, PROMISING, WRONG_TIME = 2, 1.02, 0.05
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(strides, arguments, "python -m scripts.studies strides")
 
 
 def strides(
@@ -81,12 +72,7 @@ def strides(
 
 
 def lengthen(results: SearchResults, run: Run) -> None:
-    """Solve longer and longer strides at all speeds up to that of least cost.
-
-    Args:
-        results: with the gaits to start from; the others are added.
-        run: solves tasks.
-    """
+    """Solve longer and longer strides at all speeds up to that of least cost, and add them."""
     costs = results.costs(LAST)
     fastest = min(costs, key=lambda speed: costs[speed])
     results.widen([*costs, *np.arange(SLOWEST, fastest, SPACING).tolist()])
@@ -111,30 +97,11 @@ def continuations(results: SearchResults, speeds: Iterable[float]) -> Iterator[T
 
 def guesses(results: SearchResults, speeds: Iterable[float], steps: int) -> Iterator[Task]:
     """Joints that promise a low cost: of one-step gaits, all but one alike; of a stride and one."""
-    L, found = results.params.step_length, list(results.of_seed(LAST))
+    found = list(results.of_seed(LAST))
     ones = [gait for here in found if here.place.steps == 1 for gait in here.gaits]
     shorter = [gait for here in found if here.place.steps == steps - 1 for gait in here.gaits]
     alike = [(*(one,) * (steps - 1), other) for one, other in itertools.permutations(ones, 2)]
-    offers = [
-        (
-            sum(part.steps * part.cot for part in parts) / steps,
-            sum(part.steps * L / part.speed for part in parts),
-            parts,
-        )
-        for parts in [*alike, *itertools.product(ones, shorter)]
-    ]
-    least = results.costs(LAST)
     for place in [Place(LAST, speed, steps) for speed in speeds]:
-        duration = steps * L / place.speed
-        best: dict[tuple[int, int], tuple[float, Joint]] = {}
-        for cost, time, parts in offers:
-            if abs(time / duration - 1) <= WRONG_TIME:
-                kind = len(parts), sum(part.turns for part in parts)
-                if kind not in best or cost < best[kind][0]:
-                    best[kind] = cost, Joint(place, parts)
-        highest = PROMISING * least.get(place.speed, math.inf)
-        for length in (steps, 2):
-            ranked = sorted((best[kind] for kind in best if kind[0] == length), key=itemgetter(0))
-            for cost, joint in ranked[:GUESSES]:
-                if cost <= highest and joint.key not in results.at(place).known:
-                    yield joint
+        for ways in (alike, itertools.product(ones, shorter)):
+            offers = [Offer((sum(part.turns for part in parts),), parts) for parts in ways]
+            yield from promising(results, place, offers, GUESSES, PROMISING, WRONG_TIME)
