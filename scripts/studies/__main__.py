@@ -23,7 +23,7 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
-    "stops": "fronts.stops",
+    "stops": "fronts.strides",
     "strides": "fronts.strides",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
@@ -38,16 +38,21 @@ def main() -> int:
         return 0 if name in ("-h", "--help") else 2
     sys.argv[0] = f"python -m scripts.studies {name}"
     try:
-        module = importlib.import_module(f"scripts.studies.{STUDIES[name]}")
-        if hasattr(module, "main"):
-            return int(module.main(arguments))
-        return run(getattr(module, name), arguments, sys.argv[0])
+        return run_study(name, arguments)
     except MissingExtraError as error:
         print(f"error: {error}", file=sys.stderr)
         return REFUSED
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def run_study(name: str, arguments: list[str]) -> int:
+    """Run a study by its name."""
+    module = importlib.import_module(f"scripts.studies.{STUDIES[name]}")
+    if hasattr(module, "main"):
+        return int(module.main(arguments))
+    return run(getattr(module, name), arguments, f"python -m scripts.studies {name}")
 
 
 if __name__ == "__main__":

@@ -240,9 +240,9 @@ def drawn(name: str, front: CotFront) -> Figure:
         on_front = [gait for gait in family if any(gait is each for each in front.envelope)]
         if on_front and steps < LONG:  # the turns stand at the family's best gait on the front
             best = min(on_front, key=lambda gait: gait.cot)
-            below = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
-            place = best.speed, best.cot
-            axes.annotate(f"{turns}", place, fontsize=8, color=COLOURS[steps], **below)
+            below: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points"}
+            style: dict[str, Any] = {"ha": "center", "fontsize": 8, "color": COLOURS[steps]}
+            axes.annotate(f"{turns}", (best.speed, best.cot), **below, **style)
     speeds, costs = zip(*((gait.speed, gait.cot) for gait in front.envelope), strict=True)
     axes.plot(speeds, costs, color=INK, lw=2.2, alpha=0.35, label="front")
     axes.plot(speeds, hull(front), "--", color=INK, lw=1, alpha=0.6, label="hull: long times")

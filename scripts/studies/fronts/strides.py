@@ -4,12 +4,16 @@ Below the speed of least cost, a stride of several fast steps and a slow one, in
 turns more often, costs less than even steps: part of the time the wheel walks at a speed that suits
 it. A stride of n steps is guessed from fast one-step gaits and a slow one, and from a stride of
 n - 1 steps and a one-step gait.
+
+Other strides stop on two feet once. Where the gait of least cost lands softly, that costs little:
+the pendulum swings over the hub of a wheel that stands. They are repetitions of that gait with one
+stop, solved at slower and slower speeds; the front's other gaits have one foot on the ground.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +21,8 @@ import numpy as np
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
-from scripts.studies.fronts.command import WINDOWS, chosen, publish, run_tasks, ship
+from scripts.studies.documents.markdown import marks, refresh, table
+from scripts.studies.fronts.command import DOCS, WINDOWS, chosen, publish, run_tasks, ship
 from scripts.studies.fronts.results import STEPS, Offer, SearchResults, neighbours, promising
 from scripts.studies.fronts.search import LAST, FineMeshes, Run
 from scripts.studies.fronts.solving import (
@@ -28,7 +33,11 @@ from scripts.studies.fronts.solving import (
     Task,
     attempts,
 )
-from trajopt.gaits.library import ARCHIVE, shipped
+from trajopt import pool
+from trajopt.gaits.fronts import CotFront, shipped_front
+from trajopt.gaits.library import ARCHIVE, repeated, shipped
+from trajopt.gaits.periodic import NoGaitError, periodic_gait
+from trajopt.gaits.solution import Solution
 from trajopt.store import Store
 
 #: Speeds (m/s) at which strides are lengthened: the slowest, and their distance; the fastest is
@@ -38,6 +47,10 @@ SLOWEST, SPACING = 0.35, 0.025
 #: Guesses of a speed, a number of steps and a way to join: those of least estimated cost, if it is
 #: less than this times the least known. Their time may be wrong by this share.
 GUESSES, PROMISING, WRONG_TIME = 2, 1.02, 0.05
+
+#: Repetitions of the gait of least cost in a stride with one stop, and by how much longer than
+#: without it the stride lasts (s).
+REPETITIONS, LONGER = (2, 3, 4), (0.03, 0.045, 0.06)
 
 
 def strides(
@@ -105,3 +118,59 @@ def guesses(results: SearchResults, speeds: Iterable[float], steps: int) -> Iter
         for ways in (alike, itertools.product(ones, shorter)):
             offers = [Offer((sum(part.turns for part in parts),), parts) for parts in ways]
             yield from promising(results, place, offers, GUESSES, PROMISING, WRONG_TIME)
+
+
+# -- stops ----------------------------------------------------------------------------------------
+
+
+def stops(*, preset: Preset = "BUILDABLE", workers: Count | None = None) -> int:
+    """Ship gaits that stop once in a stride, where they cost less than a machine's front.
+
+    Args:
+        preset: machine.
+        workers: processes; by default one for every core.
+    """
+    params = as_params(preset)
+    gaits = [gait for gait in shipped(params) if not gait.regeneration]
+    front = shipped_front(params)
+    for _, found in pool.run(partial(stopping, front), REPETITIONS, workers, progress="stops"):
+        gaits += found
+    best = chosen([], gaits)
+    ship(ARCHIVE, preset, best)
+    text = stops_section(front, [gait for gait in best if gait.double_stance])
+    refresh(DOCS / "front.md", marks("stops", (preset,)), {preset: text})
+    return 0
+
+
+def stops_section(front: CotFront, gaits: Sequence[Solution]) -> str:
+    """The table of gaits that stop, beside the front without them."""
+    head = ["speed (m/s)", "CoT", "front without stops", "steps", "turns", "on two feet (s)"]
+    rows = [
+        [
+            f"{gait.speed:.4f}",
+            f"{gait.cot:.5f}",
+            f"{float(front(gait.speed)):.5f}",
+            gait.steps,
+            gait.theta_turns,
+            f"{gait.phases[-1].duration:.3f}",
+        ]
+        for gait in sorted(gaits, key=lambda gait: (round(gait.speed, 4), gait.steps))
+    ]
+    return table(head, rows) + "\n"
+
+
+def stopping(front: CotFront, times: int) -> list[Solution]:
+    """Gaits with one stop in so many strides of the front's best gait, if they cost less."""
+    best = min(front.envelope, key=lambda gait: gait.cot)
+    guess, found = repeated(best, times), list[Solution]()
+    for longer in LONGER:
+        speed = round(times * best.verification.distance / (times * best.duration + longer), 4)
+        try:
+            gait = periodic_gait(best.params, speed, guess.steps, double_stance=True, guess=guess)
+        except NoGaitError:
+            break
+        if not gait.verification.passed or gait.cot > float(front(speed)):
+            break
+        found.append(gait)
+        guess = gait
+    return found

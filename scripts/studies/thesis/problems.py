@@ -120,14 +120,8 @@ def steps(
 ) -> Problem:
     """Steps one after the other as the thesis poses them, joined by the impact law of `params`.
 
-    Args:
-        params: the machine.
-        table: bounds; those at the start apply to the first step, those at the end to the last.
-        weights: of the cost.
-        count: number of steps.
-        mass: bounds on m2 (kg) if it is to be chosen; its inertia I2 stays as it is.
-        contact: whether the ground can only push, and only within the friction cone; the thesis's
-            foot is a pin joint.
+    `mass` bounds m2 (kg) if it is to be chosen; its inertia I2 stays as it is. With `contact` the
+    ground can only push, and only within the friction cone; the thesis's foot is a pin joint.
     """
     wheel = WheelPhases(params, PENDULUM_MASS if mass else None)
     phases = [step(wheel, table, weights, i, count, contact=contact) for i in range(count)]

@@ -137,11 +137,7 @@ def study(folder: Path, workers: int | None = None, docs: Path | None = None) ->
 
 
 def searched(stage: Callable[..., dict[str, Any]]) -> list[Point]:
-    """Every point, from the largest pendulum down, the supplies side by side.
-
-    Some starts of each scale are the gaits of the two scales before it. For the first scale these
-    are the cheapest shipped gaits.
-    """
+    """Every point, from the largest pendulum down, also from gaits of the two scales before."""
     points: dict[tuple[Variant, float], Point] = {}
     known = {variant: first_gaits() for variant in VARIANTS}
     for scale in SCALES:
@@ -163,11 +159,7 @@ def first_gaits() -> tuple[Solution, ...]:
 
 
 def neighbours(point: Point, points: Sequence[Point]) -> list[Solution]:
-    """Gaits that might lead to a cheaper one at a point.
-
-    These are of the next scales of the same supply, and of the same scale of supplies whose gaits
-    this one admits; for the largest pendulum also shipped gaits.
-    """
+    """Gaits of the next scales of a supply, or of the same scale of lesser supplies."""
     scales = sorted({p.scale for p in points if p.variant == point.variant and p.gait})
     below = [scale for scale in scales if scale < point.scale][-1:]
     above = [scale for scale in scales if scale > point.scale][:1]

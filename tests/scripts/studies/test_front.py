@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving, stops, strides
+from scripts.studies.fronts import command, solving, strides
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -364,7 +364,7 @@ def test_shipped_gaits_that_stop_cost_less_than_the_front_as_the_page_says() -> 
     front = shipped_front(THESIS_PHYSICAL)
     gaits = [gait for gait in shipped(THESIS_PHYSICAL) if gait.double_stance]
     assert all(gait.cot < float(front(gait.speed)) for gait in gaits)
-    assert stops.section(front, gaits) in (command.DOCS / "front.md").read_text()
+    assert strides.stops_section(front, gaits) in (command.DOCS / "front.md").read_text()
 
 
 @pytest.mark.slow
