@@ -16,6 +16,7 @@ from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
 from agents.evaluate import evaluate_commanded
 from agents.experts import EXPERT
+from agents.gaps import best_at_any_speed
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title
 from agents.policy_files import PRETRAINED, load_policy
@@ -37,7 +38,7 @@ Result: TypeAlias = dict[str, Any]
 FRONT_FILE, SCREENED_FILE = PRETRAINED["front"], PRETRAINED["screened_ppo"]
 
 #: Speeds between the study's at which the policy for the front walks too (m/s), to plot its curve.
-BETWEEN = (0.545, 0.58)
+BETWEEN = (0.58, 0.61)
 
 
 class Method(Protocol):
@@ -65,6 +66,7 @@ def methods(study: Study) -> tuple[Method, ...]:
         OptimalGait("searched", None, searched_gait),
         FrontMethod("front"),
         FrontMethod("held_front", ("front",), held=True),
+        OptimalGait("least", "optimal at any speed", least_gait, ("held_front",)),
         OptimalGait("swinging", "optimal while the pendulum swings", swinging_gait),
         *(LawMethod(name, name, study.speed, (EXPERT,)) for name in others),
         *_holding(study),
@@ -124,7 +126,7 @@ def _holding(study: Study) -> Iterator[Method]:
 
 @dataclasses.dataclass(frozen=True)
 class OptimalGait:
-    """An optimal gait at the study's speed.
+    """An optimal gait, at the study's speed or at the best one.
 
     Attributes:
         name, after: see `Method`.
@@ -157,8 +159,8 @@ class OptimalGait:
         if "missing" in result:
             return []
         gait = Solution.load(setting.out / self.file)
-        title, speed = self.title or _steps_title(gait), setting.study.speed
-        return [gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed)]
+        speed = None if self.name == "least" else setting.study.speed  # it belongs to no speed
+        return [_gait_row(setting, self.title or _steps_title(gait), gait, speed)]
 
 
 def searched_gait(setting: Setting) -> Solution:
@@ -173,6 +175,15 @@ def searched_gait(setting: Setting) -> Solution:
         workers=cores(),
         progress=setting.progress,
     )
+
+
+def least_gait(setting: Setting) -> Solution:
+    """The environment's best gait at any speed."""
+    known = min(setting.held_front.envelope, key=lambda gait: gait.cot)
+    best = best_at_any_speed(
+        *(setting.params, known.speed, setting.out, setting.progress, setting.study.front_steps)
+    )
+    return known if best is None or known.cot < best.cot else best
 
 
 def swinging_gait(setting: Setting) -> Solution | str:
@@ -233,7 +244,7 @@ class FrontMethod:
             gait = setting.held_gait(speed) if self.held else setting.best_gait(speed)
             title = f"optimal, voltage held for {1e3 * CONTROL_PERIOD:g} ms"
             title = title if self.held else _steps_title(gait)
-            rows.append(gait_row(title, gait, setting.gap(gait.cot, gait.speed), speed))
+            rows.append(_gait_row(setting, title, gait, speed))
         return rows
 
 
@@ -439,5 +450,11 @@ def front_policy(study: Study) -> tuple[ShippedMethod, ...]:
 def _policy_row(
     setting: Setting, title: str, evaluation: Mapping[str, Any], study_speed: float | None
 ) -> Row:
-    gap = setting.gap(evaluation["cot"], evaluation["speed"])
-    return policy_row(title, evaluation, gap, study_speed)
+    cot = evaluation["cot"]
+    row = policy_row(title, evaluation, setting.gap(cot, evaluation["speed"]), study_speed)
+    return dataclasses.replace(row, over_least=setting.over_least(cot))
+
+
+def _gait_row(setting: Setting, title: str, gait: Solution, study_speed: float | None) -> Row:
+    row = gait_row(title, gait, setting.gap(gait.cot, gait.speed), study_speed)
+    return dataclasses.replace(row, over_least=setting.over_least(gait.cot))

@@ -46,6 +46,7 @@ def setting(tmp_path: Path) -> Setting:
     made = Setting(Study(), tmp_path)
     gaits = [g for g in shipped() if g.params == BUILDABLE and g.steps == 1]
     made.held_front = CotFront(tuple(g for g in gaits if 0.5 <= g.speed <= 0.6))
+    made.least = min(gaits, key=lambda gait: gait.cot)
     return made
 
 
@@ -105,6 +106,7 @@ def test_another_file_of_a_shipped_policy_is_another_result(
     (row,) = method.rows(setting, method.compute(setting))
     assert (row.title, row.study_speed, row.cot) == (SCREENED_PPO, None, EVALUATION["cot"])
     assert row.gap == pytest.approx(setting.gap(0.05, 0.56))
+    assert row.over_least == pytest.approx(0.05 / setting.least.cot - 1.0)
     copy = tmp_path / method.file.name
     copy.write_bytes(method.file.read_bytes() + b"more")
     assert ShippedMethod(copy, method.title).name != method.name
