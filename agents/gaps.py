@@ -13,6 +13,7 @@ from pathlib import Path
 
 from agents.conditions import Conditions
 from agents.evaluate import Evaluation
+from rimless_gym.envs.task import USUAL_TASK
 from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
@@ -77,6 +78,11 @@ def gap_to_continuous_optimum(evaluation: Evaluation, conditions: Conditions) ->
         return math.nan
     gap = gap_to_front(evaluation.cot, evaluation.speed, front)
     return math.nan if gap is None else gap
+
+
+def reward_rate(gait: Solution) -> float:
+    """The reward per second (m/s) of walking on a gait, in `RimlessWheel-v0`."""
+    return (USUAL_TASK.distance_weight - gait.cot) * gait.speed
 
 
 def ticks_around(params: WheelParams, speed: float | None) -> tuple[int, ...]:

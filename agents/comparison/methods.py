@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
+import numpy as np
+
 from agents.comparison.study import Setting, Study
 from agents.comparison.table import FRONT_POLICY, SCREENED_PPO, Row, gait_row, policy_row
-from agents.evaluate import evaluate_commanded
+from agents.evaluate import EPISODE, evaluate_commanded
 from agents.experts import EXPERT
-from agents.gaps import best_at_any_speed
+from agents.gaps import best_at_any_speed, reward_rate
 from agents.learner import BEST, CLONE, IMITATION, INITS, LAST, SCRATCH
 from agents.policies import controller_policy, law_title
 from agents.policy_files import PRETRAINED, load_policy
@@ -298,12 +300,13 @@ class LawMethod:
     def compute(self, setting: Setting) -> Result:
         """Evaluate it."""
         controller = laws.design(self.law, setting.held_gait(self.speed), setting.out)
-        return {"evaluation": setting.evaluated(controller_policy(setting.params, controller))}
+        return {"evaluations": [setting.evaluated(controller_policy(setting.params, controller))]}
 
     def rows(self, setting: Setting, result: Result) -> list[Row]:
         """Its row."""
         title = f"{law_title(self.law)} about the optimum"
-        return [_policy_row(setting, title, result["evaluation"], self.speed)]
+        (evaluation,) = result["evaluations"]
+        return [_policy_row(setting, title, evaluation, self.speed)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -452,9 +455,11 @@ def _policy_row(
 ) -> Row:
     cot = evaluation["cot"]
     row = policy_row(title, evaluation, setting.gap(cot, evaluation["speed"]), study_speed)
-    return dataclasses.replace(row, over_least=setting.over_least(cot))
+    share = float(np.mean(evaluation["returns"])) / setting.best_return
+    return dataclasses.replace(row, over_least=setting.over_least(cot), return_share=share)
 
 
 def _gait_row(setting: Setting, title: str, gait: Solution, study_speed: float | None) -> Row:
     row = gait_row(title, gait, setting.gap(gait.cot, gait.speed), study_speed)
-    return dataclasses.replace(row, over_least=setting.over_least(gait.cot))
+    share = EPISODE * reward_rate(gait) / setting.best_return
+    return dataclasses.replace(row, over_least=setting.over_least(gait.cot), return_share=share)

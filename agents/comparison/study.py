@@ -7,8 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from agents.evaluate import evaluate
-from agents.gaps import FRONT_STEPS, gap_to_front
+from agents.evaluate import EPISODE, evaluate
+from agents.gaps import FRONT_STEPS, gap_to_front, reward_rate
 from agents.policies import Policy
 from rimless_gym.checks import integer, positive
 from rimless_gym.hybrid import CONTROL_PERIOD
@@ -165,6 +165,11 @@ class Setting:
     def evaluated(self, policy: Policy) -> dict[str, Any]:
         """The evaluation of a policy, as plain JSON values."""
         return evaluate(policy, self.params, progress=self.progress).to_dict()
+
+    @cached_property
+    def best_return(self) -> float:
+        """What an episode returns that is on the environment's best gait from its beginning (m)."""
+        return EPISODE * max(reward_rate(gait) for gait in (*self.held_front.envelope, self.least))
 
     def over_least(self, cot: float | None) -> float | None:
         """Gap of a gait or a walk to the environment's optimum at any speed."""

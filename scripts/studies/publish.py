@@ -44,7 +44,7 @@ MARKS = markdown.marks("compare", tuple(PAGES))
 STUDIED: Mapping[str, tuple[str, ...]] = {
     "imitation": ("imitation of the LQR",),
     "fine-tuned, best kept": ("imitation, fine-tuned by PPO, best kept",),
-    FRONT_POLICY: ("imitation of a gain schedule", "0.56 m/s"),
+    FRONT_POLICY: ("imitation of a gain schedule", "0.62 m/s"),
     "evolution from scratch": ("evolution from scratch, best kept",),
     SCREENED_PPO: ("PPO from screened policies, best kept",),
     "PPO from scratch": ("PPO from scratch, best kept",),
