@@ -279,10 +279,8 @@ class Variant:
 
     def problem(self, scale: float | tuple[float, float], turns: int) -> Problem:
         """The problem of a periodic step of least cost of transport at any speed."""
-        ring = _ring(self.voltage)
-        link = dataclasses.replace(ring.linkages[0], offset=_offset(turns))
         bounds = {"scale": scale, "gear": self.gear}
-        return dataclasses.replace(ring, linkages=(link,), parameters=bounds)
+        return turning(dataclasses.replace(_ring(self.voltage), parameters=bounds), turns)
 
 
 VARIANTS = (
@@ -303,8 +301,10 @@ def _ring(voltage: float) -> Problem:
     )
 
 
-def _offset(turns: int) -> dict[str, float]:
-    return {"theta": -2 * math.pi * turns}
+def turning(problem: Problem, turns: int) -> Problem:
+    """The problem with so many turns of theta per step; shares its functions."""
+    link = dataclasses.replace(problem.linkages[0], offset={"theta": -2 * math.pi * turns})
+    return dataclasses.replace(problem, linkages=(link,))
 
 
 # -- the search ------------------------------------------------------------------------------------
@@ -320,8 +320,8 @@ def cheapest(
     variant: Variant, scale: float, known: Sequence[Solution] = (), seed: int = 0
 ) -> Solution | str:
     """The verified gait of least cost, some starts from known ones, or the reason why none is."""
-    family = StartsAtScale(variant, scale, tuple(known))
     base = variant.problem(scale, 0)
+    family = StartsAtScale(variant, scale, base, tuple(known))
     search = multi_start(
         *(base, family, STARTS + len(known)), seed=seed, mesh=search_mesh(base), same=same_gait
     )
@@ -393,6 +393,7 @@ class StartsAtScale:
 
     variant: Variant  # supply and gear
     scale: float  # of the pendulum
+    problem: Problem  # without turns; those of all starts share its functions
     known: tuple[Solution, ...] = ()  # gaits of other scales
 
     def __call__(self, rng: np.random.Generator, index: int) -> Start:
@@ -404,7 +405,7 @@ class StartsAtScale:
         else:
             guess, turns = whirling(self.variant.params, rng)
             gear = float(np.exp(rng.uniform(np.log(0.1), 1.0)))
-        posed = self.variant.problem(self.scale, turns)
+        posed = turning(self.problem, turns)
         problems = (regenerating(posed), posed) if index >= len(self.known) else (posed,)
         return Start(guess, np.array([self.scale, np.clip(gear, *GEARS)]), problems, str(turns))
 
