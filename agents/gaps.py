@@ -18,7 +18,7 @@ from rimless_gym.hybrid import CONTROL_PERIOD
 from rimless_gym.params import WheelParams
 from trajopt import NoGaitError, Solution
 from trajopt.gaits.fronts import CotFront, NoFrontError, cot_front, shipped_front
-from trajopt.gaits.held_stride import MOST_TICKS
+from trajopt.gaits.held_stride import MOST_TICKS, held_speed
 
 #: Steps per stride of the gaits that gaps are measured against.
 FRONT_STEPS = (1, 2, 3)
@@ -106,16 +106,16 @@ def best_at_any_speed(
 ) -> Solution | None:
     """The held gait with the least CoT, by a pattern search over the length of a step.
 
-    It starts from the best shipped gait; where none of the machine are shipped, from the speed
-    `near` (m/s), and finds a local optimum.
+    It starts from the best shipped gait, whose number of steps it keeps; where none of the machine
+    are shipped, from the speed `near` (m/s). It finds a local optimum.
 
     Returns:
         The gait; None without a speed to start from, or if there is no gait near it.
     """
     change = FIRST_CHANGE
     try:
-        near = min(shipped_front(params).envelope, key=lambda gait: gait.cot).speed
-        change = 1
+        known = min(shipped_front(params).envelope, key=lambda gait: gait.cot)
+        near, steps, change = held_speed(params, known.speed, 1, CONTROL_PERIOD), [known.steps], 1
     except NoFrontError:
         pass
     gaits: dict[int, Solution | None] = {}
