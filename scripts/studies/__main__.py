@@ -24,6 +24,7 @@ STUDIES = {
     "publish": "publish",
     "returns": "returns",
     "stops": "fronts.stops",
+    "strides": "fronts.strides",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }
