@@ -13,6 +13,7 @@ STUDIES = {
     "benchmark": "benchmark.run",
     "bounds": "bounds",
     "codesign": "codesign.command",
+    "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
     "figures": "documents.figures",
     "front": "fronts.command",
@@ -22,6 +23,7 @@ STUDIES = {
     "publish": "publish",
     "returns": "returns",
     "stops": "fronts.stops",
+    "strides": "fronts.strides",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }

@@ -83,7 +83,7 @@ def test_the_gap_to_the_continuous_optimum_is_to_the_shipped_gaits_where_there_a
     brief = Protocol(starts=1, duration=1.0, window=0.5, alive=0.5)
     standing = evaluate(lambda states, seen: np.zeros(len(states)), protocol=brief)
     usual = Conditions(BUILDABLE)
-    slow, fast = (gait for gait in shipped_front(BUILDABLE).envelope if 0.52 < gait.speed < 0.61)
+    slow, fast = (gait for gait in shipped_front(BUILDABLE).envelope if 0.56 < gait.speed < 0.61)
     halfway = {"speed": (slow.speed + fast.speed) / 2, "cot": 1.1 * (slow.cot + fast.cot) / 2}
     walks = dataclasses.replace(standing, **halfway)
     assert gap_to_continuous_optimum(walks, usual) == pytest.approx(0.1)

@@ -30,6 +30,7 @@ from trajopt.gaits.stability import step_maps, transition
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
+    begun,
     simulated_steps,
     simulated_stride,
     step_error,
@@ -480,9 +481,7 @@ def polished(
         if any(len(run.events) != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
             break
         for i, shift in enumerate(_shifts(params, current, gaps)):
-            states = current[i].states.copy()
-            states[0, 0, 1:] += shift
-            current[i] = dataclasses.replace(current[i], states=states)
+            current[i] = begun(current[i], current[i].start + [0.0, *shift])
         current = _landing_softly(params, current)
         error = step_error(params, current, turns)[0]
         if error < best:
