@@ -10,6 +10,7 @@ from rimless_gym.checks import MissingExtraError
 
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
+    "assumptions": "assumptions",
     "benchmark": "benchmark.run",
     "bounds": "bounds",
     "codesign": "codesign.command",

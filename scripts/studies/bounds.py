@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_command(bounds, arguments, "python -m scripts.studies bounds")
 
 
-def bounds(*, degrees: str = "5", rounds: int = 11, docs: Path | None = None) -> int:
+def bounds(*, degrees: str = "5", rounds: int = 30, docs: Path | None = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
