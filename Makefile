@@ -101,6 +101,7 @@ study: $(INSTALLED)
 
 front: $(INSTALLED)
 	$(STUDY) front --preset $(PRESET) $(ARGS)
+	$(STUDY) strides --preset $(PRESET) $(ARGS)
 
 feedback: $(INSTALLED)
 	$(STUDY) feedback --docs docs/feedback.md $(ARGS)

@@ -202,6 +202,8 @@ def _advance(
             _sample(motion, end, motion.y, voltage(end, motion.y))
         t = t1 if event is None else event[1]
         if event is not None:
+            if event[0] in (FORWARD, BACKWARD):  # the control may depend on the contact
+                motion.y[0] = params.constants.b if event[0] == FORWARD else params.constants.a
             u = voltage(t, motion.y)
             if event[0] == CONTACT:
                 return _lose_contact(motion, t, voltage)
@@ -255,7 +257,6 @@ def _lift_off(params: WheelParams, motion: _Motion, t: float, u: float) -> None:
 
 def _touch_down(params: WheelParams, motion: _Motion, t: float, direction: int, u: float) -> bool:
     p, constants = params.constants, params.constants_array
-    motion.y[0] = p.b if direction > 0 else p.a
     before = motion.y[:4].copy()
     _sample(motion, t, motion.y, u)
     landing = after_touchdown(direction, *before[1:], u, constants)

@@ -91,7 +91,10 @@ class HybridModel:
                 _eq.ground_reaction(p.a, theta, 0, dtheta, 0, standing, p),
             ),
             "lift_off_guards": ([x, u], _eq.lift_off_guards(theta, dtheta, u, p)),
-            "stop_on_two_feet": ([x], (_eq.stop_on_two_feet(phi, theta, dphi, dtheta, p),)),
+            "stop_on_two_feet": (
+                [x],
+                (p.a, theta, 0, _eq.stop_on_two_feet(phi, theta, dphi, dtheta, p)),
+            ),
             "electrical_power": ([x, u], (_eq.electrical_power(rate, u, p),)),
             "losses": ([x, u], _eq.losses(dphi, rate, _eq.relative_rate(ddphi, ddtheta, p), u, p)),
             "losses_double_stance": ([x, u], _eq.losses(0, dtheta, standing, u, p)),

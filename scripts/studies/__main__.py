@@ -10,8 +10,11 @@ from rimless_gym.checks import MissingExtraError
 
 #: Modules of this package, by the names of the studies. Each has a function `main`.
 STUDIES = {
+    "assumptions": "assumptions",
     "benchmark": "benchmark.run",
+    "bounds": "bounds",
     "codesign": "codesign.command",
+    "collisionless": "collisionless",
     "feedback": "feedback_laws.command",
     "figures": "documents.figures",
     "front": "fronts.command",
@@ -20,6 +23,8 @@ STUDIES = {
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",
+    "stops": "fronts.stops",
+    "strides": "fronts.strides",
     "textbook": "textbook",
     "thesis": "thesis.experiments",
 }

@@ -100,9 +100,14 @@ class Grid:
 
         Raises:
             TypeError: `solution` is not a `trajopt.Solution`.
-            ValueError: it failed its verification.
+            ValueError: it failed its verification, or stops on two feet.
         """
         require_kind("solution", solution, Solution)
+        if solution.double_stance:
+            raise ValueError(
+                "solution: it stops on two feet, where no law can hold it; solve for a gait "
+                "without `double_stance`"
+            )
         if not solution.verification.passed:
             raise ValueError(
                 f"solution: failed its verification ({'; '.join(solution.verification.failures)}), "

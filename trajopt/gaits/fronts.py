@@ -68,12 +68,16 @@ class NoFrontError(ValueError):
 
 
 def shipped_front(params: WheelParams) -> CotFront:
-    """The shipped gaits of a machine without regeneration.
+    """The shipped gaits of a machine without regeneration and without stops on two feet.
 
     Raises:
         NoFrontError: there are none.
     """
-    gaits = tuple(g for g in shipped(params) if not g.regeneration and g.verification.passed)
+    gaits = tuple(
+        gait
+        for gait in shipped(params)
+        if not (gait.regeneration or gait.double_stance) and gait.verification.passed
+    )
     if not gaits:
         raise NoFrontError(
             "no gaits of this machine are shipped: choose a preset that has a front, such as "

@@ -40,6 +40,7 @@ class Entry(NamedTuple):
         theta_turns: whole turns that theta gains in a stride.
         speed: m/s.
         cot: cost of transport.
+        double_stance: whether it stops on two feet in every stride.
         repeated: how many strides of the file make this one.
     """
 
@@ -49,6 +50,7 @@ class Entry(NamedTuple):
     theta_turns: int
     speed: float
     cot: float
+    double_stance: bool = False
     repeated: int = 1
 
     def load(self) -> Solution:
@@ -85,9 +87,20 @@ def shipped(params: WheelParams | None = None) -> tuple[Solution, ...]:
 
 
 def warm_starts(
-    params: WheelParams, speed: float, steps: int, most: int | None = None
+    params: WheelParams,
+    speed: float,
+    steps: int,
+    most: int | None = None,
+    *,
+    double_stance: bool = False,
 ) -> list[Solution]:
-    """Shipped gaits to start from, the most promising first (see `ranked`), at most `most`."""
+    """Shipped gaits to start from, the most promising first (see `ranked`), at most `most`.
+
+    With `double_stance` those that stop on two feet once in so many steps, else those that do not.
+    """
+    if double_stance:
+        stopping = [e for e in index() if e.double_stance and e.steps == steps]
+        return [entry.load() for entry in ranked(stopping, params, speed)[:most]]
     return [entry.load() for entry in candidates(params, speed, steps)[:most]]
 
 
@@ -108,7 +121,7 @@ def nearest(params: WheelParams, speed: float, steps: int) -> list[Entry]:
 
     One for every number of turns of theta.
     """
-    fitting = [entry for entry in index() if entry.steps == steps]
+    fitting = [entry for entry in index() if entry.steps == steps and not entry.double_stance]
     least = min((_legs_apart(entry, params) for entry in fitting), default=0)
     fitting = [entry for entry in fitting if _legs_apart(entry, params) == least]
     families: dict[int, Entry] = {}

@@ -13,17 +13,26 @@ from rimless_gym.checks import flag, integer, positive
 from rimless_gym.hybrid import MAX_RATE
 from rimless_gym.params import WheelParams
 from rimless_gym.presets import Machine, as_params
+from rimless_gym.symbolic import HybridModel
 from trajopt.gaits.held_gait import held_gait
 from trajopt.gaits.held_stride import held_speed, ticks_of_stride
 from trajopt.gaits.library import warm_starts
-from trajopt.gaits.problem import CONTROL_DEGREE, fastest_walk, gait_problem
+from trajopt.gaits.problem import (
+    CONTROL_DEGREE,
+    SHORTEST_STEP,
+    fastest_walk,
+    gait_problem,
+    stands,
+)
 from trajopt.gaits.search import GaitFamily, search_gaits
 from trajopt.gaits.solution import Optimality, Solution
-from trajopt.gaits.stability import step_maps
+from trajopt.gaits.stability import step_maps, transition
 from trajopt.gaits.verify import (
     SPARE_TIMES,
     STATE_TOLERANCE,
+    begun,
     simulated_steps,
+    simulated_stride,
     step_error,
     successors,
     verify,
@@ -31,6 +40,7 @@ from trajopt.gaits.verify import (
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.continuation import Curve, continued
 from trajopt.ocp.extremal import Extremal
+from trajopt.ocp.guesses import line
 from trajopt.ocp.mesh import Mesh
 from trajopt.ocp.multi_start import Optimum, Outcome
 from trajopt.ocp.problem import Problem
@@ -74,6 +84,7 @@ def periodic_gait(
     steps: int = 1,
     regeneration: bool = False,
     *,
+    double_stance: bool = False,
     hold: float | None = None,
     starts: int | None = None,
     seed: int = 0,
@@ -101,6 +112,9 @@ def periodic_gait(
             there is a `hold`.
         steps: touchdowns per stride, from 1 to `MOST_STEPS`.
         regeneration: whether the battery takes energy back (objective E), or not (E+).
+        double_stance: whether the wheel lands at rest once in a stride, stands on two feet, and
+            lifts off again. Such gaits are continued from a guess or from shipped ones; where there
+            is neither, from gaits with as many steps, with a short stop.
         hold: period of the clock (s), at least 1 ms and at most half a step, or None.
         starts: number of random starts; by default none if a gait of the same machine is known,
             else `DEFAULT_STARTS`.
@@ -122,6 +136,13 @@ def periodic_gait(
     speed, steps, starts = _arguments(params, speed, steps, starts, guess)
     regeneration, progress = flag("regeneration", regeneration), flag("progress", progress)
     seed, workers = integer("seed", seed, 0), integer("workers", workers, 1)
+    if flag("double_stance", double_stance):
+        if hold is not None or starts:
+            raise ValueError(
+                f"double_stance = True with hold = {hold}, starts = {starts}: no held gait and no "
+                "random start stops; leave both out"
+            )
+        return _stopping(params, speed, steps, regeneration, guess)
     if hold is not None:
         hold = positive("hold", hold)
         search_for: dict[str, Any] = {"steps": steps, "regeneration": regeneration}
@@ -150,6 +171,29 @@ def periodic_gait(
         solutions.append(solution)
     # A slow gait magnifies deviations so much that solved again it may fail where it passed once.
     return least_first(already or solutions, lambda gait: gait.cot)[0]
+
+
+def _stopping(
+    params: WheelParams, speed: float, steps: int, regeneration: bool, guess: Solution | None
+) -> Solution:
+    """The gait of `periodic_gait` that stops in every stride."""
+    known = [guess] if guess else warm_starts(params, speed, steps, double_stance=True)
+    known = known or warm_starts(params, speed, steps, MOST_WARM_STARTS)
+    known = [gait if gait.double_stance else with_stop(gait) for gait in known]
+    solved, failures = _continued_from(known, params, speed, regeneration)
+    if not solved:
+        raise NoGaitError(_no_gait(params, speed, steps, failures))
+    extremal, turns = least_first(solved, lambda pair: pair[0].cost)[0]
+    return finished(params, extremal, turns, regeneration, {"speed": speed})
+
+
+def with_stop(gait: Solution) -> Solution:
+    """A gait with a short stop at the end of its stride: a guess of one that stops, no gait."""
+    _, theta, _, rate = gait.phases[-1].end
+    a, short = gait.params.constants.a, 1.5 * SHORTEST_STEP
+    ends = np.array([a, theta, 0.0, rate]), np.array([a, theta + rate * short, 0.0, rate])
+    standing = line(*ends, np.zeros(1), short)
+    return dataclasses.replace(gait, phases=(*gait.phases, standing))
 
 
 def _answers(gait: Solution, params: WheelParams, speed: float, regeneration: bool) -> bool:
@@ -306,6 +350,7 @@ def warm_started(
             steps=gait.steps,
             theta_turns=gait.theta_turns,
             regeneration=regeneration,
+            double_stance=gait.double_stance,
         )
 
     mesh = _mesh(gait, problem(gait.speed))
@@ -336,8 +381,11 @@ def warm_started(
 
 
 def _mesh(gait: Solution, problem: Problem) -> Mesh:
-    """The gait's mesh; a uniform one if its voltage is held, with an element per interval."""
-    if gait.hold is not None:
+    """The gait's mesh; a uniform one if its voltage is held, with an element per interval.
+
+    So is that of a gait `with_stop`.
+    """
+    if gait.hold is not None or len(gait.phases[-1].edges) == 2:
         return Mesh.uniform(problem, ELEMENTS, DEGREE, control_degree=CONTROL_DEGREE)
     fractions = tuple(tuple(float(s) for s in p.edges / p.duration) for p in gait.phases)
     degrees = tuple((len(p.nodes) - 1,) * (len(p.edges) - 1) for p in gait.phases)
@@ -422,32 +470,59 @@ def polished(
     show. Newton's method on the reference simulation of all steps (multiple shooting), with the
     gait's own linearisation.
     """
-    current = list(phases)
-    best, polished_phases = step_error(params, current, turns)[0], tuple(phases)
+    current = _landing_softly(params, phases)
+    best, polished_phases = step_error(params, current, turns)[0], tuple(current)
     for _ in range(NEWTON_STEPS):
         if best < 0.1 * STATE_TOLERANCE:
             break
         runs = simulated_steps(params, current, SPARE_TIMES[:1])
         pairs = zip(runs, successors(current, turns), strict=True)
         gaps = np.array([run.x[-1] - after for run, after in pairs])
-        if any(run.steps != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
+        if any(len(run.events) != 1 for run in runs) or np.abs(gaps).max() > LARGEST_GAP:
             break
-        for i, shift in enumerate(_shifts(step_maps(params, current), gaps)):
-            states = current[i].states.copy()
-            states[0, 0, 1:] += shift
-            current[i] = dataclasses.replace(current[i], states=states)
+        for i, shift in enumerate(_shifts(params, current, gaps)):
+            current[i] = begun(current[i], current[i].start + [0.0, *shift])
+        current = _landing_softly(params, current)
         error = step_error(params, current, turns)[0]
         if error < best:
             best, polished_phases = error, tuple(current)
     return polished_phases
 
 
-def _shifts(maps: Sequence[Array], gaps: Array) -> Array:
-    """The changes of all steps' starts, phi left out, that close the gaps (steps, 4) after them."""
-    n = len(maps)
+def _landing_softly(
+    params: WheelParams, phases: Sequence[PhaseTrajectory]
+) -> list[PhaseTrajectory]:
+    """The phases, with theta' at the start of the step before a stop such that it lands as planned.
+
+    A wheel that is to land with phi' = 1e-3 rad/s misses the ground by an error of 1e-8 rad. Of all
+    figures of the landing, phi'^2 is the one that depends on the start smoothly.
+    """
+    corrected, b = list(phases), params.constants.b
+    if not stands(phases[-1]):
+        return corrected
+    for _ in range(NEWTON_STEPS):
+        step, following = corrected[-2:]
+        run = simulated_stride(params, [step], SPARE_TIMES[:1], following)
+        phi, _, rate, _ = run.events[0].before if run.events else run.x[-1]
+        acceleration = float(HybridModel(params).flow(step.end, step.controls[-1, -1, 0])[2])
+        excess = rate**2 + 2 * acceleration * (b - phi) - step.end[2] ** 2
+        gain = transition(params, step)[:, 3]
+        states = step.states.copy()
+        states[0, 0, 3] -= 0.5 * excess / (step.end[2] * gain[2] - acceleration * gain[0])
+        corrected[-2] = dataclasses.replace(step, states=states)
+    return corrected
+
+
+def _shifts(params: WheelParams, phases: Sequence[PhaseTrajectory], gaps: Array) -> Array:
+    """The changes of all phases' starts, phi left out, that close the gaps (phases, 4) after them.
+
+    A leg that starts at rest stays at rest.
+    """
+    n = len(phases)
     matrix = np.zeros((n, 4, n, 4))
-    for i, step in enumerate(maps):
+    for i, step in enumerate(step_maps(params, phases)):
         matrix[i, :, i] += step
         matrix[i, :, (i + 1) % n] -= np.eye(4)
+    matrix[:, :, [phase.start[2] == 0.0 for phase in phases], 2] = 0.0
     unknowns = matrix[..., 1:].reshape(4 * n, 3 * n)
     return np.asarray(-np.linalg.lstsq(unknowns, gaps.ravel(), rcond=1e-8)[0]).reshape(n, 3)

@@ -22,9 +22,13 @@ from rimless_gym.rules import may_touch
 from rimless_gym.symbolic import Design, HybridModel
 from trajopt.ocp.constraints import Bounds, Constraint
 from trajopt.ocp.problem import Linkage, Phase, Problem
+from trajopt.ocp.trajectory import PhaseTrajectory
 
 STATES = ("phi", "theta", "phi'", "theta'")
 CONTROLS = ("V",)
+
+#: Name of the phase in which the wheel stands on two feet.
+STANDING = "double stance"
 
 #: Highest degree of the control polynomials. Where the motor coasts, V = K psi' is curved.
 CONTROL_DEGREE = 3
@@ -51,8 +55,12 @@ def gait_problem(
     steps: int,
     theta_turns: int = 0,
     regeneration: bool = False,
+    double_stance: bool = False,
 ) -> Problem:
     """The problem of a periodic gait: `steps` single-stance phases in a ring, least energy.
+
+    With `double_stance`, the last step ends on two feet, at rest, and one more phase follows: the
+    wheel stands until the voltage lifts it off into the first step.
 
     Problems of one machine and number of steps differ only in numbers, and share their functions.
 
@@ -62,8 +70,10 @@ def gait_problem(
         steps: touchdowns per stride.
         theta_turns: whole turns that theta gains in a stride.
         regeneration: whether the battery takes energy back.
+        double_stance: whether the wheel stops once in a stride.
     """
-    return posed(_ring(params, steps), params, speed, theta_turns, regeneration)
+    ring = _ring(params, steps, double_stance)
+    return posed(ring, params, speed, theta_turns, regeneration)
 
 
 def posed(
@@ -76,16 +86,21 @@ def posed(
         ring,
         phases=tuple(dataclasses.replace(phase, floor=floor) for phase in ring.phases),
         linkages=(*ring.linkages[:-1], dataclasses.replace(ring.linkages[-1], offset=turns)),
-        duration=len(ring.phases) * params.step_length / speed,
+        duration=sum(phase.name != STANDING for phase in ring.phases) * params.step_length / speed,
     )
 
 
 @lru_cache(maxsize=8)
-def _ring(params: WheelParams, steps: int) -> Problem:
+def _ring(params: WheelParams, steps: int, double_stance: bool) -> Problem:
     wheel = WheelPhases(params)
     step = wheel.single_stance()
     links = [wheel.touchdown(i, (i + 1) % steps) for i in range(steps)]
-    return Problem((step,) * steps, tuple(links))
+    if not double_stance:
+        return Problem((step,) * steps, tuple(links))
+    stances = [step] * (steps - 1) + [wheel.last_stance()]
+    stances[0] = dataclasses.replace(stances[0], start={"phi": params.constants.a, "phi'": 0.0})
+    links[-1:] = [wheel.stop(steps - 1, steps), wheel.lift_off(steps, 0)]
+    return Problem((*stances, wheel.double_stance()), tuple(links))
 
 
 def designed_gait(
@@ -191,10 +206,10 @@ class WheelPhases:
         c = self.params.constants
         energy = hybrid.REST_ENERGY * c.S1 * self.params.gravity
         slow = math.sqrt(2 * energy / (c.Je1 + c.Jr * c.d1))
-        end = {"phi": c.b, "phi'": (0.1 * slow, 0.9 * slow)}
+        end = {"phi": c.b, "phi'": (0.5 * slow, 0.75 * slow)}
         return dataclasses.replace(self.single_stance(name), at_end=None, end=end)
 
-    def double_stance(self, name: str = "double stance") -> Phase:
+    def double_stance(self, name: str = STANDING) -> Phase:
         """At rest on two feet, both pressed down; only the pendulum moves, and phi is a."""
         c, V = self.params.constants, self.params.voltage_limit
         guards = self.function("lift_off_guards")
@@ -225,8 +240,7 @@ class WheelPhases:
 
     def stop(self, source: int, target: int) -> Linkage:
         """The touchdown that leaves the wheel on two feet; `source` is a `last_stance`."""
-        stop, a = self.function("stop_on_two_feet"), self.params.constants.a
-        return Linkage(source, target, lambda x, p: ca.vertcat(a, x[1], 0.0, stop(x, p)))
+        return Linkage(source, target, self.function("stop_on_two_feet"))
 
     def lift_off(self, source: int, target: int) -> Linkage:
         """The trailing foot leaves the ground; the state does not jump."""
@@ -268,6 +282,11 @@ class WheelPhases:
 
 def _rates() -> dict[str, float | tuple[float, float]]:
     return {"phi'": (-MAX_RATE, MAX_RATE), "theta'": (-MAX_RATE, MAX_RATE)}
+
+
+def stands(phase: PhaseTrajectory) -> bool:
+    """Whether the wheel stands on two feet in a phase of a gait: its leg does not move."""
+    return bool(np.ptp(phase.states[..., 0]) == 0.0)
 
 
 def fastest_walk(params: WheelParams) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from rimless_gym.checks import real_array
 from rimless_gym.params import WheelParams
 from trajopt.gaits.bounds import cot_bound
+from trajopt.gaits.problem import stands
 from trajopt.gaits.stability import floquet_multipliers
 from trajopt.gaits.verify import Verification
 from trajopt.ocp.arrays import Array
@@ -66,7 +67,8 @@ class Solution:
 
     Attributes:
         params: the machine.
-        phases: one single-stance phase per step.
+        phases: one single-stance phase per step; of a gait that stops, the last one is in double
+            stance, and the stride begins with the lift-off.
         theta_turns: whole turns k that theta gains in a stride.
         regeneration: whether the objective was E (the battery takes energy back), not E+.
         verification: what independent re-simulation measures.
@@ -98,11 +100,19 @@ class Solution:
     @property
     def steps(self) -> int:
         """Touchdowns per stride."""
-        return len(self.phases)
+        return len(self.phases) - self.double_stance
+
+    @property
+    def double_stance(self) -> bool:
+        """Whether the wheel stops on two feet in every stride."""
+        return stands(self.phases[-1])
 
     @cached_property
     def phase_times(self) -> Array:
-        """Times of the stride's start and of its touchdowns (s), shape (steps + 1,)."""
+        """Times of the stride's start and of its touchdowns (s), shape (steps + 1,).
+
+        Of a gait that stops, the lift-off follows: shape (steps + 2,).
+        """
         return np.cumsum([0.0, *(phase.duration for phase in self.phases)])
 
     @property
@@ -196,7 +206,7 @@ class Solution:
         within = np.clip(times - stride * T, 0.0, T)
         phase = np.searchsorted(marks, within, side=side) - 1  # type: ignore[call-overload]
         # Rounding may put a multiple of the stride on either side of it.
-        phase = np.clip(phase, 0, self.steps - 1)
+        phase = np.clip(phase, 0, len(self.phases) - 1)
         return stride, phase, within - marks[phase]
 
     # -- figures ------------------------------------------------------------------------------
@@ -250,6 +260,7 @@ class Solution:
             "params": self.params.to_dict(),
             "speed": self.speed,
             "steps": self.steps,
+            "double_stance": self.double_stance,
             "theta_turns": self.theta_turns,
             "regeneration": self.regeneration,
             "hold": self.hold,
@@ -314,6 +325,9 @@ class Solution:
 def _report(gait: Solution) -> str:
     v = gait.verification
     outcome = "passed" if v.passed else "FAILED: " + "; ".join(v.failures)
+    # Gaits saved by earlier versions were simulated in one and have no chain.
+    chain = "" if math.isnan(v.chain_error) else f", {v.chain_error:.1e} in a chain of steps"
+    touchdowns = gait.phase_times[1 : gait.steps + 1]
     demand, impulse = v.max_friction_demand, v.max_impulse_friction_demand
     lines = [
         f"Periodic gait, {gait.steps} step(s) per stride at {gait.speed:.4f} m/s{_held(gait)}",
@@ -323,7 +337,8 @@ def _report(gait: Solution) -> str:
         f"  lower bound             {gait.cot_bound:.6f} for these steps and turns{_above(gait)}",
         f"  energy of a stride      {gait.cost:.6f} J"
         f" ({'E, with' if gait.regeneration else 'E+, no'} regeneration)",
-        f"  times of touchdown      {', '.join(f'{t:.6f}' for t in gait.phase_times[1:])} s",
+        f"  times of touchdown      {', '.join(f'{t:.6f}' for t in touchdowns)} s",
+        *_standing(gait),
         f"  turns of theta          {gait.theta_turns} per stride",
         f"  peak voltage            {v.peak_voltage:.3f} of {gait.params.voltage_limit:g} V",
         f"  least normal force      {v.min_normal_force:.3f} N, "
@@ -331,8 +346,7 @@ def _report(gait: Solution) -> str:
         f"  friction demand         {demand:.4f} in stance, {impulse:.4f} at touchdown "
         f"(ground offers {gait.params.friction:g})",
         f"  pendulum's clearance    {v.clearance:.3f} m",
-        f"  re-simulated            off by {v.state_error:.1e} in a step, "
-        f"{v.stride_error:.1e} in a whole stride",
+        f"  re-simulated            off by {v.state_error:.1e} in a step{chain}",
         f"  energy audit            off by {v.energy_audit:.1e} J",
         f"  mesh error              {gait.optimality.mesh_error:.1e}",
         *_certainty(gait),
@@ -346,6 +360,14 @@ def _above(gait: Solution) -> str:
     if gait.cot_bound == 0:
         return ""
     return f"; the gait is {gait.cot / gait.cot_bound - 1:.2%} above it"
+
+
+def _standing(gait: Solution) -> list[str]:
+    """The line on double stance, for the report of a gait that stops."""
+    if not gait.double_stance:
+        return []
+    begin, end = gait.phase_times[-2:]
+    return [f"  on two feet             {end - begin:.6f} s, until it lifts off at {end:.6f} s"]
 
 
 def _held(gait: Solution) -> str:

@@ -10,18 +10,22 @@ import numpy as np
 
 from rimless_gym.params import WheelParams
 from rimless_gym.symbolic import HybridModel
+from trajopt.gaits.problem import stands
 from trajopt.ocp.arrays import Array
 from trajopt.ocp.schemes import differentiation_matrix, radau_nodes
 from trajopt.ocp.trajectory import PhaseTrajectory
 
 
 @lru_cache(maxsize=8)
-def jacobians(params: WheelParams) -> ca.Function:
-    """(x, u) -> (A, B, G): derivatives of the flow by x and u, and of the touchdown by x."""
-    model = HybridModel(params)
+def jacobians(params: WheelParams, flow: str = "flow", reset: str = "touchdown") -> ca.Function:
+    """(x, u) -> (A, B, G): derivatives of a flow by x and u, and of a reset map by x.
+
+    Both by their names in `HybridModel.functions`.
+    """
+    functions = HybridModel(params).functions
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-    flow, touchdown = model.flow(x, u), model.touchdown(x)
-    outputs = [ca.jacobian(flow, x), ca.jacobian(flow, u), ca.jacobian(touchdown, x)]
+    rates, after = functions[flow](x, u), functions[reset](x)
+    outputs = [ca.jacobian(rates, x), ca.jacobian(rates, u), ca.jacobian(after, x)]
     return ca.Function("jacobians", [x, u], outputs)
 
 
@@ -30,7 +34,7 @@ def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> 
 
     The variational equation, collocated on the phase's own elements.
     """
-    derivatives, nodes = jacobians(params), radau_nodes(degree)
+    derivatives, nodes = jacobians(params, _flow(phase)), radau_nodes(degree)
     D = differentiation_matrix(degree)
     total = np.eye(4)
     for start, h in zip(phase.edges, phase.element_durations, strict=False):
@@ -45,17 +49,26 @@ def transition(params: WheelParams, phase: PhaseTrajectory, degree: int = 8) -> 
     return np.asarray(total)
 
 
-def saltation(params: WheelParams, before: Array, u_before: float, u_after: float) -> Array:
-    """How a touchdown maps a deviation at a fixed time, shape (4, 4).
+def _flow(phase: PhaseTrajectory) -> str:
+    return "flow_double_stance" if stands(phase) else "flow"
 
-    A deviation moves the touchdown in time as well as the state that it maps (Leine and
-    Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 7.2).
+
+def saltation(params: WheelParams, phase: PhaseTrajectory, following: PhaseTrajectory) -> Array:
+    """How the end of a phase maps a deviation at a fixed time, shape (4, 4).
+
+    A deviation moves a touchdown in time as well as the state that it maps (Leine and Nijmeijer,
+    Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 7.2). A lift-off is when the clock
+    makes the voltage jump, and maps nothing.
     """
-    model = HybridModel(params)
-    flow_before = np.asarray(model.flow(before, u_before)).ravel()
-    after = np.asarray(model.touchdown(before)).ravel()
-    flow_after = np.asarray(model.flow(after, u_after)).ravel()
-    impact = np.asarray(jacobians(params)(before, u_before)[2])
+    if stands(phase):
+        return np.eye(4)
+    reset = "stop_on_two_feet" if stands(following) else "touchdown"
+    u_before = float(phase.control([phase.duration], "left")[0, 0])
+    functions, before = HybridModel(params).functions, phase.end
+    flow_before = functions["flow"](before, u_before).full().ravel()
+    after = functions[reset](before)
+    flow_after = functions[_flow(following)](after, following.controls[0, 0, 0]).full().ravel()
+    impact = np.asarray(jacobians(params, reset=reset)(before, u_before)[2])
     gradient = np.array([1.0, 0.0, 0.0, 0.0])  # of the guard phi = b
     return np.asarray(
         impact + np.outer(flow_after - impact @ flow_before, gradient) / flow_before[0]
@@ -69,13 +82,8 @@ def step_maps(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> list[Ar
     switches to the voltage of the following step. (If the clock switched it, early and late
     touchdowns would have different matrices.)
     """
-    maps = []
-    for phase, following in zip(phases, [*phases[1:], phases[0]], strict=True):
-        u_before = phase.control([phase.duration], "left")[0, 0]
-        u_after = following.controls[0, 0, 0]
-        jump = saltation(params, phase.end, float(u_before), float(u_after))
-        maps.append(jump @ transition(params, phase))
-    return maps
+    pairs = zip(phases, [*phases[1:], phases[0]], strict=True)
+    return [saltation(params, *pair) @ transition(params, pair[0]) for pair in pairs]
 
 
 def monodromy(params: WheelParams, phases: Sequence[PhaseTrajectory]) -> Array:

@@ -26,14 +26,15 @@ from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
 from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
-from scripts.studies.fronts.results import AGREEMENT, SearchResults, disagreements
+from scripts.studies.fronts.results import AGREEMENT, STEPS, SearchResults, disagreements
 from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
 from scripts.studies.fronts.solving import Polished
 from trajopt import pool
-from trajopt.gaits.fronts import CotFront
-from trajopt.gaits.library import ARCHIVE, INDEX, shipped
+from trajopt.gaits.fronts import CotFront, shipped_front
+from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped
 from trajopt.gaits.periodic import NoGaitError
 from trajopt.gaits.solution import Solution
+from trajopt.ocp.arrays import Array
 from trajopt.ocp.ranking import clearly_less
 from trajopt.store import Store, write_bytes
 
@@ -42,7 +43,13 @@ DOCS = Path(__file__).resolve().parents[3] / "docs"
 #: Distance of the speeds that are searched (m/s).
 GRID = 0.05
 
-INK, COLOURS = "#1f2933", {1: "#0f766e", 2: "#c2410c", 3: "#6d28d9"}
+#: Windows of so many steps: what strides of at most so many steps cost at least is listed.
+WINDOWS = (3, 5, 10, 20)
+
+#: Strides of so many steps and more are of one kind in the figure.
+LONG = STEPS[-1] + 1
+
+INK, COLOURS = "#1f2933", {1: "#0f766e", 2: "#c2410c", 3: "#6d28d9", LONG: "#be185d"}
 
 #: Gaits of one family are joined by a line if their speeds differ by less (m/s).
 LINE = 0.11
@@ -64,22 +71,28 @@ def front(
         out: folder of the search.
     """
     params = as_params(preset)
-    run = partial(_run, workers)
+    run = partial(run_tasks, workers)
     with Store(out / preset, {"params": params.to_dict()}) as store:
         results = SearchResults(params, store)
         gain = FrontSearch(results, GRID, run)()
         done = FineMeshes(results, run)()
-    gaits = chosen(done, [gait for gait in shipped(params) if not gait.regeneration])
-    ship(ARCHIVE, preset, gaits)
-    print(f"{len(gaits)} gaits of {preset} are shipped")
-    best = CotFront(tuple(gaits))
-    text = section(preset, best, results, gain)
-    refresh(DOCS / "front.md", marks("front", (preset,)), {preset: text})
-    save(drawn(preset, best), DOCS / figure_file(preset))
+    ship(ARCHIVE, preset, chosen(done, [g for g in shipped(params) if not g.regeneration]))
+    refresh(DOCS / "front.md", marks("search", (preset,)), {preset: summary(preset, results, gain)})
+    publish(preset)
     return 0
 
 
-def _run(workers: int | None, function: Any, tasks: Iterable[Any], title: str) -> Any:
+def publish(preset: str) -> None:
+    """Write the page's section and figure of a machine from its shipped gaits."""
+    index.cache_clear()
+    front = shipped_front(as_params(preset))
+    print(f"{len(front.solutions)} gaits of {preset} are shipped")
+    refresh(DOCS / "front.md", marks("front", (preset,)), {preset: section(preset, front)})
+    save(drawn(preset, front), DOCS / figure_file(preset))
+
+
+def run_tasks(workers: int | None, function: Any, tasks: Iterable[Any], title: str) -> Any:
+    """Every task with its result, as `trajopt.pool.run`."""
     return pool.run(function, tasks, workers, progress=title)
 
 
@@ -95,9 +108,9 @@ def chosen(done: Iterable[Polished], before: Iterable[Solution]) -> list[Solutio
         NoGaitError: there is none at all.
     """
     passed = [each.solution for each in done if each.solution is not None and not each.failure]
-    best: dict[tuple[float, int, int], Solution] = {}
+    best: dict[tuple[float, int, int, bool], Solution] = {}
     for gait in (*passed, *before):
-        place = round(gait.speed, 4), gait.steps, gait.theta_turns
+        place = round(gait.speed, 4), gait.steps, gait.theta_turns, gait.double_stance
         if place not in best or gait.cot < best[place].cot:
             best[place] = gait
     if not best:
@@ -111,8 +124,9 @@ def ship(archive: Path, name: str, gaits: Sequence[Solution]) -> None:
     files = {n: file for n, file in gait_files(archive).items() if not n.startswith(prefix)}
     with TemporaryDirectory() as temporary:
         for gait in gaits:
+            stop = "_stop" if gait.double_stance else ""
             path = Path(temporary) / (
-                f"{prefix}{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}.npz"
+                f"{prefix}{gait.steps}_steps_k{gait.theta_turns}_{gait.speed:.4f}{stop}.npz"
             )
             gait.save(path)
             files[path.name] = path.read_bytes()
@@ -144,7 +158,8 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
             if gait.params.to_dict() not in machines:
                 machines.append(gait.params.to_dict())
             machine = machines.index(gait.params.to_dict())
-            gaits.append((name, machine, gait.steps, gait.theta_turns, gait.speed, gait.cot))
+            figures = gait.steps, gait.theta_turns, gait.speed, gait.cot, gait.double_stance
+            gaits.append((name, machine, *figures))
         text = json.dumps({"machines": machines, "gaits": gaits}, indent=0)
         archive.writestr(zipfile.ZipInfo(INDEX), text)
     write_bytes(path, content.getvalue())
@@ -158,24 +173,32 @@ def figure_file(name: str) -> str:
     return f"front_{name.lower()}.png"
 
 
-def section(name: str, front: CotFront, results: SearchResults, gain: float) -> str:
-    """The section: figure, what the search did, and the table.
+def summary(name: str, results: SearchResults, gain: float) -> str:
+    """What the search did, in a line.
 
     Args:
         name: of the machine.
-        front: its gaits.
         results: of the search.
         gain: of the last sweep (relative).
     """
     gaps = disagreements(*(results.costs(seed) for seed in SEEDS))
     apart = [f"{speed:g}" for speed, gap in gaps.items() if gap > AGREEMENT]
     agree = "agree everywhere" if not apart else f"differ by more at {', '.join(apart)} m/s"
-    summary = (
-        f"{len(front.envelope)} speeds. To {AGREEMENT:.1%} the two seeds {agree}; "
-        f"the last sweep gained {gain:.2%}."
+    return (
+        f"{name}: {len(gaps)} speeds. To {AGREEMENT:.1%} the two seeds {agree}; "
+        f"the last sweep gained {gain:.2%}.\n"
     )
-    head = ["speed (m/s)", "CoT", "above the bound", "power (W)", "steps", "turns", "with rests"]
-    head.append("seeds differ")
+
+
+def section(name: str, front: CotFront) -> str:
+    """The section: the figure, the table, and what windows of so many steps can repeat.
+
+    Args:
+        name: of the machine.
+        front: its gaits.
+    """
+    infimum = hull(front)
+    head = ["speed (m/s)", "CoT", "above the bound", "power (W)", "steps", "turns", "hull"]
     body = [
         [
             f"{round(gait.speed, 4):g}",
@@ -184,35 +207,58 @@ def section(name: str, front: CotFront, results: SearchResults, gain: float) -> 
             f"{gait.cot * gait.speed * gait.params.weight:.3g}",
             f"{gait.steps}",
             f"{gait.theta_turns}",
-            "" if rest is None else f"{rest:.5f}",
-            _percent(gaps.get(round(gait.speed, 4))),
+            f"{cot:.5f}" if clearly_less(cot, gait.cot) else "",
         ]
-        for gait, rest in zip(front.envelope, with_rests(front), strict=True)
+        for gait, cot in zip(front.envelope, infimum, strict=True)
     ]
-    image = f"![The front of {name}]({figure_file(name)})"
-    return "\n\n".join([f"## {name}", image, summary, table(head, body)]) + "\n"
+    parts = [f"## {name}", f"![The front of {name}]({figure_file(name)})", table(head, body)]
+    short = {round(g.speed, 4): g.cot for g in _up_to(front, STEPS[-1]).envelope}
+    windows = [
+        [
+            f"{round(gait.speed, 4):g}",
+            *("" if math.isnan(cot) else f"{cot:.5f}" for cot in costs),
+            f"{least:.5f}",
+        ]
+        for gait, least in zip(front.envelope, infimum, strict=True)
+        if clearly_less(gait.cot, short.get(round(gait.speed, 4), math.inf))
+        for costs in [[_cot_at(_up_to(front, most), gait.speed) for most in WINDOWS]]
+    ]
+    if windows:
+        head = ["speed (m/s)", *(f"up to {most} steps" for most in WINDOWS), "hull"]
+        parts.append(table(head, windows))
+    return "\n\n".join(parts) + "\n"
 
 
-def with_rests(front: CotFront) -> list[float | None]:
-    """For every gait of the front the CoT of walking faster and resting in between, or None.
+def _up_to(front: CotFront, most: int) -> CotFront:
+    """The gaits of up to so many steps per stride."""
+    return CotFront(tuple(gait for gait in front.solutions if gait.steps <= most))
 
-    A wheel that walks at a speed v for a share s/v of the time, and draws its idle power alone for
-    the rest, has the mean speed s and the CoT cot(v) + idle_power / weight (1 / s - 1 / v). To stop
-    and start again is taken to cost nothing, so this is a bound; None where it is above the front.
+
+def _cot_at(front: CotFront, speed: float) -> float:
+    return min(
+        (gait.cot for gait in front.envelope if abs(gait.speed - speed) < 1e-6), default=math.nan
+    )
+
+
+def hull(front: CotFront) -> Array:
+    """The convex hull of mean power over mean speed, as CoT at the speeds of the front, (N,).
+
+    Its vertices are gaits, and rest, where the wheel draws its idle power alone. A wheel that
+    changes between the two vertices around a speed has this CoT in the limit of long times, where
+    the changes cost nothing; no mixture of gaits and rest costs less.
     """
-    best = []
-    for i, slow in enumerate(front.envelope):
-        idle, s = slow.params.idle_power / slow.params.weight, slow.speed
-        costs = [g.cot + idle * (1 / s - 1 / g.speed) for g in front.envelope[i + 1 :]]
-        rest = min(costs, default=math.inf)
-        best.append(rest if clearly_less(rest, slow.cot) else None)
-    return best
-
-
-def _percent(gap: float | None) -> str:
-    if gap is None:
-        return ""
-    return f"{gap:.2%}" if math.isfinite(gap) else "one found none"
+    weight, idle = front.envelope[0].params.weight, front.envelope[0].params.idle_power
+    vertices = [(0.0, idle)]
+    for gait in front.envelope:
+        speed, power = gait.speed, gait.cot * gait.speed * weight
+        while len(vertices) > 1:
+            (x, y), (x_last, y_last) = vertices[-2:]
+            if (y_last - y) * (speed - x) < (power - y) * (x_last - x):
+                break
+            vertices.pop()
+        vertices.append((speed, power))
+    speeds = np.array([gait.speed for gait in front.envelope])
+    return np.interp(speeds, *np.array(vertices).T) / (weight * speeds)
 
 
 def drawn(name: str, front: CotFront) -> Figure:
@@ -221,14 +267,17 @@ def drawn(name: str, front: CotFront) -> Figure:
     axes = figure.subplots()
     families: dict[tuple[int, int], list[Solution]] = {}
     for gait in sorted(front.solutions, key=lambda gait: gait.speed):
-        families.setdefault((gait.steps, gait.theta_turns), []).append(gait)
+        kind = (LONG, 0) if gait.steps >= LONG else (gait.steps, gait.theta_turns)
+        families.setdefault(kind, []).append(gait)
     for (steps, turns), family in sorted(families.items()):
         x = np.array([gait.speed for gait in family])
         y = np.array([gait.cot for gait in family])
         for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > LINE) + 1):
             axes.plot(x[part], y[part], ".-", color=COLOURS[steps], lw=1, ms=4, alpha=0.75)
         on_front = [gait for gait in family if any(gait is each for each in front.envelope)]
-        if on_front:  # the number of turns stands at the family's best gait on the front
+        if (
+            on_front and steps < LONG
+        ):  # the number of turns stands at the family's best gait on the front
             best = min(on_front, key=lambda gait: gait.cot)
             axes.annotate(
                 f"{turns}",
@@ -241,8 +290,10 @@ def drawn(name: str, front: CotFront) -> Figure:
             )
     speeds, costs = zip(*((gait.speed, gait.cot) for gait in front.envelope), strict=True)
     axes.plot(speeds, costs, color=INK, lw=2.2, alpha=0.35, label="front")
+    axes.plot(speeds, hull(front), "--", color=INK, lw=1, alpha=0.6, label="hull: long times")
     for steps, colour in COLOURS.items():
-        axes.plot([], [], ".-", color=colour, label=f"{steps} steps per stride")
+        label = f"{steps} or more" if steps == LONG else f"{steps}"
+        axes.plot([], [], ".-", color=colour, label=f"{label} steps per stride")
     axes.set(
         yscale="log",
         xlabel="speed (m/s)",

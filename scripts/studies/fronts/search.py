@@ -277,11 +277,11 @@ class FineMeshes:
             self.done[gait.key] = polished
         return len(self.done) - before
 
-    def best(self) -> list[SearchGait]:
-        """At every speed the next gait of the search, if it may be that of least cost."""
+    def best(self, most: int = STEPS[-1]) -> list[SearchGait]:
+        """At every speed the next gait of up to so many steps, if it may be that of least cost."""
         gaits = []
         for speed in self.results.envelope(LAST):
-            ranked, least = different(self.results, speed)[:TRIED], self._least(speed)
+            ranked, least = different(self.results, speed, most)[:TRIED], self._least(speed, most)
             gaits += [g for g in ranked if g.key not in self.done and g.cot < least][:1]
         return gaits
 
@@ -325,20 +325,21 @@ class FineMeshes:
             near += [gait for gait in gaits if gait.cot <= NEAR_FRONT * best.cot][:MOST]
         return list({gait.key: gait for gait in (*screened, *near)}.values())
 
-    def _least(self, speed: float) -> float:
-        """The cost of the best verified gait at a speed; infinite if there is none."""
+    def _least(self, speed: float, most: int = STEPS[-1]) -> float:
+        """The cost of the best verified gait of up to so many steps at a speed, or infinity."""
         costs = [
             each.solution.cot
             for each in self.done.values()
-            if each.gait.speed == speed and each.solution is not None and not each.failure
+            if each.gait.speed == speed and each.gait.steps <= most
+            if each.solution is not None and not each.failure
         ]
         return min(costs, default=math.inf)
 
 
-def different(results: SearchResults, speed: float) -> list[SearchGait]:
+def different(results: SearchResults, speed: float, most: int = STEPS[-1]) -> list[SearchGait]:
     """The best gait of every family of a speed, best first, without repeated shorter strides."""
     gaits: list[SearchGait] = []
-    for steps in STEPS:
+    for steps in range(1, most + 1):
         for gait in distinct(results.at(Place(LAST, speed, steps)).gaits):
             if not any(_repeats(gait, shorter) for shorter in gaits):
                 gaits.append(gait)

@@ -30,7 +30,7 @@ from trajopt.ocp.transcription import Result, Transcription, interruptible
 #: Longer elements step over the kinks of dry friction and make the cost of slow walks look too low.
 ELEMENT_TIME, MESHES = 0.05, (SEARCH_ELEMENTS, 20, 30, 40, 55, 75, 100)
 
-#: A gait whose deviations grow by more in a stride does not count: rounding alone would make its
+#: A gait whose deviations grow by more per step does not count: rounding alone would make its
 #: simulation miss the tolerance of its verification. Such gaits stand on one leg for seconds.
 MOST_GROWTH = 1e7
 
@@ -217,7 +217,8 @@ def _gait(
 ) -> SearchGait | None:
     if not result.success:
         return None
-    if np.abs(floquet_multipliers(params, result.phases)).max() > MOST_GROWTH:
+    growth = np.abs(floquet_multipliers(params, result.phases)).max()
+    if growth > MOST_GROWTH**place.steps:
         return None
     cot = result.cost / (params.weight * place.steps * params.step_length)
     phases = tuple(  # copies, so that files and other processes get nothing but these arrays

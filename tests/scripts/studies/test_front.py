@@ -9,10 +9,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving
+from scripts.studies.fronts import command, solving, stops, strides
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -35,7 +36,7 @@ from scripts.studies.fronts.solving import (
     attempts,
 )
 from trajopt.gaits.fronts import CotFront, shipped_front
-from trajopt.gaits.library import ARCHIVE, index
+from trajopt.gaits.library import ARCHIVE, index, shipped
 from trajopt.gaits.periodic import NoGaitError, periodic_gait
 from trajopt.gaits.solution import Solution
 from trajopt.store import Store
@@ -236,6 +237,21 @@ def test_joined_steps_add_their_turns() -> None:
     assert (gait.turns, gait.steps) == (-2, 2)
 
 
+def test_a_longer_stride_is_a_shorter_one_and_a_one_step_gait_whose_times_add_up(
+    results: SearchResults,
+) -> None:
+    add(results, {-1: 0.02}, 0.6)
+    add(results, {-2: 0.05}, 0.25)
+    slow = PlaceResults(Place(2, 0.45, 3)).with_gait(found(0.45, 0.04, turns=-4, steps=3))
+    results.save(slow)
+    tasks = list(strides.guesses(results, [0.41, 0.46], 4))
+    assert {task.place for task in tasks} == {Place(2, 0.46, 4)}
+    assert [[part.steps for part in task.parts] for task in tasks] == [[1, 1, 1, 1], [1, 3]]
+    for task in tasks:
+        results.add(task.place, imagined(task))
+    assert not list(strides.guesses(results, [0.46], 4))
+
+
 # -- fine meshes ----------------------------------------------------------------------------------
 
 
@@ -321,16 +337,34 @@ def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
     gain = FrontSearch(results, GRID, Imagined())()
     gaits = [known(speed) for speed in (0.45, 0.5)]
     front = CotFront(tuple(gaits))
-    assert "the two seeds agree everywhere" in command.section("TRIAL", front, results, gain)
+    assert "the two seeds agree everywhere" in command.summary("TRIAL", results, gain)
+    assert "| 0.45 |" in command.section("TRIAL", front)
     assert command.drawn("TRIAL", front).axes
     for count in (2, 1):
         command.ship(tmp_path / "gaits.zip", "TRIAL", gaits[:count])
         assert len(command.gait_files(tmp_path / "gaits.zip")) == count
 
 
+def test_no_gait_of_a_front_lies_below_its_convex_hull_with_rest() -> None:
+    front = shipped_front(BUILDABLE)
+    speeds = np.array([0.0, *(gait.speed for gait in front.envelope)])
+    power = np.array([BUILDABLE.idle_power, *command.hull(front) * speeds[1:] * BUILDABLE.weight])
+    walking = [gait.cot * gait.speed * BUILDABLE.weight for gait in front.envelope]
+    assert np.all(np.diff(np.diff(power) / np.diff(speeds)) > -1e-9)
+    assert np.all(power[1:] <= np.array(walking) + 1e-12)
+    assert np.isclose(power[1:], walking).sum() >= 2
+
+
 def test_an_archive_written_again_is_the_same(tmp_path: Path) -> None:
     command.write_archive(tmp_path / "gaits.zip", command.gait_files(ARCHIVE))
     assert (tmp_path / "gaits.zip").read_bytes() == ARCHIVE.read_bytes()
+
+
+def test_shipped_gaits_that_stop_cost_less_than_the_front_as_the_page_says() -> None:
+    front = shipped_front(THESIS_PHYSICAL)
+    gaits = [gait for gait in shipped(THESIS_PHYSICAL) if gait.double_stance]
+    assert all(gait.cot < float(front(gait.speed)) for gait in gaits)
+    assert stops.section(front, gaits) in (command.DOCS / "front.md").read_text()
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 from rimless_gym import THESIS_PHYSICAL, hybrid, simulate
 from trajopt import Problem, Solution, periodic_gait
-from trajopt.gaits.library import index, nearest
+from trajopt.gaits.library import index, nearest, repeated
 from trajopt.gaits.problem import WheelPhases
 from trajopt.gaits.verify import SPARE_TIMES, playback, simulated, simulated_stride, verify
 
@@ -48,6 +48,16 @@ def test_states_that_the_simulation_does_not_repeat_fail() -> None:
     found = verify(P, off, ONE.theta_turns)
     assert found.state_error > 1e-5
     assert "re-simulated states differ" in found.failures
+
+
+def test_a_stride_of_many_steps_is_verified_step_by_step() -> None:
+    many, v = repeated(ONE, 4), ONE.verification
+    found = verify(P, many.phases, many.theta_turns)
+    assert found.passed
+    assert found.electrical_positive == pytest.approx(4 * v.electrical_positive, rel=1e-9)
+    torn = list(many.phases)
+    torn[2] = dataclasses.replace(torn[2], states=torn[2].states + [0.0, 1e-3, 0.0, 0.0])
+    assert not verify(P, torn, many.theta_turns).passed  # the joints do not agree
 
 
 @pytest.mark.parametrize("slope", [0.01, pytest.param(-0.01, marks=pytest.mark.slow)])

@@ -253,15 +253,18 @@ def backward(states, shifts, residuals, slopes, data):  # type: ignore[no-untype
         Qx[4] += lqr.GENTLE * shifts[k]
         Qxx[4, 4] += lqr.GENTLE
         stage = between(data.stage, spot)
-        Qx[:4] += slope_of(stage, y)
-        Qxx[:4, :4] += stage
+        slope = slope_of(stage, y)
+        for i in range(4):
+            Qx[i] += slope[i]
+            for j in range(4):
+                Qxx[i, j] += stage[i, j]
         applied = between(data.orbit.voltages, spot) + shifts[k]
         free = -Qx[4] / Qxx[4, 4]
         change = min(max(free, -data.orbit.limit - applied), data.orbit.limit - applied)
         step.changes[k] = change
         gains = step.gains[k]
-        if change == free:
-            gains[:] = -Qxx[4, :4] / Qxx[4, 4]
+        for i in range(4):
+            gains[i] = -Qxx[4, i] / Qxx[4, 4] if change == free else 0.0
         for i in range(4):
             Vx[i] = Qx[i] + Qxx[i, 4] * change + gains[i] * (Qx[4] + Qxx[4, 4] * change)
             for j in range(4):
@@ -287,7 +290,8 @@ def quadratic(Vx, Vxx, residuals, slopes, residual_slopes):  # type: ignore[no-u
         slope = residual_slopes[which]
         for i in range(5):
             gradient[i] += slope[i] * residuals[which]
-            hessian[i] += slope[i] * slope
+            for j in range(5):
+                hessian[i, j] += slope[i] * slope[j]
     return gradient, hessian
 
 
@@ -330,7 +334,15 @@ def motion_from(state, data):  # type: ignore[no-untyped-def]
 def deviation_at(x, data):  # type: ignore[no-untyped-def]
     """The spot of a state, and the deviation (4,) that costs: it includes being ahead."""
     off = offset(x, data.orbit, data.gains.clock)
-    return off.spot, np.array(off.across) + off.early * between(data.tangent, off.spot)
+    d, tangent = off.across, between(data.tangent, off.spot)
+    return off.spot, np.array(
+        (
+            d[0] + off.early * tangent[0],
+            d[1] + off.early * tangent[1],
+            d[2] + off.early * tangent[2],
+            d[3] + off.early * tangent[3],
+        )
+    )
 
 
 @inner
@@ -409,8 +421,9 @@ def slopes_of(states, nominal, shifts, data):  # type: ignore[no-untyped-def]
     for k in range(n):
         for j in range(5):
             less, more = each * k + 2 * j, each * k + 2 * j + 1
-            change = columns[:4, more] - columns[:4, less]
-            slopes.states[k, :, j] = change / (2 * DIFFERENCE)
+            for c in range(4):
+                change = columns[c, more] - columns[c, less]
+                slopes.states[k, c, j] = change / (2 * DIFFERENCE)
             for which in range(RESIDUALS):
                 rise = residual(out, more, which, data) - residual(out, less, which, data)
                 slopes.residuals[k, which, j] = rise / (2 * DIFFERENCE)
