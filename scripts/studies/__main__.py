@@ -11,6 +11,7 @@ from rimless_gym.checks import MissingExtraError
 #: Modules of this package, by the names of the studies. Each has a function `main`, or one that
 #: has the study's name and its options.
 STUDIES = {
+    "assumptions": "assumptions",
     "benchmark": "benchmark.run",
     "bounds": "bounds",
     "codesign": "codesign.command",

@@ -50,7 +50,7 @@ class Certificate(NamedTuple):
     jump: float  # least gain of the storage function in a jump (J), at most 0
 
 
-def bounds(*, degrees: str = "5", rounds: int = 11, docs: Path | None = None) -> int:
+def bounds(*, degrees: str = "5", rounds: int = 30, docs: Path | None = None) -> int:
     """Bound the least cost of transport of BUILDABLE at any speed.
 
     Args:
