@@ -52,6 +52,7 @@ LOSSES = {
     "friction": "dry friction at the hub without load",
     "gear": "what the gear loses besides, because it transmits a torque",
     "drag": "air drag on the hub",
+    "windage": "air drag on the turning pendulum",
 }
 Losses = record("Losses", LOSSES, __name__)  # powers (W), or energies (J)
 
@@ -205,6 +206,15 @@ def equations(
         """Torque about the foot of the air drag on the hub (N m), against phi'."""
         return p.Cd * abs(dphi) * dphi
 
+    @compiled
+    def windage(dtheta, p):
+        """Torque of the air on the pendulum (N m), against theta'; viscous at rates below w.
+
+        The pendulum's own turning alone counts: the air moves with the hub.
+        """
+        ratio = dtheta / p.w
+        return p.Cp * p.w * dtheta * sqrt(ratio * ratio + 1)
+
     # -- dry friction of gear and bearings: F0 without load, the share c of a large load ----------
 
     @compiled
@@ -247,26 +257,28 @@ def equations(
         """Powers of the `LOSSES` (W)."""
         sliding = slide(dpsi, p) * dpsi
         level = friction_level(gear_torque(dpsi, ddpsi, u, p), p)
+        dtheta = dpsi - p.d1 * dphi
         return Losses(
             copper=p.Rm * motor_current(dpsi, u, p) ** 2,
             damping=viscous_friction(dpsi, p) * dpsi,
             friction=p.F0 * sliding,
             gear=(level - p.F0) * sliding,
             drag=air_drag(dphi, p) * dphi,
+            windage=windage(dtheta, p) * dtheta,
         )
 
     # -- equations of motion (3.40-3.46) --------------------------------------------------------
 
     @compiled
     def forces(phi, theta, dphi, dtheta, u, p):
-        """Right-hand side of M v' = Q: motor, damping, drag, centrifugal forces and gravity."""
+        """Right-hand side of M v' = Q: motor, damping, air, centrifugal forces and gravity."""
         dpsi = relative_rate(dphi, dtheta, p)
         hub = hub_torque(dpsi, u, p)
         c = p.Je3 * angle_sum(phi, theta)[1]
         wheel = p.S1 * (p.gy * cos(phi) - p.gx * sin(phi))
         pendulum = p.S2 * (p.gy * sin(theta) - p.gx * cos(theta))
         q1 = p.d1 * hub - c * dtheta**2 - wheel - air_drag(dphi, p)
-        return q1, hub - c * dphi**2 - pendulum
+        return q1, hub - c * dphi**2 - pendulum - windage(dtheta, p)
 
     @compiled
     def solve(m11, m12, m22, r1, r2):
@@ -418,10 +430,12 @@ def equations(
         return friction_level(torque, p) * greatest_mobility(p) * p.w * p.w / (wide * sqrt(wide))
 
     @compiled
-    def drag_pole(dphi, p):
-        """Largest rate (1/s) at which air drag damps phi', over all poses."""
-        m12 = p.Je3 + p.Jr * p.d1  # its largest: phi is most mobile there
-        return 2 * p.Cd * abs(dphi) / (p.Je1 + p.Jr * p.d1 - m12 * m12 * p.mobility)
+    def drag_pole(dphi, dtheta, p):
+        """Largest rate (1/s) at which the air damps phi' and theta', over all poses."""
+        m12 = p.Je3 + p.Jr * p.d1  # its largest: both are most mobile there
+        wheel = 2 * p.Cd * abs(dphi) / (p.Je1 + p.Jr * p.d1 - m12 * m12 * p.mobility)
+        pendulum = 2 * p.Cp * (abs(dtheta) + p.w)
+        return wheel + pendulum / (p.Je2 + p.Jr - m12 * m12 / (p.Je1 + p.Jr * p.d1))
 
     # -- ground ---------------------------------------------------------------------------------
 

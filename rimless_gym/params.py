@@ -56,6 +56,7 @@ class WheelParams:
         friction_width: |psi'| up to which dry friction is nearly viscous (rad/s), > 0; at three
             times this rate it has 95 % of its size.
         drag: air drag force per squared hub speed (N s^2/m^2), >= 0.
+        pendulum_drag: torque of the air on the turning pendulum per theta'^2 (N m s^2), >= 0.
         idle_power: drawn from the battery at all times (W), >= 0.
         gravity: acceleration (m/s^2), > 0.
         slope: ``gamma``, downhill positive, in (-pi/2, pi/2).
@@ -88,6 +89,7 @@ class WheelParams:
     gear_loss: float = 0.0
     friction_width: float = 0.1
     drag: float = 0.0
+    pendulum_drag: float = 0.0
     idle_power: float = 0.0
     gravity: float = 9.81
     slope: float = 0.0
@@ -223,8 +225,9 @@ class Constants(NamedTuple):
     m2 L2, ``Jr`` the rotor's inertia at the hub, ``mobility`` 1 / (Je2 + Jr), ``d1`` the motor
     mount (1: stator on the wheel, 0: stator on a frame that does not turn), ``G`` 1 / Rm, ``F0``,
     ``c`` and ``w`` the dry friction at the hub, its share of the gear's torque and its width,
-    ``Cd`` the air drag's torque on the leg per phi'^2, ``(gx, -gy)`` gravity in the ground's frame,
-    ``chord`` the distance between feet, ``law`` the index of the impact law in `IMPACT_LAWS`.
+    ``Cd`` and ``Cp`` the air's torques on leg and pendulum per squared rate, ``(gx, -gy)`` gravity
+    in the ground's frame, ``chord`` the distance between feet, ``law`` the index of the impact law
+    in `IMPACT_LAWS`.
     """
 
     m1: Any
@@ -249,6 +252,7 @@ class Constants(NamedTuple):
     c: Any
     w: Any
     Cd: Any
+    Cp: Any
     gx: Any
     gy: Any
     alpha: Any
@@ -335,6 +339,7 @@ def constants_of(
         c=params.gear_loss,
         w=params.friction_width,
         Cd=params.drag * L1**3,
+        Cp=params.pendulum_drag,
         gx=params.gravity * sin(params.slope),
         gy=params.gravity * cos(params.slope),
         alpha=alpha,

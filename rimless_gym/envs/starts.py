@@ -283,7 +283,7 @@ def _pole(limit, p):
     """
     regular = hybrid.least_regularity(p) > LEAST_REGULARITY
     stall = hybrid.motor_torque(0.0, limit, p)
-    stiffest = max(hybrid.drag_pole(MAX_RATE, p), hybrid.friction_pole(0.0, stall, p))
+    stiffest = max(hybrid.drag_pole(MAX_RATE, MAX_RATE, p), hybrid.friction_pole(0.0, stall, p))
     if regular and stiffest <= MAX_POLE:
         return hybrid.hub_pole(p)
     return 2 * MAX_POLE

@@ -130,7 +130,7 @@ def plan(tile):
         swinging = abs(y.dtheta) + 0.5 * left * abs(acc.ddtheta)
         rate = rolling + swinging
         turning = rate / min(max(peak(p), LEAST_PEAK), 1.0)
-        braking = drag_pole(rolling, p)
+        braking = drag_pole(rolling, swinging, p)
         damping = (tile[slot.POLE + lane] + braking) * (1 / MAX_POLE_STEP)
         rubbing = friction_rate(y, acc, min(rate, 2 * MAX_RATE), tile[slot.VOLTAGE + lane], p)
         fastest = max(damping, turning * (1 / MAX_RATE_STEP), rubbing, 1e-9)

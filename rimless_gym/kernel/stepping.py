@@ -201,11 +201,12 @@ def require_steppable(params: WheelParams) -> None:
             f"{pole:.3g}/s there, faster than the {MAX_POLE:.3g}/s that stepping allows: raise it, "
             "or lower hub_friction, gear_loss or voltage_limit"
         )
-    pole = drag_pole(MAX_RATE, c)
+    pole = drag_pole(MAX_RATE, MAX_RATE, c)
     if not pole <= MAX_POLE:
         raise ValueError(
-            f"drag = {params.drag:.3g} damps phi' at {pole:.3g}/s at {MAX_RATE} rad/s, faster than "
-            f"the {MAX_POLE:.3g}/s that stepping allows: lower it, or raise the inertias"
+            f"drag = {params.drag:.3g} and pendulum_drag = {params.pendulum_drag:.3g} damp rates "
+            f"of {MAX_RATE} rad/s at {pole:.3g}/s, faster than the {MAX_POLE:.3g}/s that stepping "
+            "allows: lower them, or raise the inertias"
         )
 
 

@@ -14,7 +14,12 @@ from rimless_gym.equations import LOSSES, SINGLE
 from rimless_gym.kernel.stepping import STATE_SIZE, advance
 
 LOSSY = THESIS_PHYSICAL.replace(
-    hub_damping=0.05, drag=0.5, hub_friction=0.1, gear_loss=0.2, rotor_inertia=1e-7
+    hub_damping=0.05,
+    drag=0.5,
+    pendulum_drag=0.02,
+    hub_friction=0.1,
+    gear_loss=0.2,
+    rotor_inertia=1e-7,
 )
 
 

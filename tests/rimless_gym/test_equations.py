@@ -52,6 +52,7 @@ def random_states(params: WheelParams, count: int, seed: int = 0) -> tuple[np.nd
 
 LOSSY = PROTOTYPE.replace(
     drag=0.7,
+    pendulum_drag=0.01,
     hub_damping=0.3,
     hub_friction=0.2,
     gear_loss=0.3,

@@ -62,6 +62,7 @@ WIDE = {
     "gear_loss": (1e-3, 0.9),
     "friction_width": (1e-2, 1.0),
     "drag": (1e-4, 10.0),
+    "pendulum_drag": (1e-6, 1.0),
     "idle_power": (1e-3, 10.0),
     "gravity": (0.1, 30.0),
     "friction": (1e-2, 10.0),

@@ -25,7 +25,13 @@ needs_node = pytest.mark.skipif(NODE is None, reason="no Node here")
 MACHINES = {
     "buildable": BUILDABLE,
     "uphill, every loss": BUILDABLE.replace(
-        slope=-0.03, gear_ratio=25.0, hub_friction=0.08, gear_loss=0.2, hub_damping=0.01, drag=0.2
+        slope=-0.03,
+        gear_ratio=25.0,
+        hub_friction=0.08,
+        gear_loss=0.2,
+        hub_damping=0.01,
+        drag=0.2,
+        pendulum_drag=1e-3,
     ),
 }
 

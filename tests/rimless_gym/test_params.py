@@ -32,6 +32,7 @@ POSITIVE = (
 NOT_NEGATIVE = (
     *("wheel_mass", "wheel_inertia", "pendulum_mass", "pendulum_inertia", "pendulum_length"),
     *("motor_constant", "rotor_inertia", "hub_damping", "drag", "idle_power", "friction"),
+    "pendulum_drag",
     *("pendulum_reach", "hub_friction", "gear_loss"),
 )
 NUMBERS = [f.name for f in dataclasses.fields(WheelParams) if f.name[:5] not in ("motor", "impac")]

@@ -70,7 +70,8 @@ def least_losses(params: WheelParams, speed: float, turns_per_step: float) -> fl
         for rate in (dpsi, min(dpsi, end))
     )
     friction = tangent.friction + c.F0 * max(dpsi - end, 0.0)
-    return float(losses.damping + losses.drag + friction)
+    windage = _eq.windage(dtheta, c) * dtheta
+    return float(losses.damping + losses.drag + windage + friction)
 
 
 def _least_supply(params: WheelParams, needed: float) -> float:

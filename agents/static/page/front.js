@@ -159,8 +159,8 @@ function choose(gait) {
 // Where the energy of a metre goes.
 function showSpent(gait) {
   const length = gait.speed * gait.duration;
-  const { damping, drag, gear, friction, ...others } = gait.spent;
-  const joules = { ...others, friction: friction + gear + damping + drag };
+  const { damping, drag, windage, gear, friction, ...others } = gait.spent;
+  const joules = { ...others, friction: friction + gear + damping + drag + windage };
   const total = Object.values(joules).reduce((a, b) => a + b, 0);
   const parts = SPENT.map(([key, text, colour]) => ({ text, colour, share: joules[key] / total, perMetre: joules[key] / length }));
   byId('spent').innerHTML = parts.map(({ share, colour }) => `<span style="width:${100 * share}%;background:var(--${colour})"></span>`).join('');
