@@ -41,7 +41,7 @@ def data(
     out: Path = Path("runs/data"),
     episodes: Annotated[int, one("INT", whole(1, 10_000))] = 100,
     seed: Whole = 0,
-    speed: Positive = 0.56,
+    speed: Positive = 0.62,
     preset: MaybePreset = None,
     params: Fields = None,
 ) -> int:

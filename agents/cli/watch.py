@@ -50,7 +50,7 @@ def watch(
     *,
     preset: MaybePreset = None,
     params: Fields = None,
-    speed: Positive = 0.56,
+    speed: Positive = 0.62,
     steps: Count = 1,
     seconds: Positive = 20.0,
     trust_pickle: Flag = False,

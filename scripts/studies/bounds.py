@@ -8,7 +8,7 @@ between them, and the bound is lowered by that. It takes some minutes per degree
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from agents.cli.main import run as run_command
 from rimless_gym import BUILDABLE
 from rimless_gym.equations import DOUBLE, SINGLE, equations
 from scripts.studies.documents.markdown import marks, refresh, table
@@ -43,24 +42,12 @@ _eq = equations(np.sin, np.cos, sqrt=np.sqrt)
 
 
 class Certificate(NamedTuple):
-    """A storage function's bound.
+    """A storage function's bound."""
 
-    Attributes:
-        cot: the bound with the violations added.
-        sampled: the linear program's bound, at its samples.
-        margin: of the flow's inequality, the least found (W), at most 0.
-        jump: least gain of the storage function in a jump (J), at most 0.
-    """
-
-    cot: float
-    sampled: float
-    margin: float
-    jump: float
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(bounds, arguments, "python -m scripts.studies bounds")
+    cot: float  # the bound with the violations added
+    sampled: float  # the linear program's bound, at its samples
+    margin: float  # of the flow's inequality, the least found (W), at most 0
+    jump: float  # least gain of the storage function in a jump (J), at most 0
 
 
 def bounds(*, degrees: str = "5", rounds: int = 30, docs: Path | None = None) -> int:
@@ -343,11 +330,9 @@ class Basis:
 
 
 def least_cot(flow: Array, jumps: Array) -> tuple[Array, float]:
-    """The storage function's coefficients and the greatest bound at the samples.
+    """The storage function's n coefficients and the greatest bound at the samples.
 
-    Args:
-        flow: rows of `_flow_rows`, (rows, n + 2).
-        jumps: gains of the basis in jumps, (rows, n).
+    `flow` are rows of `_flow_rows`; `jumps`, (rows, n), the gains of the basis in jumps.
     """
     n = jumps.shape[1]
     box = np.eye(n + 1)[:-1]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rimless_gym import BUILDABLE, THESIS_PHYSICAL
-from scripts.studies.fronts import command, solving, stops, strides
+from scripts.studies.fronts import command, solving, strides
 from scripts.studies.fronts.results import (
     PlaceResults,
     SearchResults,
@@ -151,13 +151,13 @@ def test_a_side_is_given_up_at_the_first_family_whose_first_start_fails(
     results: SearchResults,
 ) -> None:
     place = Place(0, 0.5, 1)
-    for task in one_step(0, [0.5], results):
+    for task in one_step(0, results, [0.5]):
         assert isinstance(task, RandomStarts)
         results.add(place, imagined(task)[: 2 if task.families[0][0] == -1 else None])
     results.add(place, [SolveAttempt(-2, None, None)])
     backwards = [
         task.families
-        for task in one_step(0, [0.5], results, rounds=2)
+        for task in one_step(0, results, [0.5], rounds=2)
         if isinstance(task, RandomStarts) and task.families[0][0] < 0
     ]
     assert backwards == [((-1, 2, 2),)]
@@ -325,7 +325,7 @@ def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
     done = Polished(found(0.5, 0.06), costlier, "")
     assert command.chosen([done], [old]) == [old]
     assert command.chosen([done], []) == [costlier]
-    failed = done._replace(failure="slips")
+    failed = done._replace(solution=None, failure="slips")
     assert command.chosen([failed], [old]) == [old]
     with pytest.raises(NoGaitError, match="verification"):
         command.chosen([failed], [])
@@ -364,7 +364,7 @@ def test_shipped_gaits_that_stop_cost_less_than_the_front_as_the_page_says() -> 
     front = shipped_front(THESIS_PHYSICAL)
     gaits = [gait for gait in shipped(THESIS_PHYSICAL) if gait.double_stance]
     assert all(gait.cot < float(front(gait.speed)) for gait in gaits)
-    assert stops.section(front, gaits) in (command.DOCS / "front.md").read_text()
+    assert strides.stops_section(front, gaits) in (command.DOCS / "front.md").read_text()
 
 
 @pytest.mark.slow
