@@ -53,7 +53,7 @@ def watch(
     *,
     preset: MaybePreset = None,
     params: Fields = None,
-    speed: Positive = 0.56,
+    speed: Positive = 0.62,
     steps: Count = 1,
     seconds: Positive = 20.0,
     trust_pickle: Flag = False,
@@ -143,7 +143,7 @@ def data(
     out: Path = Path("runs/data"),
     episodes: Annotated[int, one("INT", whole(1, 10_000))] = 100,
     seed: Whole = 0,
-    speed: Positive = 0.56,
+    speed: Positive = 0.62,
     preset: MaybePreset = None,
     params: Fields = None,
 ) -> int:
