@@ -195,7 +195,7 @@ def swinging_gait(setting: Setting) -> Solution | str:
     study = setting.study
     speed = study.on_tick(study.speed)
     known = warm_starts(setting.params, speed, study.steps)
-    swinging = [gait for gait in known if gait.theta_turns == 0 and gait.params == setting.params]
+    swinging = [gait for gait in known if gait.theta_turns == 0]
     if not swinging:
         return f"no swinging gait of {study.steps} steps is shipped for this machine"
     try:

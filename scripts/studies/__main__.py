@@ -21,6 +21,7 @@ STUDIES = {
     "front": "fronts.command",
     "learning": "learning.command",
     "mutants": "mutants",
+    "own_wheel": "own_wheel",
     "processors": "processors",
     "publish": "publish",
     "returns": "returns",

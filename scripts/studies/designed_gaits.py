@@ -1,4 +1,4 @@
-"""Searches of gaits of machines that are designed with them: stages that are stored, and starts."""
+"""Searches of gaits in stages that are stored; starts of machines that are designed with gaits."""
 
 from __future__ import annotations
 

@@ -23,11 +23,11 @@ from matplotlib.figure import Figure
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
+from scripts.studies.designed_gaits import stage
 from scripts.studies.documents.drawings import save
 from scripts.studies.documents.markdown import marks, refresh, table
 from scripts.studies.fronts.results import AGREEMENT, STEPS, SearchResults, disagreements
 from scripts.studies.fronts.search import SEEDS, FineMeshes, FrontSearch
-from scripts.studies.fronts.solving import Polished
 from trajopt import pool
 from trajopt.gaits.fronts import CotFront, shipped_front
 from trajopt.gaits.library import ARCHIVE, INDEX, index, shipped
@@ -65,12 +65,11 @@ def front(
         out: folder of the search.
     """
     params = as_params(preset)
-    run = partial(run_tasks, workers)
     with Store(out / preset, {"params": params.to_dict()}) as store:
         results = SearchResults(params, store)
-        gain = FrontSearch(results, GRID, run)()
-        done = FineMeshes(results, run)()
-    ship(ARCHIVE, preset, chosen(done, [g for g in shipped(params) if not g.regeneration]))
+        gain = FrontSearch(results, GRID, partial(pool.run, workers=workers))()
+        done = FineMeshes(results, partial(stage, store, workers=workers))()
+    ship(ARCHIVE, preset, chosen([*done, *(g for g in shipped(params) if not g.regeneration)]))
     refresh(DOCS / "front.md", marks("search", (preset,)), {preset: summary(preset, results, gain)})
     publish(preset)
     return 0
@@ -85,16 +84,10 @@ def publish(preset: str) -> None:
     save(drawn(preset, front), DOCS / figure_file(preset))
 
 
-def run_tasks(workers: int | None, function: Any, tasks: Iterable[Any], title: str) -> Any:
-    """Every task with its result, as `trajopt.pool.run`."""
-    return pool.run(function, tasks, workers, progress=title)
-
-
-def chosen(done: Iterable[Polished], before: Iterable[Solution]) -> list[Solution]:
-    """The gaits to ship: the best one, new or shipped before, of every speed, steps and turns."""
-    passed = [each.solution for each in done if each.solution]
+def chosen(gaits: Iterable[Solution]) -> list[Solution]:
+    """The gaits to ship: of those that are new or shipped, the best of a speed, steps and turns."""
     best: dict[tuple[float, int, int, bool], Solution] = {}
-    for gait in (*passed, *before):
+    for gait in gaits:
         place = round(gait.speed, 4), gait.steps, gait.theta_turns, gait.double_stance
         if place not in best or gait.cot < best[place].cot:
             best[place] = gait
@@ -165,22 +158,27 @@ def summary(name: str, results: SearchResults, gain: float) -> str:
 
 
 def section(name: str, front: CotFront) -> str:
-    """The section: the figure, the table, and what windows of so many steps can repeat."""
-    infimum = hull(front)
-    head = ["speed (m/s)", "CoT", "above the bound", "power (W)", "steps", "turns", "hull"]
-    body = [
-        [
-            f"{round(gait.speed, 4):g}",
-            f"{gait.cot:.5f}",
-            f"{gait.cot / gait.cot_bound - 1:.1%}" if gait.cot_bound > 0 else "",
-            f"{gait.cot * gait.speed * gait.params.weight:.3g}",
-            f"{gait.steps}",
-            f"{gait.theta_turns}",
-            f"{cot:.5f}" if clearly_less(cot, gait.cot) else "",
-        ]
-        for gait, cot in zip(front.envelope, infimum, strict=True)
+    """The section: the figure, the table without empty columns, and what windows can repeat."""
+    infimum, gaits = hull(front), front.envelope
+    columns = {
+        "speed (m/s)": [f"{round(g.speed, 4):g}" for g in gaits],
+        "CoT": [f"{g.cot:.5f}" for g in gaits],
+        "above the bound": [f"{g.cot / g.cot_bound - 1:.1%}" if g.cot_bound else "" for g in gaits],
+        "power (W)": [f"{g.cot * g.speed * g.params.weight:.3g}" for g in gaits],
+        "steps": [f"{g.steps}" for g in gaits],
+        "turns": [f"{g.theta_turns}" for g in gaits],
+        "hull": [
+            f"{cot:.5f}" if clearly_less(cot, g.cot) else ""
+            for g, cot in zip(gaits, infimum, strict=True)
+        ],
+    }
+    filled = {head: cells for head, cells in columns.items() if any(cells)}
+    rows = zip(*filled.values(), strict=True)
+    parts = [
+        f"## {name}",
+        f"![The front of {name}]({figure_file(name)})",
+        table(list(filled), rows),
     ]
-    parts = [f"## {name}", f"![The front of {name}]({figure_file(name)})", table(head, body)]
     costs = [_costs(front, most) for most in WINDOWS]
     windows = [
         [

@@ -26,7 +26,6 @@ from scripts.studies.fronts.results import (
 from scripts.studies.fronts.solving import (
     Continuation,
     Place,
-    Polished,
     SearchGait,
     Task,
     attempts,
@@ -71,8 +70,8 @@ REPEATED = 2e-3
 #: there.
 TRIED, CONTINUED = 5, 6
 
-#: (function, tasks, title) -> every task with its result, as `trajopt.pool.run`.
-Run: TypeAlias = Callable[[Callable[[Any], Any], Iterable[Any], str], Iterator[tuple[Any, Any]]]
+#: (function, tasks, progress=title) -> every task with its result, as `trajopt.pool.run`.
+Run: TypeAlias = Callable[..., Iterator[tuple[Any, Any]]]
 
 
 class FrontSearch:
@@ -187,7 +186,7 @@ class FrontSearch:
         count, solve = 0, partial(attempts, self.results.params)
         for seed in seeds:
             tasks = plan(seed, self.results, *arguments)
-            for task, made in self.run(solve, tasks, f"seed {seed}: {title}"):
+            for task, made in self.run(solve, tasks, progress=f"seed {seed}: {title}"):
                 source = task.gait.speed if isinstance(task, Continuation) else None
                 self.results.add(task.place, made, source)
             count += len(tasks)
@@ -207,39 +206,30 @@ class FineMeshes:
     on fine meshes.
     """
 
-    def __init__(self, results: SearchResults, run: Run) -> None:
-        self.results, self.run = results, run
-        self.done: dict[str, Polished] = {}
+    def __init__(self, results: SearchResults, stage: Callable[..., dict[str, Any]]) -> None:
+        self.results, self.stage = results, stage  # see `designed_gaits.stage`
+        self.done: dict[str, tuple[SearchGait, Solution | str]] = {}
 
-    def __call__(self) -> list[Polished]:
-        """The front, and the other gaits that are worth shipping, in that order."""
-        while self.solve("fine meshes: the front", self.best()):
+    def __call__(self) -> list[Solution]:
+        """The front, and the other gaits that are worth shipping."""
+        while self.solve(self.best()):
             pass
-        while self.solve("fine meshes: continued from neighbours", self.beside()):
+        while self.solve(self.beside()):
             pass
-        self.solve("fine meshes: other gaits", self.others())
-        return list(self.done.values())
+        self.solve(self.others())
+        return [solution for _, solution in self.verified()]
 
-    def solve(self, title: str, gaits: Iterable[SearchGait]) -> int:
+    def solve(self, gaits: Iterable[SearchGait]) -> int:
         """Solve gaits finely; how many were new."""
-        before, store = len(self.done), self.results.store
-        unsolved = []
-        (store.folder / "fine").mkdir(exist_ok=True)
-        for gait in gaits:
-            key = f"fine/{gait.key}"
-            if key in store:
-                failure, *files = store.load(key)
-                solution = Solution.load(store.folder / files[0]) if files else None
-                self.done[gait.key] = Polished(gait, solution, failure)
-            else:
-                unsolved.append(gait)
-        for gait, polished in self.run(partial(polish, self.results.params), unsolved, title):
-            files = [] if polished.solution is None else [f"fine/{gait.key}.gait.npz"]
-            if polished.solution is not None:
-                polished.solution.save(store.folder / files[0])
-            store.save(f"fine/{gait.key}", [polished.failure, *files], files)
-            self.done[gait.key] = polished
+        before, by_key = len(self.done), {gait.key: gait for gait in gaits}
+        tasks = {key: (self.results.params, gait) for key, gait in by_key.items()}
+        found = self.stage("fine", tasks, polish)
+        self.done |= {key: (gait, found[key]) for key, gait in by_key.items()}
         return len(self.done) - before
+
+    def verified(self) -> list[tuple[SearchGait, Solution]]:
+        """The gaits that passed their verification, and their solutions on fine meshes."""
+        return [(gait, each) for gait, each in self.done.values() if isinstance(each, Solution)]
 
     def best(self, most: int = STEPS[-1]) -> list[SearchGait]:
         """At every speed the next gait of up to so many steps, if it may be that of least cost."""
@@ -258,12 +248,9 @@ class FineMeshes:
         for speed in costs:
             if self._least(speed) <= (1 + AGREEMENT) * costs[speed]:
                 continue
-            verified = [
-                (each.solution, each.gait)
-                for each in self.done.values()
-                if each.solution and each.gait.speed in neighbours(list(costs), speed)
-            ]
-            for solution, gait in sorted(verified, key=lambda pair: pair[0].cot)[:CONTINUED]:
+            near = neighbours(list(costs), speed)
+            known = [(gait, each) for gait, each in self.verified() if gait.speed in near]
+            for gait, solution in sorted(known, key=lambda pair: pair[1].cot)[:CONTINUED]:
                 origin = f"{gait.origin.split('; ')[0]}; continued from {gait.speed:g} m/s"
                 there = SearchGait(
                     speed, gait.turns, solution.cot, solution.phases, f"{origin} on a fine mesh"
@@ -290,11 +277,8 @@ class FineMeshes:
 
     def _least(self, speed: float, most: int = STEPS[-1]) -> float:
         """The cost of the best verified gait of up to so many steps at a speed, or infinity."""
-        costs = [
-            each.solution.cot
-            for each in self.done.values()
-            if each.solution and each.gait.speed == speed and each.gait.steps <= most
-        ]
+        at_speed = [pair for pair in self.verified() if pair[0].speed == speed]
+        costs = [solution.cot for gait, solution in at_speed if gait.steps <= most]
         return min(costs, default=math.inf)
 
 

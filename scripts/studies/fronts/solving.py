@@ -249,16 +249,8 @@ def _transcription(params: WheelParams, elements: tuple[int, ...]) -> tuple[Prob
 # -- fine meshes ----------------------------------------------------------------------------------
 
 
-class Polished(NamedTuple):
-    """A gait of the search on a fine mesh."""
-
-    gait: SearchGait
-    solution: Solution | None  # verified; None if there is none
-    failure: str  # why there is none
-
-
-def polish(params: WheelParams, gait: SearchGait) -> Polished:
-    """One gait solved finely and verified."""
+def polish(params: WheelParams, gait: SearchGait) -> Solution | str:
+    """One gait solved finely and verified, or why it fails."""
     problem = gait_problem(params, speed=gait.speed, steps=gait.steps, theta_turns=gait.turns)
     duration = gait.steps * params.step_length / gait.speed
     elements = [max(ELEMENTS, n) for n in elements_for(gait.phases, duration)]
@@ -273,6 +265,6 @@ def polish(params: WheelParams, gait: SearchGait) -> Polished:
         solution = finished(params, extremal, gait.turns, False, settings)
         failure = "; ".join(solution.verification.failures)
         if not failure:
-            return Polished(gait, solution, "")
+            return solution
         phases, mesh = extremal.phases, extremal.mesh
-    return Polished(gait, None, failure)
+    return failure

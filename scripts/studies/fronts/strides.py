@@ -21,14 +21,14 @@ import numpy as np
 
 from agents.cli.options import Count, Preset
 from rimless_gym.presets import as_params
+from scripts.studies.designed_gaits import stage
 from scripts.studies.documents.markdown import marks, refresh, table
-from scripts.studies.fronts.command import DOCS, WINDOWS, chosen, publish, run_tasks, ship
+from scripts.studies.fronts.command import DOCS, WINDOWS, chosen, publish, ship
 from scripts.studies.fronts.results import STEPS, Offer, SearchResults, neighbours, promising
 from scripts.studies.fronts.search import LAST, FineMeshes, Run
 from scripts.studies.fronts.solving import (
     Continuation,
     Place,
-    Polished,
     SearchGait,
     Task,
     attempts,
@@ -68,18 +68,18 @@ def strides(
     known = [gait for gait in gaits if gait.steps <= STEPS[-1] and not gait.double_stance]
     with Store(out / preset, {"params": params.to_dict()}) as store:
         results = SearchResults(params, store)
-        fine = FineMeshes(results, partial(run_tasks, workers))
+        fine = FineMeshes(results, partial(stage, store, workers=workers))
         for gait in known:
             there = SearchGait(
                 round(gait.speed, 4), gait.theta_turns, gait.cot, gait.phases, "shipped"
             )
             results.save(results.at(Place(LAST, there.speed, gait.steps)).with_gait(there))
-            fine.done[there.key] = Polished(there, gait, "")
-        lengthen(results, fine.run)
+            fine.done[there.key] = there, gait
+        lengthen(results, partial(pool.run, workers=workers))
         for most in reversed(WINDOWS):
-            while fine.solve(f"fine meshes: up to {most} steps", fine.best(most)):
+            while fine.solve(fine.best(most)):
                 pass
-    ship(ARCHIVE, preset, chosen(fine.done.values(), gaits))
+    ship(ARCHIVE, preset, chosen([*(gait for _, gait in fine.verified()), *gaits]))
     publish(preset)
     return 0
 
@@ -95,7 +95,7 @@ def lengthen(results: SearchResults, run: Run) -> None:
     for plan in plans:
         tasks = list(plan())
         title = f"strides of {tasks[-1].place.steps} steps" if tasks else ""
-        for task, made in run(partial(attempts, results.params), tasks, title):
+        for task, made in run(partial(attempts, results.params), tasks, progress=title):
             results.add(task.place, made)
 
 
@@ -135,7 +135,7 @@ def stops(*, preset: Preset = "BUILDABLE", workers: Count | None = None) -> int:
     front = shipped_front(params)
     for _, found in pool.run(partial(stopping, front), REPETITIONS, workers, progress="stops"):
         gaits += found
-    best = chosen([], gaits)
+    best = chosen(gaits)
     ship(ARCHIVE, preset, best)
     text = stops_section(front, [gait for gait in best if gait.double_stance])
     refresh(DOCS / "front.md", marks("stops", (preset,)), {preset: text})

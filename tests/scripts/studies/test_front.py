@@ -28,7 +28,6 @@ from scripts.studies.fronts.solving import (
     Continuation,
     Joint,
     Place,
-    Polished,
     RandomStarts,
     SearchGait,
     SolveAttempt,
@@ -87,7 +86,7 @@ class Imagined:
         self.most, self.tasks = most, list[Task]()
 
     def __call__(
-        self, function: Any, tasks: Iterable[Any], title: str
+        self, function: Any, tasks: Iterable[Any], progress: str
     ) -> Iterator[tuple[Any, Any]]:
         for task in tasks:
             if len(self.tasks) >= self.most:
@@ -264,19 +263,16 @@ def costing(cot: float) -> Solution:
 
 
 class Verified:
-    """Verifies every gait, at a cost of transport that a table gives."""
+    """A stage that verifies every gait, at a cost of transport that a table gives."""
 
     def __init__(self, cots: dict[int, float]) -> None:
-        self.cots, self.solved = cots, list[int]()
+        self.cots, self.stored = cots, dict[str, Solution | str]()
 
-    def __call__(
-        self, function: Any, tasks: Iterable[Any], title: str
-    ) -> Iterator[tuple[Any, Any]]:
-        for gait in tasks:
-            self.solved.append(gait.turns)
+    def __call__(self, name: str, tasks: dict[str, Any], work: Any) -> dict[str, Solution | str]:
+        for key, (_, gait) in tasks.items():
             cot = self.cots.get(gait.turns)
-            solution = None if cot is None else costing(cot)
-            yield gait, Polished(gait, solution, "" if solution else "none")
+            self.stored.setdefault(key, "none" if cot is None else costing(cot))
+        return {key: self.stored[key] for key in tasks}
 
 
 def add(results: SearchResults, cots: dict[int, float], speed: float = 0.5) -> None:
@@ -291,12 +287,9 @@ def test_gaits_are_solved_finely_until_the_next_could_not_cost_less(
 ) -> None:
     add(results, {-1: 0.02, -2: 0.03, -3: 0.04, -4: 0.05})
     run = Verified({-2: 0.045, -3: 0.041})
-    for _ in range(2):  # finished gaits are not solved again
-        done = FineMeshes(results, run)()
-    assert run.solved == [-1, -2, -3]
-    assert [each.failure == "" for each in done] == [False, True, True]
-    assert done[2].solution is not None
-    assert done[2].solution.cot == pytest.approx(0.041)
+    done = FineMeshes(results, run)()
+    assert [key.split("_")[2] for key in run.stored] == ["k-1", "k-2", "k-3"]
+    assert [gait.cot for gait in done] == pytest.approx([0.045, 0.041])
 
 
 def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
@@ -304,10 +297,11 @@ def test_a_speed_without_a_verified_gait_gets_one_from_its_neighbours(
 ) -> None:
     add(results, {-1: 0.02})
     add(results, {-2: 0.01}, 0.6)
-    done = FineMeshes(results, Verified({-1: 0.02}))()
-    (there,) = [each for each in done if each.gait.speed == 0.6 and not each.failure]
-    assert there.gait.turns == -1
-    assert there.gait.origin.endswith("continued from 0.5 m/s on a fine mesh")
+    fine = FineMeshes(results, Verified({-1: 0.02}))
+    fine()
+    (there,) = [gait for gait, _ in fine.verified() if gait.speed == 0.6]
+    assert there.turns == -1
+    assert there.origin.endswith("continued from 0.5 m/s on a fine mesh")
 
 
 def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
@@ -322,13 +316,10 @@ def test_repeated_strides_are_not_solved_finely(results: SearchResults) -> None:
 
 def test_a_gait_of_less_cost_that_was_shipped_before_stays() -> None:
     old, costlier = known(0.5), costing(2 * known(0.5).cot)
-    done = Polished(found(0.5, 0.06), costlier, "")
-    assert command.chosen([done], [old]) == [old]
-    assert command.chosen([done], []) == [costlier]
-    failed = done._replace(solution=None, failure="slips")
-    assert command.chosen([failed], [old]) == [old]
+    assert command.chosen([costlier, old]) == [old]
+    assert command.chosen([costlier]) == [costlier]
     with pytest.raises(NoGaitError, match="verification"):
-        command.chosen([failed], [])
+        command.chosen([])
 
 
 def test_the_section_and_the_figure_are_made_and_the_gaits_shipped(
