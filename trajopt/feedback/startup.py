@@ -126,13 +126,7 @@ class Times(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class StartUpController:
-    """The voltage after which about the least time to a gait remains.
-
-    Attributes:
-        params: the machine.
-        grid: of the times.
-        times: to the gait (s).
-    """
+    """The voltage after which about the least time to a gait remains."""
 
     params: WheelParams
     grid: StateGrid
@@ -146,11 +140,6 @@ class StartUpController:
             law: that takes over near its gait.
             near: distance from the gait at which it does; > 0.
             counts: of the grid's nodes of each coordinate, default `COUNTS`.
-
-        Raises:
-            TypeError: an argument is of the wrong type.
-            ValueError: a number is out of range, or none of the grid's nodes is near the gait.
-            RuntimeError: the times do not converge.
         """
         require_kind("law", law, Law)
         near, counts = positive("near", near), tuple(COUNTS if counts is None else counts)
@@ -188,13 +177,7 @@ _CACHE: dict[str, StartUpController] = {}
 
 
 def startup_for(law: Law, near: float, folder: Path | None = None) -> StartUpController:
-    """`StartUpController.to`, computed once for the last few gaits.
-
-    Args:
-        law: that takes over near its gait.
-        near: distance from the gait at which it does; > 0.
-        folder: where its times are also stored, and read from if they are there.
-    """
+    """`StartUpController.to`, computed once for the last few gaits, or read from the folder."""
     orbit = law.data.orbit.states
     name = key("startup", params=law.params, near=near, counts=COUNTS, orbit=orbit)
     startup, store = _CACHE.pop(name, None), None if folder is None else Store(folder)
@@ -219,8 +202,7 @@ def voltages(params: WheelParams) -> Floats:
 def simulated(params: WheelParams, states: Floats, volts: Floats) -> tuple[Floats, Floats]:
     """Hold voltages (N,) for a moment from hybrid states (N, STATE_SIZE).
 
-    Returns:
-        The states afterwards, and the time and penalties (s), (N,), infinite for a fall.
+    Returned are the states afterwards, and the time and penalties (s), (N,), infinite for a fall.
     """
     after, cost = states.copy(), np.empty(len(states))
     margin = CONTACT_MARGIN * params.weight
